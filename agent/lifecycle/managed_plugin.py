@@ -32,7 +32,7 @@ from robrain.agent.hung_thread import end_thread, traceback_in
 from robrain.agent.lifecycle.instance import Holdings, Instance
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.robot_context import RobotContext
-from robrain.agent.lifecycle.transitions import TransitionStep, Trigger, transition
+from robrain.agent.lifecycle.transitions import Effect, Trigger, transition
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import raised
@@ -47,7 +47,7 @@ logger = logging.getLogger(__name__)
 InterfaceT = TypeVar("InterfaceT")
 
 NEVER_NS = 1 << 63
-WAITS_S = {TransitionStep.ASK: 2.0, TransitionStep.ASK_FAILED: 0.1}
+WAITS_S = {Effect.ASK: 2.0, Effect.ASK_FAILED: 0.1}
 """How long the end of a plugin waits for whoever is in it; then the plugin is abandoned."""
 
 
@@ -226,25 +226,25 @@ class ManagedPlugin:
         instance, failure = self.instance, None
         for step in steps:
             match step:
-                case TransitionStep.ASK if instance is not None:
+                case Effect.ASK if instance is not None:
                     try:
                         instance.plugin.deactivate()
                     except BaseException as raised_error:  # noqa: BLE001 - raised again when all is done
                         failure = raised_error
-                case TransitionStep.ASK_FAILED if instance is not None:
+                case Effect.ASK_FAILED if instance is not None:
                     self._ask_failed(instance)
-                case TransitionStep.LEAVE:
+                case Effect.LEAVE:
                     self._leave()
-                case TransitionStep.RELEASE:
+                case Effect.RELEASE:
                     self._release()
-                case TransitionStep.END_ACTIONS if instance is not None:
+                case Effect.END_ACTIONS if instance is not None:
                     instance.environment.end_actions("emergency halt")
-                case TransitionStep.END_WIRE if instance is not None:
+                case Effect.END_WIRE if instance is not None:
                     instance.end_wire()
-                case TransitionStep.DISCARD if instance is not None:
+                case Effect.DISCARD if instance is not None:
                     self.instance = self.callable = None
                     instance.close()
-                case TransitionStep.REPORT:
+                case Effect.REPORT:
                     logger.error("%s: plugin %s faulted: %s", self._context.robot, self.name, error, exc_info=error)
                     self._context.note_fault(self)
         if failure is not None:

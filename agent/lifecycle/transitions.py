@@ -41,7 +41,7 @@ class Trigger(Enum):
     """Its host ends."""
 
 
-class TransitionStep(Enum):
+class Effect(Enum):
     """What is done in a transition; in the order of a row."""
 
     ASK = auto()
@@ -66,7 +66,7 @@ class Transition(NamedTuple):
     """The state that follows, and what is done."""
 
     to: PluginState
-    steps: tuple[TransitionStep, ...] = ()
+    steps: tuple[Effect, ...] = ()
 
 
 class TransitionRefused(PluginError):
@@ -81,16 +81,16 @@ class TransitionRefused(PluginError):
 
 
 _S = PluginState
-_END = (TransitionStep.ASK, TransitionStep.RELEASE, TransitionStep.END_WIRE)
-_LEAVE = (TransitionStep.LEAVE, TransitionStep.RELEASE, TransitionStep.DISCARD)
-_CLEAN_UP = (TransitionStep.ASK_FAILED, TransitionStep.DISCARD)
+_END = (Effect.ASK, Effect.RELEASE, Effect.END_WIRE)
+_LEAVE = (Effect.LEAVE, Effect.RELEASE, Effect.DISCARD)
+_CLEAN_UP = (Effect.ASK_FAILED, Effect.DISCARD)
 _RUNNING = (_S.ACTIVE, _S.HALTED)
 _NOT_RUNNING = (_S.DISCOVERED, _S.LOADED, _S.INACTIVE, _S.FAULTED)
 _LISTED = (*_NOT_RUNNING, *_RUNNING)
 
 
 def _rows(
-    trigger: Trigger, states: Iterable[PluginState], to: PluginState | None, *steps: TransitionStep
+    trigger: Trigger, states: Iterable[PluginState], to: PluginState | None, *steps: Effect
 ) -> dict[tuple[PluginState, Trigger], Transition]:
     """The same transition from several states; each stays as it is if `to` is None."""
     return {(state, trigger): Transition(to or state, steps) for state in states}
@@ -101,41 +101,28 @@ TRANSITIONS: Mapping[tuple[PluginState, Trigger], Transition] = {
     **_rows(Trigger.ACTIVATED, [_S.LOADED, _S.INACTIVE], _S.ACTIVE),
     **_rows(Trigger.HALT, [_S.ACTIVE], _S.HALTED),
     **_rows(Trigger.HALT, [*_NOT_RUNNING, _S.HALTED, _S.UNLOADED], None),
-    **_rows(
-        Trigger.RESUME, [_S.HALTED], _S.ACTIVE, TransitionStep.END_ACTIONS
-    ),  # those that a call began during the halt
+    **_rows(Trigger.RESUME, [_S.HALTED], _S.ACTIVE, Effect.END_ACTIONS),  # those that a call began during the halt
     **_rows(Trigger.RESUME, [*_NOT_RUNNING, _S.ACTIVE, _S.UNLOADED], None),
     **_rows(Trigger.DEACTIVATE, _RUNNING, _S.INACTIVE, *_END),
     **_rows(Trigger.DEACTIVATE, [*_NOT_RUNNING, _S.UNLOADED], None),
     **_rows(
-        Trigger.FAIL,
-        [_S.DISCOVERED, _S.LOADED, _S.INACTIVE, *_RUNNING],
-        _S.FAULTED,
-        TransitionStep.RELEASE,
-        TransitionStep.REPORT,
+        Trigger.FAIL, [_S.DISCOVERED, _S.LOADED, _S.INACTIVE, *_RUNNING], _S.FAULTED, Effect.RELEASE, Effect.REPORT
     ),
     **_rows(Trigger.FAIL, [_S.FAULTED, _S.UNLOADED], None),
     **_rows(Trigger.CLEAN_UP, [_S.FAULTED], _S.FAULTED, *_CLEAN_UP),
     **_rows(Trigger.CLEAN_UP, [_S.UNLOADED], None),
-    **_rows(Trigger.LEAVE_OUT, _LISTED, _S.FAULTED, TransitionStep.RELEASE, *_CLEAN_UP),
+    **_rows(Trigger.LEAVE_OUT, _LISTED, _S.FAULTED, Effect.RELEASE, *_CLEAN_UP),
     **_rows(Trigger.ABANDON, _LISTED, _S.FAULTED, *_LEAVE),
     **_rows(Trigger.ABANDON, [_S.UNLOADED], None),
     **_rows(Trigger.RESTART, [_S.DISCOVERED, _S.INACTIVE, _S.FAULTED], _S.DISCOVERED),
     **_rows(Trigger.REACTIVATE, [_S.LOADED, _S.INACTIVE, _S.FAULTED, _S.DISCOVERED], _S.INACTIVE),
-    **_rows(Trigger.REJECT, [_S.INACTIVE, _S.FAULTED, *_RUNNING], _S.INACTIVE, TransitionStep.RELEASE, *_CLEAN_UP),
+    **_rows(Trigger.REJECT, [_S.INACTIVE, _S.FAULTED, *_RUNNING], _S.INACTIVE, Effect.RELEASE, *_CLEAN_UP),
     **_rows(Trigger.REJECT_STUCK, [_S.INACTIVE, _S.FAULTED, *_RUNNING], _S.INACTIVE, *_LEAVE),
-    **_rows(Trigger.UNLOAD, _RUNNING, _S.UNLOADED, TransitionStep.ASK, TransitionStep.RELEASE, TransitionStep.DISCARD),
-    **_rows(
-        Trigger.UNLOAD,
-        [_S.LOADED, _S.FAULTED],
-        _S.UNLOADED,
-        TransitionStep.ASK_FAILED,
-        TransitionStep.RELEASE,
-        TransitionStep.DISCARD,
-    ),
-    **_rows(Trigger.UNLOAD, [_S.DISCOVERED, _S.INACTIVE], _S.UNLOADED, TransitionStep.RELEASE, TransitionStep.DISCARD),
+    **_rows(Trigger.UNLOAD, _RUNNING, _S.UNLOADED, Effect.ASK, Effect.RELEASE, Effect.DISCARD),
+    **_rows(Trigger.UNLOAD, [_S.LOADED, _S.FAULTED], _S.UNLOADED, Effect.ASK_FAILED, Effect.RELEASE, Effect.DISCARD),
+    **_rows(Trigger.UNLOAD, [_S.DISCOVERED, _S.INACTIVE], _S.UNLOADED, Effect.RELEASE, Effect.DISCARD),
     **_rows(Trigger.UNLOAD, [_S.UNLOADED], None),
-    **_rows(Trigger.CLOSE, [*_LISTED, _S.UNLOADED], None, TransitionStep.DISCARD),
+    **_rows(Trigger.CLOSE, [*_LISTED, _S.UNLOADED], None, Effect.DISCARD),
 }
 
 

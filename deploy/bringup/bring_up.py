@@ -19,7 +19,7 @@ from robrain.algorithms.localization.umbmark import SquareEnd, SquareErrors, odo
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Omni
 from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, has_imu
-from robrain.deploy.bringup.findings import BringUpFinding, BringUpReport, BringUpStep, FindingKind, Patch
+from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, CheckStep, FindingKind, Patch
 from robrain.deploy.bringup.floor_checks import (
     MORE_WALLS,
     NO_SIGHT,
@@ -76,7 +76,7 @@ def side_m(view: View, radius_m: float) -> float:
 
 def check_square(
     bench: Bench, view: View, base: WheelDevice.Parameters | None, operator: Operator, *, rounds: int, measured: bool
-) -> tuple[list[BringUpFinding], View]:
+) -> tuple[list[CheckFinding], View]:
     """Drive squares to the left and to the right.
 
     Args:
@@ -94,17 +94,15 @@ def check_square(
         sentence = f"there is no room for a square of {SIDE_MIN_M:g} m to the left and to the right"
         remedy = f"put the robot where it has {SIDE_MIN_M + radius_m + FREE_M:.1f} m ahead and at both sides"
         return [
-            BringUpFinding(
-                step=BringUpStep.SQUARE, found=FindingKind.NOT_DONE, ok=None, sentence=sentence, remedy=remedy
-            )
+            CheckFinding(step=CheckStep.SQUARE, found=FindingKind.NOT_DONE, ok=None, sentence=sentence, remedy=remedy)
         ], view
     ends = SquareMeasurement([], [])
     for _ in range(rounds):
         for list_of, corner_rad in ((ends.counter_clockwise, 0.5 * math.pi), (ends.clockwise, -0.5 * math.pi)):
             end, view = _drive(bench, view, side, corner_rad, operator if measured else None)
             if end is None:
-                finding = BringUpFinding(
-                    step=BringUpStep.SQUARE, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS
+                finding = CheckFinding(
+                    step=CheckStep.SQUARE, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS
                 )
                 return [finding], view
             list_of.append(end)
@@ -136,7 +134,7 @@ def _drive(
     return SquareEnd(true.x_m - by_odometry.x_m, true.y_m - by_odometry.y_m, yaw_rad), after
 
 
-def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | None) -> list[BringUpFinding]:
+def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | None) -> list[CheckFinding]:
     wheels = base.base if base is not None else None
     track_m = wheels.track_m if isinstance(wheels, Differential) else side
     errors = odometry_errors(ends.clockwise, ends.counter_clockwise, side, track_m)
@@ -158,8 +156,8 @@ def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | 
         if found:  # one table for both
             patch["mocdevice"]["base"] |= {"track_m": found[0].patch["mocdevice"]["base"]["track_m"]}
         found.append(
-            BringUpFinding(
-                step=BringUpStep.SQUARE,
+            CheckFinding(
+                step=CheckStep.SQUARE,
                 found=FindingKind.UNEQUAL_WHEELS,
                 ok=False,
                 sentence=f"{sentence}: the right wheel is {ratio:.4g} times as large as the left one",
@@ -168,13 +166,13 @@ def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | 
             )
         )
     return found or [
-        BringUpFinding(step=BringUpStep.SQUARE, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
+        CheckFinding(step=CheckStep.SQUARE, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
     ]
 
 
 def _wrong_track(
     errors: SquareErrors, base: WheelDevice.Parameters | None, values: dict[str, float], sentence: str
-) -> BringUpFinding:
+) -> CheckFinding:
     wheels = base.base if base is not None else None
     patch, what = {}, f"corners of 90° were turned by {90 + math.degrees(errors.corner_rad):.1f}°"
     if isinstance(wheels, Differential):
@@ -185,8 +183,8 @@ def _wrong_track(
         distance_m = wheels.wheel_distance_m * errors.track_factor
         values, what = {**values, "wheel_distance_m": distance_m}, f"the wheels are {distance_m:.4g} m from the centre"
         patch = base_patch(wheels, wheel_distance_m=distance_m)
-    return BringUpFinding(
-        step=BringUpStep.SQUARE,
+    return CheckFinding(
+        step=CheckStep.SQUARE,
         found=FindingKind.WRONG_TRACK,
         ok=False,
         sentence=f"{sentence}: {what}",
@@ -293,7 +291,7 @@ SCALE_TOLERANCE = 0.05
 DEGREES = math.degrees(1.0)
 
 
-def check_imu(bench: Bench) -> list[BringUpFinding]:
+def check_imu(bench: Bench) -> list[CheckFinding]:
     """Turn to the left and back; compare the unit's turning with the lidar's. The bench runs the unit as well."""
     if why := bench.wait_for_imu():
         return [_absent(f"no measurement from the unit: {why}")]
@@ -306,9 +304,7 @@ def check_imu(bench: Bench) -> list[BringUpFinding]:
     seen = followed(view.points, [points_of(scan) for scan in record.scans], after.points)
     if seen is None:
         return [
-            BringUpFinding(
-                step=BringUpStep.IMU, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS
-            )
+            CheckFinding(step=CheckStep.IMU, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)
         ]
     bias_rad_s = sum(sample.yaw_rate_rad_s for sample in rest.imu) / len(rest.imu)
     return _findings(bench, turned_rad(record.imu, bias_rad_s), seen[1], bias_rad_s)
@@ -326,12 +322,12 @@ def turned_rad(samples: tuple[ImuSample, ...], bias_rad_s: float) -> float:
     )
 
 
-def _absent(sentence: str) -> BringUpFinding:
+def _absent(sentence: str) -> CheckFinding:
     remedy = "check its power, port, baud and protocol in [parameters.imu]; [robot.roles] imu says what reads it"
-    return BringUpFinding(step=BringUpStep.IMU, found=FindingKind.NO_IMU, ok=False, sentence=sentence, remedy=remedy)
+    return CheckFinding(step=CheckStep.IMU, found=FindingKind.NO_IMU, ok=False, sentence=sentence, remedy=remedy)
 
 
-def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[BringUpFinding]:
+def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[CheckFinding]:
     ratio = by_imu_rad / by_scan_rad
     values = {"by_imu_rad": by_imu_rad, "by_scan_rad": by_scan_rad, "bias_rad_s": bias_rad_s}
     sentence = f"{math.degrees(by_imu_rad):.1f}° by the unit are {math.degrees(by_scan_rad):.1f}° by the lidar"
@@ -340,8 +336,8 @@ def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: f
 
     def say(kind: FindingKind, sentence: str, patch: Patch, remedy: str) -> None:
         found.append(
-            BringUpFinding(
-                step=BringUpStep.IMU, found=kind, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy
+            CheckFinding(
+                step=CheckStep.IMU, found=kind, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy
             )
         )
 
@@ -361,7 +357,7 @@ def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: f
         )
     if not found:
         found.append(
-            BringUpFinding(step=BringUpStep.IMU, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
+            CheckFinding(step=CheckStep.IMU, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
         )
     return found
 
@@ -418,14 +414,14 @@ class BringUp:
         path: Path,
         bench: Bench,
         operator: Operator,
-        tell: Callable[[BringUpFinding], None],
+        tell: Callable[[CheckFinding], None],
         robot_file: RobotFile | None = None,
     ) -> None:
         self._path, self._bench, self._operator, self._tell = path, bench, operator, tell
         self._file = read_robot_file(path) if robot_file is None else robot_file
-        self._findings: list[BringUpFinding] = []
+        self._findings: list[CheckFinding] = []
         self._backup: Path | None = None
-        self._step = BringUpStep.BUS
+        self._step = CheckStep.BUS
         self._with_lidar = False
 
     def run(self, wanted: BringUpOptions) -> BringUpReport:
@@ -449,7 +445,7 @@ class BringUp:
         except _Ended:
             pass
         except (MotionFailed, DeviceAbsent) as error:
-            self._note([BringUpFinding(step=self._step, found=FindingKind.FAILED, ok=False, sentence=str(error))])
+            self._note([CheckFinding(step=self._step, found=FindingKind.FAILED, ok=False, sentence=str(error))])
         return BringUpReport(
             robot=self._file.robot.name,
             file=str(self._path),
@@ -459,60 +455,60 @@ class BringUp:
 
     def _air(self, *, moves: bool) -> None:
         bench = self._bench
-        self._do(BringUpStep.BUS, check_bus(bench))
+        self._do(CheckStep.BUS, check_bus(bench))
         base = bench.base()
         if not moves:
             return
         if base is None or not bench.has_wheels or isinstance(base.base, Ackermann):
             sentence = "this base is not commanded wheel by wheel"
             self._do(
-                BringUpStep.WHEELS,
-                [BringUpFinding(step=BringUpStep.WHEELS, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
+                CheckStep.WHEELS,
+                [CheckFinding(step=CheckStep.WHEELS, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
             )
         else:
-            self._step = BringUpStep.WHEELS
-            self._do(BringUpStep.WHEELS, check_wheels(bench, self._operator, base))
-            self._step = BringUpStep.HALT
-            self._do(BringUpStep.HALT, [check_halt(bench, self._base())])
-            self._step = BringUpStep.WATCHDOG
-            self._do(BringUpStep.WATCHDOG, [check_watchdog(bench, self._base())])
-        self._step = BringUpStep.BATTERY
-        self._do(BringUpStep.BATTERY, [check_battery(bench)])
+            self._step = CheckStep.WHEELS
+            self._do(CheckStep.WHEELS, check_wheels(bench, self._operator, base))
+            self._step = CheckStep.HALT
+            self._do(CheckStep.HALT, [check_halt(bench, self._base())])
+            self._step = CheckStep.WATCHDOG
+            self._do(CheckStep.WATCHDOG, [check_watchdog(bench, self._base())])
+        self._step = CheckStep.BATTERY
+        self._do(CheckStep.BATTERY, [check_battery(bench)])
 
     def _floor(self) -> None:
         bench, base = self._bench, self._bench.base()
-        self._step = BringUpStep.SCAN
+        self._step = CheckStep.SCAN
         finding, view = check_scan(bench)
-        self._do(BringUpStep.SCAN, [finding])
+        self._do(CheckStep.SCAN, [finding])
         if base is not None and isinstance(base.base, Ackermann):
             sentence = "this base cannot turn on the spot: measure the lidar's mounting and the track by hand"
             self._do(
-                BringUpStep.ORIENTATION,
-                [BringUpFinding(step=BringUpStep.ORIENTATION, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
+                CheckStep.ORIENTATION,
+                [CheckFinding(step=CheckStep.ORIENTATION, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
             )
             return
-        self._step = BringUpStep.ORIENTATION
+        self._step = CheckStep.ORIENTATION
         found, view = check_orientation(bench, view)
-        view = self._look_again(BringUpStep.ORIENTATION, found, view)
-        self._step = BringUpStep.DISTANCE
+        view = self._look_again(CheckStep.ORIENTATION, found, view)
+        self._step = CheckStep.DISTANCE
         found, view = check_distance(bench, view, bench.base())
-        view = self._look_again(BringUpStep.DISTANCE, found, view)
-        self._step = BringUpStep.TURN
+        view = self._look_again(CheckStep.DISTANCE, found, view)
+        self._step = CheckStep.TURN
         found, view = check_turn(bench, view, bench.base())
-        view = self._look_again(BringUpStep.TURN, found, view)
+        view = self._look_again(CheckStep.TURN, found, view)
         if has_imu(self._file):
-            self._step = BringUpStep.IMU
+            self._step = CheckStep.IMU
             self._start(with_lidar=True, with_imu=True)
             bench.keep_gyro_out()
-            if not self._do(BringUpStep.IMU, check_imu(bench)):
+            if not self._do(CheckStep.IMU, check_imu(bench)):
                 self._start(with_lidar=True)  # the squares are the wheels' alone
             view, _ = look(bench)
-        self._step = BringUpStep.SQUARE
+        self._step = CheckStep.SQUARE
         for _ in range(2 if self._wanted.rounds else 0):  # again with what the first ones have corrected
             found, view = check_square(
                 bench, view, bench.base(), self._operator, rounds=self._wanted.rounds, measured=self._wanted.measured
             )
-            view = self._look_again(BringUpStep.SQUARE, found, view)
+            view = self._look_again(CheckStep.SQUARE, found, view)
             if not any(one.patch for one in found):
                 break
 
@@ -528,7 +524,7 @@ class BringUp:
         if with_lidar:
             self._bench.wait_for_scan()
 
-    def _do(self, step: BringUpStep, found: list[BringUpFinding]) -> bool:
+    def _do(self, step: CheckStep, found: list[CheckFinding]) -> bool:
         """Note what a step has found, and go on with that; whether the devices were restarted for it."""
         self._step = step
         self._note(found)
@@ -539,11 +535,11 @@ class BringUp:
         self._start(with_lidar=self._with_lidar)
         return True
 
-    def _look_again(self, step: BringUpStep, found: list[BringUpFinding], view: View) -> View:
+    def _look_again(self, step: CheckStep, found: list[CheckFinding], view: View) -> View:
         """As `_do`; what the lidar sees afterwards."""
         return look(self._bench)[0] if self._do(step, found) else view
 
-    def _note(self, found: list[BringUpFinding]) -> None:
+    def _note(self, found: list[CheckFinding]) -> None:
         for finding in found:
             self._findings.append(finding)
             self._tell(finding)

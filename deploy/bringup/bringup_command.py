@@ -17,7 +17,7 @@ from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_r
 from robrain.deploy.agents.agent_process import endpoints_of
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
-from robrain.deploy.bringup.findings import BringUpFinding
+from robrain.deploy.bringup.findings import CheckFinding
 from robrain.deploy.bringup.operator import Operator, TerminalOperator, YesOperator
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
@@ -125,7 +125,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
         stack.callback(bench.close)
         said = note if as_json else print_line
 
-        def tell(finding: BringUpFinding) -> None:
+        def tell(finding: CheckFinding) -> None:
             for line in lines_of(finding):
                 said(line)
 
@@ -137,7 +137,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
     return report.is_good
 
 
-def lines_of(finding: BringUpFinding) -> list[str]:
+def lines_of(finding: CheckFinding) -> list[str]:
     """A finding in words; a remedy has a line of its own."""
     lines = [f"{MARKS[finding.ok]:<8}{finding.step.value}: {finding.sentence}"]
     if finding.remedy:

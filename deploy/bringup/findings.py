@@ -9,7 +9,7 @@ Patch = dict[str, dict[str, Any]]
 """New values for a robot's file: by plugin, the keys of its `[parameters.PLUGIN]`."""
 
 
-class BringUpStep(StrEnum):
+class CheckStep(StrEnum):
     """Steps in their order; the first six are done with the wheels in the air."""
 
     BUS = "bus"
@@ -60,10 +60,10 @@ class FindingKind(StrEnum):
     UNEQUAL_WHEELS = "unequal_wheels"
 
 
-class BringUpFinding(msgspec.Struct, frozen=True, kw_only=True):
+class CheckFinding(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that was found."""
 
-    step: BringUpStep
+    step: CheckStep
     found: FindingKind
     ok: bool | None
     """Whether it is as it should be; None if that is not known."""
@@ -88,7 +88,7 @@ class BringUpReport(msgspec.Struct, frozen=True, kw_only=True):
     file: str
     backup: str
     """Copy of the file as it was; empty if it was not changed."""
-    findings: list[BringUpFinding]
+    findings: list[CheckFinding]
 
     @property
     def is_good(self) -> bool:

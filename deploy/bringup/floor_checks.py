@@ -12,7 +12,7 @@ from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.navigation.wheel_bases import Differential, Mecanum, Omni, WheelBase
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.deploy.bringup.bench import LIDAR, Bench
-from robrain.deploy.bringup.findings import BringUpFinding, BringUpStep, FindingKind, Patch
+from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Patch
 from robrain.deploy.bringup.motions import Record, Rest, Straight, TurnOnSpot
 from robrain.deploy.bringup.wheel_table import base_patch
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
@@ -72,7 +72,7 @@ def move(bench: Bench, before: View, motion: Straight | TurnOnSpot) -> tuple[Mov
     return (None if seen is None else Moved(*seen, odometry, yaw_rad)), after
 
 
-def check_scan(bench: Bench) -> tuple[BringUpFinding, View]:
+def check_scan(bench: Bench) -> tuple[CheckFinding, View]:
     """Whether the lidar turns, and sees something."""
     why = bench.why_not(LIDAR)
     view, record = look(bench)
@@ -80,8 +80,8 @@ def check_scan(bench: Bench) -> tuple[BringUpFinding, View]:
     if why or len(scans) < 2:
         sentence = f"the lidar's device does not run: {why}" if why else "the lidar has sent no turns"
         remedy = "check the lidar's power, port and device; [robot.roles] scan says which plugin reads it"
-        return BringUpFinding(
-            step=BringUpStep.SCAN, found=FindingKind.NO_SCANS, ok=False, sentence=sentence, remedy=remedy
+        return CheckFinding(
+            step=CheckStep.SCAN, found=FindingKind.NO_SCANS, ok=False, sentence=sentence, remedy=remedy
         ), view
     rate_hz = (len(scans) - 1) / max(1e-9 * (scans[-1].stamp_ns - scans[0].stamp_ns), 1e-3)
     hit = scans[-1].ranges_m < scans[-1].range_max_m
@@ -96,23 +96,23 @@ def check_scan(bench: Bench) -> tuple[BringUpFinding, View]:
     if own:
         sentence += f"; {own} end within the robot's own radius"
     remedy = "set mount.hidden_within_m of [parameters.scan] to the robot's radius" if own else ""
-    return BringUpFinding(
-        step=BringUpStep.SCAN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values, remedy=remedy
+    return CheckFinding(
+        step=CheckStep.SCAN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values, remedy=remedy
     ), view
 
 
-def check_orientation(bench: Bench, view: View) -> tuple[list[BringUpFinding], View]:
+def check_orientation(bench: Bench, view: View) -> tuple[list[CheckFinding], View]:
     """Turn a little to the left and drive a little ahead: whether the scan is mirrored, and where its front looks."""
     turned, view = move(bench, view, TurnOnSpot(FIRST_TURN_RAD))
     if turned is None:
-        return [_blind(BringUpStep.ORIENTATION)], view
+        return [_blind(CheckStep.ORIENTATION)], view
     share = turned.scan_yaw_rad / turned.odometry_yaw_rad
     values = {"turned_by_odometry_rad": turned.odometry_yaw_rad, "turned_by_scan_rad": turned.scan_yaw_rad}
     if abs(share) < 0.3:
         sentence = f"the scan turns by {turned.scan_yaw_rad:.2f} rad while the wheels turn the robot by "
         sentence += f"{turned.odometry_yaw_rad:.2f} rad"
-        finding = BringUpFinding(
-            step=BringUpStep.ORIENTATION,
+        finding = CheckFinding(
+            step=CheckStep.ORIENTATION,
             found=FindingKind.FAILED,
             ok=False,
             sentence=sentence,
@@ -122,26 +122,26 @@ def check_orientation(bench: Bench, view: View) -> tuple[list[BringUpFinding], V
         return [finding], view
     driven, view = move(bench, view, Straight(FIRST_WAY_M))
     if driven is None:
-        return [_blind(BringUpStep.ORIENTATION)], view
+        return [_blind(CheckStep.ORIENTATION)], view
     is_mirrored = share < 0
     yaw_rad = _direction_rad(driven.scan, is_mirrored=is_mirrored)
     bench.perform(Straight(-FIRST_WAY_M))  # back to where the person has put it
     bench.perform(TurnOnSpot(-FIRST_TURN_RAD))
     view, _ = look(bench)
     values["scan_yaw_rad"] = yaw_rad
-    return _orientation(bench, BringUpStep.ORIENTATION, yaw_rad, is_mirrored=is_mirrored, values=values), view
+    return _orientation(bench, CheckStep.ORIENTATION, yaw_rad, is_mirrored=is_mirrored, values=values), view
 
 
-def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None) -> tuple[list[BringUpFinding], View]:
+def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None) -> tuple[list[CheckFinding], View]:
     """Drive as far as there is room: the wheels' radius, and once more the scan's front."""
     way_m = _room_m(view, _radius_m(bench))
     if way_m == 0.0:
         sentence = f"there is no room to drive {SHORTEST_WAY_M:g} m"
-        return [_not_done(BringUpStep.DISTANCE, sentence, "turn the robot to where it has 1.5 m ahead")], view
+        return [_not_done(CheckStep.DISTANCE, sentence, "turn the robot to where it has 1.5 m ahead")], view
     driven, view = move(bench, view, Straight(way_m))
     back, view = move(bench, view, Straight(-way_m))
     if driven is None or back is None:
-        return [_blind(BringUpStep.DISTANCE)], view
+        return [_blind(CheckStep.DISTANCE)], view
     true_m = 0.5 * (_length_m(driven.scan) + _length_m(back.scan))
     by_odometry_m = 0.5 * (_length_m(driven.odometry) + _length_m(back.odometry))
     ratio = true_m / by_odometry_m
@@ -150,14 +150,12 @@ def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None
     yaw_rad = _direction_rad(ahead, is_mirrored=False)
     found = []
     if abs(yaw_rad) > TURNED_RAD:
-        found += _orientation(bench, BringUpStep.DISTANCE, yaw_rad, is_mirrored=False, values={"scan_yaw_rad": yaw_rad})
+        found += _orientation(bench, CheckStep.DISTANCE, yaw_rad, is_mirrored=False, values={"scan_yaw_rad": yaw_rad})
     if abs(ratio - 1.0) <= RADIUS_TOLERANCE:
         sentence = f"{by_odometry_m:.3f} m by the wheels are {true_m:.3f} m by the lidar"
         return [
             *found,
-            BringUpFinding(
-                step=BringUpStep.DISTANCE, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values
-            ),
+            CheckFinding(step=CheckStep.DISTANCE, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values),
         ], view
     sentence = f"{by_odometry_m:.3f} m by the wheels are {true_m:.3f} m by the lidar"
     patch: Patch = {}
@@ -166,8 +164,8 @@ def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None
         values["wheel_radius_m"] = radius_m
         sentence += f": the wheels' radius is {radius_m:.4g} m, not {base.base.wheel_radius_m:g} m"
         patch = base_patch(base.base, wheel_radius_m=radius_m)
-    finding = BringUpFinding(
-        step=BringUpStep.DISTANCE,
+    finding = CheckFinding(
+        step=CheckStep.DISTANCE,
         found=FindingKind.WRONG_WHEEL_RADIUS,
         ok=False,
         sentence=sentence,
@@ -177,7 +175,7 @@ def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None
     return [*found, finding], view
 
 
-def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) -> tuple[list[BringUpFinding], View]:
+def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) -> tuple[list[CheckFinding], View]:
     """A full turn on the spot, in quarters: the track, and where on the robot the lidar sits."""
     by_scan_rad = by_odometry_rad = 0.0
     T_first_scan = Pose2D(0.0, 0.0, 0.0)
@@ -185,7 +183,7 @@ def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) ->
     for _ in range(QUARTERS):
         turned, view = move(bench, view, TurnOnSpot(0.5 * math.pi))
         if turned is None:
-            return [_blind(BringUpStep.TURN)], view
+            return [_blind(CheckStep.TURN)], view
         by_scan_rad += turned.scan_yaw_rad
         by_odometry_rad += turned.odometry_yaw_rad
         T_first_scan = T_first_scan.compose(turned.scan)
@@ -201,7 +199,7 @@ def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) ->
     if math.hypot(x_m, y_m) <= MOVED_M:
         sentence = f"the lidar is where the file has it, to {1000 * math.hypot(x_m, y_m):.0f} mm"
         found.append(
-            BringUpFinding(step=BringUpStep.TURN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
+            CheckFinding(step=CheckStep.TURN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
         )
         return found, view
     mount = _mount(bench)
@@ -212,8 +210,8 @@ def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) ->
         values |= {"mount_x_m": at_m[0], "mount_y_m": at_m[1]}
     sentence = f"the lidar sits {1000 * x_m:.0f} mm ahead and {1000 * y_m:.0f} mm to the left of where the file has it"
     found.append(
-        BringUpFinding(
-            step=BringUpStep.TURN,
+        CheckFinding(
+            step=CheckStep.TURN,
             found=FindingKind.LIDAR_OFF_CENTRE,
             ok=False,
             sentence=sentence,
@@ -224,12 +222,12 @@ def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) ->
     return found, view
 
 
-def _track(base: WheelDevice.Parameters | None, by_scan_rad: float, by_odometry_rad: float) -> BringUpFinding:
+def _track(base: WheelDevice.Parameters | None, by_scan_rad: float, by_odometry_rad: float) -> CheckFinding:
     ratio = by_odometry_rad / by_scan_rad
     values = {"by_odometry_rad": by_odometry_rad, "by_scan_rad": by_scan_rad}
     sentence = f"{math.degrees(by_odometry_rad):.1f}° by the wheels are {math.degrees(by_scan_rad):.1f}° by the lidar"
     if abs(ratio - 1.0) <= TRACK_TOLERANCE:
-        return BringUpFinding(step=BringUpStep.TURN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
+        return CheckFinding(step=CheckStep.TURN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
     patch: Patch = {}
     sizes = _turn_sizes(base.base, ratio) if base is not None else {}
     if base is not None and sizes:
@@ -238,8 +236,8 @@ def _track(base: WheelDevice.Parameters | None, by_scan_rad: float, by_odometry_
         sentence += ": " + ", ".join(
             f"{key} is {value:.4g}, not {getattr(base.base, key):g}" for key, value in sizes.items()
         )
-    return BringUpFinding(
-        step=BringUpStep.TURN, found=FindingKind.WRONG_TRACK, ok=False, sentence=sentence, values=values, patch=patch
+    return CheckFinding(
+        step=CheckStep.TURN, found=FindingKind.WRONG_TRACK, ok=False, sentence=sentence, values=values, patch=patch
     )
 
 
@@ -256,8 +254,8 @@ def _turn_sizes(base: WheelBase, ratio: float) -> dict[str, float]:
 
 
 def _orientation(
-    bench: Bench, step: BringUpStep, yaw_rad: float, *, is_mirrored: bool, values: dict[str, float]
-) -> list[BringUpFinding]:
+    bench: Bench, step: CheckStep, yaw_rad: float, *, is_mirrored: bool, values: dict[str, float]
+) -> list[CheckFinding]:
     is_turned = abs(yaw_rad) > TURNED_RAD
     mount = _mount(bench)
     patch: Patch = {}
@@ -275,8 +273,8 @@ def _orientation(
         )
     remedy = "" if patch else "turn the lidar on the robot, or say so to what publishes its scans"
 
-    def say(found: FindingKind, sentence: str) -> BringUpFinding:
-        return BringUpFinding(
+    def say(found: FindingKind, sentence: str) -> CheckFinding:
+        return CheckFinding(
             step=step, found=found, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy
         )
 
@@ -291,7 +289,7 @@ def _orientation(
         found.append(say(FindingKind.SCAN_TURNED, sentence))
     if not found:
         sentence = f"the scan's front is the robot's, to {abs(math.degrees(yaw_rad)):.1f}°, and turns as the robot does"
-        found.append(BringUpFinding(step=step, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values))
+        found.append(CheckFinding(step=step, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values))
     return found
 
 
@@ -347,9 +345,9 @@ def _mount_patch(mount: Mount) -> Patch:
     return {LIDAR: {"mount": values}}
 
 
-def _blind(step: BringUpStep) -> BringUpFinding:
-    return BringUpFinding(step=step, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)
+def _blind(step: CheckStep) -> CheckFinding:
+    return CheckFinding(step=step, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)
 
 
-def _not_done(step: BringUpStep, sentence: str, remedy: str) -> BringUpFinding:
-    return BringUpFinding(step=step, found=FindingKind.NOT_DONE, ok=None, sentence=sentence, remedy=remedy)
+def _not_done(step: CheckStep, sentence: str, remedy: str) -> CheckFinding:
+    return CheckFinding(step=step, found=FindingKind.NOT_DONE, ok=None, sentence=sentence, remedy=remedy)

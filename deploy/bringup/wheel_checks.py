@@ -7,7 +7,7 @@ from statistics import median
 import msgspec
 
 from robrain.deploy.bringup.bench import BASE, BATTERY, Bench, DeviceAbsent
-from robrain.deploy.bringup.findings import BringUpFinding, BringUpStep, FindingKind, Patch
+from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Patch
 from robrain.deploy.bringup.motions import WHEEL_SPEED_RAD_S, EncoderSample, Record, Rest, StopMode, TurnWheels
 from robrain.deploy.bringup.operator import Operator
 from robrain.deploy.bringup.wheel_table import (
@@ -19,7 +19,7 @@ from robrain.deploy.bringup.wheel_table import (
     slots_of,
     wheel_names,
 )
-from robrain.plugins.device.mocdevice.frame_map import EncoderMeasure
+from robrain.plugins.device.mocdevice.frame_map import Counted
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.serial_base.line_codec import LineWords
 from robrain.protocol.clock import to_ns, to_seconds
@@ -44,7 +44,7 @@ YES, BACKWARDS, NONE, AGAIN = "y", "b", "n", "r"
 STOP_MAX_S, WATCHDOG_MAX_S = 0.3, 0.5
 
 
-def check_bus(bench: Bench) -> list[BringUpFinding]:
+def check_bus(bench: Bench) -> list[CheckFinding]:
     """Whether the controller speaks, how often, and whether all that it says is believed."""
     before = bench.counters()
     record = bench.perform(Rest(LOOK_S))
@@ -54,8 +54,8 @@ def check_bus(bench: Bench) -> list[BringUpFinding]:
     rate_hz = believed / LOOK_S
     values = {"rate_hz": rate_hz, "rejected": rejected, "foreign": foreign, "lost": lost, "errors": errors}
 
-    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None = False) -> BringUpFinding:
-        return BringUpFinding(step=BringUpStep.BUS, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
+    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None = False) -> CheckFinding:
+        return CheckFinding(step=CheckStep.BUS, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
 
     if not believed and rejected:
         return [
@@ -87,7 +87,7 @@ def check_bus(bench: Bench) -> list[BringUpFinding]:
     return found or [say(FindingKind.RIGHT, f"counts of all wheels come {rate_hz:.0f} times a second", ok=True)]
 
 
-def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[BringUpFinding]:
+def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[CheckFinding]:
     """Turn each wheel a little: whose encoder counts, which way, and how far."""
     names, speed = wheel_names(base.base), WHEEL_SPEED_RAD_S
     seen: list[Seen] = []
@@ -104,8 +104,8 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
         if abs(turned_rad_s[encoder]) < SILENT_RAD_S or answer == NONE:
             why = "no wheel turns" if answer == NONE else "no encoder counts"
             return [
-                BringUpFinding(
-                    step=BringUpStep.WHEELS,
+                CheckFinding(
+                    step=CheckStep.WHEELS,
                     found=FindingKind.WHEEL_SILENT,
                     ok=False,
                     sentence=f"{name}: {why} while it is commanded to turn",
@@ -115,8 +115,8 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
             ]
         if max(others, default=0.0) > COUPLED * abs(turned_rad_s[encoder]):
             return [
-                BringUpFinding(
-                    step=BringUpStep.WHEELS,
+                CheckFinding(
+                    step=CheckStep.WHEELS,
                     found=FindingKind.WHEELS_UNCLEAR,
                     ok=False,
                     sentence=f"{name}: the encoders of several wheels count while it alone is commanded to turn",
@@ -147,7 +147,7 @@ class Seen:
         """Of the encoder, by the wheel's direction."""
 
 
-def check_halt(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding:
+def check_halt(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
     """Halt the host while all wheels turn."""
     speed = WHEEL_SPEED_RAD_S
     record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, StopMode.HOST))
@@ -156,8 +156,8 @@ def check_halt(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding:
     ran_on_rad = _farthest_rad(record.samples[-1], driven[-1].turns_rad)
     after_s = ran_on_rad / max(0.1, *map(abs, _speeds_rad_s(record)))
     is_right = after_s <= STOP_MAX_S
-    return BringUpFinding(
-        step=BringUpStep.HALT,
+    return CheckFinding(
+        step=CheckStep.HALT,
         found=FindingKind.RIGHT if is_right else FindingKind.SLOW_HALT,
         ok=is_right,
         sentence=f"after a halt the wheels turned on by {ran_on_rad:.2f} rad, as far as in {1000 * after_s:.0f} ms",
@@ -166,7 +166,7 @@ def check_halt(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding:
     )
 
 
-def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding:
+def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
     """Send no more commands while all wheels turn: what happens if this computer dies."""
     speed = WHEEL_SPEED_RAD_S
     record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, StopMode.SILENCE))
@@ -177,8 +177,8 @@ def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding
     stopped_ns = moving[-1].stamp_ns if moving else driven[-1].stamp_ns
     after_s = max(0.0, to_seconds(stopped_ns - driven[-1].stamp_ns))
     is_right = after_s <= WATCHDOG_MAX_S
-    return BringUpFinding(
-        step=BringUpStep.WATCHDOG,
+    return CheckFinding(
+        step=CheckStep.WATCHDOG,
         found=FindingKind.RIGHT if is_right else FindingKind.NO_WATCHDOG,
         ok=is_right,
         sentence=f"{1000 * after_s:.0f} ms after the last command the wheels stood"
@@ -191,13 +191,11 @@ def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> BringUpFinding
     )
 
 
-def check_battery(bench: Bench) -> BringUpFinding:
+def check_battery(bench: Bench) -> CheckFinding:
     """Whether the battery's measurements are there and make sense."""
 
-    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None, **values: float) -> BringUpFinding:
-        return BringUpFinding(
-            step=BringUpStep.BATTERY, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy
-        )
+    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None, **values: float) -> CheckFinding:
+        return CheckFinding(step=CheckStep.BATTERY, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
 
     why = bench.why_not(BATTERY)
     if why:
@@ -234,12 +232,12 @@ def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str
     return operator.choose(f"{names[index]} was commanded to turn, {way}. Which wheel turned?", choices, YES)
 
 
-def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[BringUpFinding]:
+def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[CheckFinding]:
     """Name what is swapped or inverted, with the signals as they should be."""
 
-    def say(found: FindingKind, sentence: str, patch: Patch | None = None, remedy: str = "") -> BringUpFinding:
-        return BringUpFinding(
-            step=BringUpStep.WHEELS,
+    def say(found: FindingKind, sentence: str, patch: Patch | None = None, remedy: str = "") -> CheckFinding:
+        return CheckFinding(
+            step=CheckStep.WHEELS,
             found=found,
             ok=found is FindingKind.RIGHT,
             sentence=sentence,
@@ -273,7 +271,7 @@ def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ..
     patch = _wheels_patch(seen, base)
     remedy = "" if patch else "its file cannot say that: change the wiring, or the parameters of its base"
     return [
-        BringUpFinding(step=each.step, found=each.found, ok=False, sentence=each.sentence, patch=patch, remedy=remedy)
+        CheckFinding(step=each.step, found=each.found, ok=False, sentence=each.sentence, patch=patch, remedy=remedy)
         for each in found
     ]
 
@@ -317,15 +315,15 @@ def _each(signs: Sequence[int], seen: list[Seen]) -> Sequence[int]:
     return signs if len(signs) == len(seen) else tuple(signs) * len(seen)
 
 
-def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[BringUpFinding]:
+def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[CheckFinding]:
     """Whether the encoders count as many ticks a turn as the file says, by the speed that was asked for."""
     ratios = [abs(one.ratio) for one in seen]
     ratio = median(ratios)
     values = {f"wheel_{one.encoder + 1}_by_command": abs(one.ratio) for one in seen}
     if max(abs(each / ratio - 1.0) for each in ratios) > 2 * SCALE_TOLERANCE:
         return [
-            BringUpFinding(
-                step=BringUpStep.SCALE,
+            CheckFinding(
+                step=CheckStep.SCALE,
                 found=FindingKind.WRONG_SCALE,
                 ok=False,
                 sentence="wheels with the same command turn differently far: "
@@ -336,8 +334,8 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[BringUpFindin
         ]
     if abs(ratio - 1.0) <= SCALE_TOLERANCE:
         return [
-            BringUpFinding(
-                step=BringUpStep.SCALE,
+            CheckFinding(
+                step=CheckStep.SCALE,
                 found=FindingKind.RIGHT,
                 ok=True,
                 sentence=f"wheels turn {100 * ratio:.1f} % as far as they are commanded",
@@ -345,12 +343,12 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[BringUpFindin
             )
         ]
     frames = frame_map(base)
-    counts = frames is None or frames.measure is EncoderMeasure.COUNTS
+    counts = frames is None or frames.measure is Counted.COUNTS
     plain = next((one for one in QUADRATURE if abs(ratio / one - 1.0) < NEARLY), ratio)
     ticks = max(1, round(base.base.encoder_ticks_per_turn * plain))
     return [
-        BringUpFinding(
-            step=BringUpStep.SCALE,
+        CheckFinding(
+            step=CheckStep.SCALE,
             found=FindingKind.WRONG_SCALE,
             ok=False,
             sentence=f"encoders report {ratio:.2f} times the turns that wheels were commanded: "

@@ -11,14 +11,14 @@ from typing import TypeVar
 import msgspec
 
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, ScriptedTask
+from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, TaskInput
 
 TRIALS_MAX = 300
 """Trials for one script, unless the caller says otherwise."""
 SHORTEST_S = 0.2
 """Faults are not made shorter than this."""
 
-Part = FaultSpec | HaltOrder | CancelOrder | ScriptedTask
+Part = FaultSpec | HaltOrder | CancelOrder | TaskInput
 P = TypeVar("P")
 Fails = Callable[[FaultScript], bool]
 
@@ -92,7 +92,7 @@ def _parts(script: FaultScript) -> list[Part]:
 
 def with_parts(script: FaultScript, parts: Sequence[Part]) -> FaultScript:
     """A script with these parts alone; what waits for a task that is not there does not wait for it."""
-    tasks = tuple(part for part in parts if isinstance(part, ScriptedTask))
+    tasks = tuple(part for part in parts if isinstance(part, TaskInput))
     ids = {order.task.id for order in tasks}
     return msgspec.structs.replace(
         script,
@@ -103,7 +103,7 @@ def with_parts(script: FaultScript, parts: Sequence[Part]) -> FaultScript:
     )
 
 
-def _without_absent(order: ScriptedTask, ids: set[str]) -> ScriptedTask:
+def _without_absent(order: TaskInput, ids: set[str]) -> TaskInput:
     after = tuple(name for name in order.task.after if name in ids)
     return msgspec.structs.replace(order, task=msgspec.structs.replace(order.task, after=after))
 

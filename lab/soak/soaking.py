@@ -35,11 +35,11 @@ from robrain.sim.stand_in.fault_script import (
     FaultScript,
     HaltOrder,
     PointRobot,
-    ScriptedTask,
     ScriptRadio,
+    TaskInput,
     script_json,
 )
-from robrain.sim.stand_in.judge import QUIET_S, Broken, TeamInvariant, broken_in
+from robrain.sim.stand_in.judge import QUIET_S, Broken, TeamRule, broken_in
 from robrain.sim.stand_in.operator import OPERATOR, PointOperator
 from robrain.sim.stand_in.promises import Promises
 from robrain.sim.stand_in.script_drawing import draw_script
@@ -187,7 +187,7 @@ class _Trial:
             what = f"there is left: {', '.join(left) or 'nothing of the tasks'}"
             if not self._operator.is_content:
                 what += "; the operator still waits for answers"
-            yield Broken(TeamInvariant.UNSETTLED, round(self._run.sim_time_s, 1), what)
+            yield Broken(TeamRule.UNSETTLED, round(self._run.sim_time_s, 1), what)
 
     def lost(self) -> Iterator[Broken]:
         """Promises that were not kept; a task may fail at a robot with broken hardware."""
@@ -197,7 +197,7 @@ class _Trial:
             if may_fail and record is not None and record.state in (TaskState.FAILED, TaskState.CANCELLED):
                 continue
             if why := self._promises.why_broken(task, record):
-                yield Broken(TeamInvariant.LOST, round(self._run.sim_time_s, 1), why)
+                yield Broken(TeamRule.LOST, round(self._run.sim_time_s, 1), why)
 
     @property
     def _is_settled(self) -> bool:
@@ -259,8 +259,8 @@ def _robots(rng: np.random.Generator, count: int) -> tuple[PointRobot, ...]:
     return tuple(found)
 
 
-def _task(rng: np.random.Generator, order: ScriptedTask) -> ScriptedTask:
-    return ScriptedTask(at_s=_sooner(order.at_s), task=msgspec.structs.replace(order.task, place=_place(rng)))
+def _task(rng: np.random.Generator, order: TaskInput) -> TaskInput:
+    return TaskInput(at_s=_sooner(order.at_s), task=msgspec.structs.replace(order.task, place=_place(rng)))
 
 
 def _faults(base: FaultScript, names: list[str]) -> Iterator[FaultSpec]:

@@ -28,7 +28,7 @@ class PointRobot(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     soc: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
 
 
-class ScriptedTask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class TaskInput(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A task that the operator submits, until the coordinator acknowledges it."""
 
     at_s: Time
@@ -74,7 +74,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Allocator of the coordinator's plans, or `nearest`."""
     consensus: bool = False
     """Whether the robots go on without a coordinator."""
-    tasks: tuple[ScriptedTask, ...] = ()
+    tasks: tuple[TaskInput, ...] = ()
     cancels: tuple[CancelOrder, ...] = ()
     halts: tuple[HaltOrder, ...] = ()
     faults: tuple[FaultSpec, ...] = ()

@@ -46,7 +46,7 @@ AS_RECORDED = (TaskAtOne, TaskOnce)
 that allows, and a point goes on at once after a halt."""
 
 
-class TeamInvariant(StrEnum):
+class TeamRule(StrEnum):
     """What must hold."""
 
     LOST = "lost"
@@ -74,7 +74,7 @@ class TeamInvariant(StrEnum):
 class Broken(msgspec.Struct, frozen=True):
     """An invariant that does not hold."""
 
-    invariant: TeamInvariant | recorded.Invariant
+    invariant: TeamRule | recorded.Invariant
     """The latter is judged by messages alone, as of recordings."""
     at_s: float
     what: str
@@ -115,7 +115,7 @@ class Judge:
         """Agents that have done a task: name and start of the process."""
         self._said: set[tuple[str, int, str, int]] = set()
         """Ends that were noted: robot, start of its process, task and epoch; without a coordinator epochs are alike."""
-        self._told: set[tuple[TeamInvariant, str]] = set()
+        self._told: set[tuple[TeamRule, str]] = set()
         self._cut_ns = dict.fromkeys(run.bodies, 0)
         """When a robot that goes on by itself was last cut off from the coordinator."""
         self._at: dict[str, str] = {}
@@ -180,7 +180,7 @@ class Judge:
                 facts = host.desk.facts
                 self._look_at_ends(name, (facts.before, facts.task), now_ns)
         for robot in self._halts.disobedient(now_ns):
-            self._break(TeamInvariant.HALT, robot, f"{robot} is not halted, although the team is and it could know")
+            self._break(TeamRule.HALT, robot, f"{robot} is not halted, although the team is and it could know")
         self._look_at_energy(now_ns)
 
     def finish(self) -> list[Broken]:
@@ -191,7 +191,7 @@ class Judge:
             what = f"after {to_seconds(run.now_ns):.0f} s there is left: {', '.join(left) or 'nothing of the tasks'}"
             if not run.operator.is_content:
                 what += "; the operator still waits for answers"
-            self._break(TeamInvariant.UNSETTLED, "", what)
+            self._break(TeamRule.UNSETTLED, "", what)
         for task_id in run.operator.acknowledged:
             self._judge_end(task_id)
         self.broken += broken_in(self._as_recorded)
@@ -200,7 +200,7 @@ class Judge:
     def raised(self, error: Exception) -> None:
         """A step of a component has raised."""
         what = f"a step raised {type(error).__name__}: {error}"
-        self._break(TeamInvariant.FAILED, what, what)
+        self._break(TeamRule.FAILED, what, what)
 
     # -- tasks ----------------------------------------------------------------------------------------------
 
@@ -210,7 +210,7 @@ class Judge:
             return
         if event.task != asked:
             self._break(
-                TeamInvariant.CHANGED,
+                TeamRule.CHANGED,
                 task_id,
                 f"{task_id} is not as it was submitted: {_difference(asked, event.task)}",
             )
@@ -220,10 +220,10 @@ class Judge:
                 self._ends[task_id] = (event.state, event.change, now_ns)
             elif known[1] != event.change:
                 self._break(
-                    TeamInvariant.DONE_TWICE, task_id, f"{task_id} has ended as {known[0]}, and again as {event.state}"
+                    TeamRule.DONE_TWICE, task_id, f"{task_id} has ended as {known[0]}, and again as {event.state}"
                 )
         elif task_id in self._ends and event.change > self._ends[task_id][1]:
-            self._break(TeamInvariant.DONE_TWICE, task_id, f"{task_id} has ended and is {event.state} again")
+            self._break(TeamRule.DONE_TWICE, task_id, f"{task_id} has ended and is {event.state} again")
 
     def _look_at_work(self, now_ns: int) -> None:
         run = self._run
@@ -242,7 +242,7 @@ class Judge:
             could_hear_ns = max(self._ends[task_id][2], self._cut_ns[name]) if task_id in self._ends else now_ns
             if now_ns - could_hear_ns > to_ns(STRAY_S + self._slack_s):
                 what = f"{name} works on {task_id}, which ended {to_seconds(now_ns - self._ends[task_id][2]):.1f} s ago"
-                self._break(TeamInvariant.DONE_TWICE, task_id, what)
+                self._break(TeamRule.DONE_TWICE, task_id, what)
         for task_id in [task for task in self._overlap_s if len(robots.get(task, ())) < 2]:
             del self._overlap_s[task_id]
         for task_id, names in robots.items():
@@ -250,7 +250,7 @@ class Judge:
                 self._overlap_s[task_id] = self._overlap_s.get(task_id, 0.0) + TICK_S
                 if self._overlap_s[task_id] > OVERLAP_S + self._slack_s:
                     what = f"{' and '.join(names)} are both at {task_id} for more than {OVERLAP_S + self._slack_s:g} s"
-                    self._break(TeamInvariant.TWO_AT_ONCE, task_id, what)
+                    self._break(TeamRule.TWO_AT_ONCE, task_id, what)
 
     def _hears_coordinator(self, robot: str) -> bool:
         """Whether both hear each other."""
@@ -270,17 +270,17 @@ class Judge:
             return
         self._said.add(end)
         if (robot, since_ns) in self._done.get(status.id, ()):
-            self._break(TeamInvariant.DONE_TWICE, status.id, f"{robot} has done {status.id} twice")
+            self._break(TeamRule.DONE_TWICE, status.id, f"{robot} has done {status.id} twice")
         self._done.setdefault(status.id, []).append((robot, since_ns))
         if now_ns + self._skew_ns < self._asked[status.id].earliest_ns:
-            self._break(TeamInvariant.TOO_EARLY, status.id, f"{status.id} is done before its earliest time")
+            self._break(TeamRule.TOO_EARLY, status.id, f"{status.id} is done before its earliest time")
 
     def _judge_begin(self, task_id: str, robot: str) -> None:
         asked = self._asked.get(task_id)
         for name in () if asked is None else asked.after:
             is_known = self._run.script.consensus and name in self._done  # robots know, and no coordinator tells yet
             if not is_known and (name not in self._ends or self._ends[name][0] is not TaskState.DONE):
-                self._break(TeamInvariant.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
+                self._break(TeamRule.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
 
     def _judge_end(self, task_id: str) -> None:
         coordinator = self._run.coordinator
@@ -288,9 +288,9 @@ class Judge:
         if coordinator is None or (record is not None and task_id not in self._ends):
             return  # told already, as not settled
         if why := self._promises.why_broken(task_id, record):
-            self._break(TeamInvariant.LOST, task_id, why)
+            self._break(TeamRule.LOST, task_id, why)
         elif self._ends[task_id][0] is TaskState.DONE and task_id not in self._done:
-            self._break(TeamInvariant.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")
+            self._break(TeamRule.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")
 
     # -- robots ---------------------------------------------------------------------------------------------
 
@@ -303,16 +303,14 @@ class Judge:
             if stands or name in run.drained:
                 self._unhealthy_ns[name] = now_ns
             elif body.is_empty and now_ns - self._unhealthy_ns[name] > to_ns(HEALTHY_S):
-                self._break(
-                    TeamInvariant.STRANDED, name, f"{name} has run out of energy {body.home_m:.1f} m from a charger"
-                )
+                self._break(TeamRule.STRANDED, name, f"{name} has run out of energy {body.home_m:.1f} m from a charger")
 
     def _judge_refusals(self, refused: Refused) -> None:
         for one in () if refused is msgspec.UNSET else refused:
             if one.code == RefusalCode.FAILED:
-                self._break(TeamInvariant.FAILED, f"{one.topic} {one.key}", one.words)
+                self._break(TeamRule.FAILED, f"{one.topic} {one.key}", one.words)
 
-    def _break(self, invariant: TeamInvariant, subject: str, what: str) -> None:
+    def _break(self, invariant: TeamRule, subject: str, what: str) -> None:
         if (invariant, subject) not in self._told:
             self._told.add((invariant, subject))
             self.broken.append(Broken(invariant, round(to_seconds(self._run.now_ns), 1), what))

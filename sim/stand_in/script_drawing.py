@@ -11,7 +11,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
-from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, ScriptedTask
+from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskInput
 
 SIDE_M = 20.0
 SPAN_S = 40.0
@@ -77,8 +77,8 @@ def _absence(seed: int, names: list[str]) -> FaultSpec | None:
     return FaultSpec(robot=COORDINATOR, kind=kind, at_s=at_s, until_s=until_s, side=side)
 
 
-def _tasks(rng: np.random.Generator) -> tuple[ScriptedTask, ...]:
-    orders: list[ScriptedTask] = []
+def _tasks(rng: np.random.Generator) -> tuple[TaskInput, ...]:
+    orders: list[TaskInput] = []
     for number in range(1, int(rng.integers(7, 16))):
         at_s = 0.5 if rng.random() < 0.4 else _time(rng, 0.5, SPAN_S)
         earlier = [order.task.id for order in orders if order.at_s <= at_s and order.task.deadline_ns is None]
@@ -95,7 +95,7 @@ def _tasks(rng: np.random.Generator) -> tuple[ScriptedTask, ...]:
             deadline_ns=None if deadline_s is None else to_ns(round(deadline_s, 1)),
             after=after,
         )
-        orders.append(ScriptedTask(at_s=at_s, task=task))
+        orders.append(TaskInput(at_s=at_s, task=task))
     return tuple(orders)
 
 

@@ -24,7 +24,7 @@ RECENT_NS = to_ns(5.0)
 """What another frame reported longer ago than this is not taken with a measurement."""
 
 
-class BatteryQuantity(StrEnum):
+class PackValue(StrEnum):
     """What a signal carries, and in which unit."""
 
     VOLTAGE_V = "voltage V"
@@ -50,10 +50,10 @@ class BatteryQuantity(StrEnum):
 
 
 _SCALES = {
-    BatteryQuantity.VOLTAGE_MV: (1e-3, 0.0),
-    BatteryQuantity.CURRENT_MA: (1e-3, 0.0),
-    BatteryQuantity.SOC_PERCENT: (1e-2, 0.0),
-    BatteryQuantity.TEMPERATURE_K: (1.0, -273.15),
+    PackValue.VOLTAGE_MV: (1e-3, 0.0),
+    PackValue.CURRENT_MA: (1e-3, 0.0),
+    PackValue.SOC_PERCENT: (1e-2, 0.0),
+    PackValue.TEMPERATURE_K: (1.0, -273.15),
 }
 
 
@@ -61,7 +61,7 @@ class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """One frame, with the signals in it that are of use, by name."""
 
     frame: SignalName
-    signals: Annotated[dict[SignalName, BatteryQuantity], Meta(min_length=1, max_length=SIGNALS_MAX)]
+    signals: Annotated[dict[SignalName, PackValue], Meta(min_length=1, max_length=SIGNALS_MAX)]
 
 
 class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -76,9 +76,9 @@ class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         BatteryFrame(
             frame="BatteryStatus",
             signals={
-                "voltage_v": BatteryQuantity.VOLTAGE_V,
-                "current_a": BatteryQuantity.CURRENT_A,
-                "temperature_c": BatteryQuantity.TEMPERATURE_C,
+                "voltage_v": PackValue.VOLTAGE_V,
+                "current_a": PackValue.CURRENT_A,
+                "temperature_c": PackValue.TEMPERATURE_C,
             },
         ),
     )

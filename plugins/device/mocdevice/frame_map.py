@@ -41,7 +41,7 @@ class SignalUnit(StrEnum):
         }.get(self, 1.0)
 
 
-class EncoderMeasure(StrEnum):
+class Counted(StrEnum):
     """What an encoder signal carries."""
 
     COUNTS = "counts"
@@ -108,7 +108,7 @@ class FrameMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         FrameSignals(frame="WheelEncoders", signals=("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")),
     )
     """Frames that are received, in any order; together they are the counts. `units` are for `measure = "speed"`."""
-    measure: EncoderMeasure = EncoderMeasure.COUNTS
+    measure: Counted = Counted.COUNTS
     stop: StopFrame = StopFrame(frame="Stop", values={"latched": 0})
     status: StatusFrame = StatusFrame(frame="MotorStatus")
     counter: str = "counter"

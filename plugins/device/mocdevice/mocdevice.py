@@ -14,7 +14,7 @@ import msgspec
 from robrain.algorithms.navigation.wheel_bases import Ackermann
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.frame_map import EncoderMeasure, FrameMap, FrameSignals
+from robrain.plugins.device.mocdevice.frame_map import Counted, FrameMap, FrameSignals
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
 from robrain.plugins.device.mocdevice.odometry import Counting
 from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc, signal_frames
@@ -61,7 +61,7 @@ class WheelFrames:
 
     def __init__(self, wanted: FrameMap, commands: int, wheels: int, wheel_radius_m: float) -> None:
         dbc = read_dbc(wanted.dbc)
-        is_speed = wanted.measure is EncoderMeasure.SPEED
+        is_speed = wanted.measure is Counted.SPEED
 
         def codecs(what: str, frame: str, signals: tuple[str, ...]) -> list[Codec]:
             try:

@@ -12,7 +12,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.managed_plugin import WAITS_S
-from robrain.agent.lifecycle.transitions import TransitionStep
+from robrain.agent.lifecycle.transitions import Effect
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.links.inbox import Inbox
@@ -199,7 +199,7 @@ def test_nothing_steps_after_the_end(start):
 @pytest.fixture
 def stuck_robot(start, monkeypatch):
     monkeypatch.setattr(live_drive, "JOIN_TIMEOUT_S", 0.5)
-    monkeypatch.setitem(WAITS_S, TransitionStep.ASK, 0.5)
+    monkeypatch.setitem(WAITS_S, Effect.ASK, 0.5)
     robot = start("stuck", "counter")
     stuck = robot.plugin("stuck")
     until(lambda: stuck.stuck)

@@ -8,7 +8,7 @@ import pytest
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.lifecycle.transitions import TRANSITIONS, TransitionRefused, TransitionStep, Trigger, transition
+from robrain.agent.lifecycle.transitions import TRANSITIONS, Effect, TransitionRefused, Trigger, transition
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import PluginState
 from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL
@@ -89,7 +89,7 @@ def test_every_pair_is_done_as_the_table_says_or_refused_in_words(house, state, 
     buzzer.apply(trigger, "told to")
     assert buzzer.state is to
     assert buzzer.why == (why if to is state and not steps else "told to")
-    if TransitionStep.DISCARD in steps or TransitionStep.LEAVE in steps:
+    if Effect.DISCARD in steps or Effect.LEAVE in steps:
         assert buzzer.instance is None
 
 
@@ -113,7 +113,7 @@ def test_each_row_that_stops_a_plugin_gives_back_what_it_holds():
         steps for (state, _), (to, steps) in TRANSITIONS.items() if state in RUNNING and to not in (state, *RUNNING)
     ]
     assert stopped
-    assert all(steps.count(TransitionStep.RELEASE) == 1 for steps in stopped)
+    assert all(steps.count(Effect.RELEASE) == 1 for steps in stopped)
 
 
 class Counts:

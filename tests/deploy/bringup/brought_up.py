@@ -7,7 +7,7 @@ import msgspec
 
 from robrain import Scenario
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions, patched
-from robrain.deploy.bringup.findings import BringUpFinding, BringUpReport, FindingKind
+from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, FindingKind
 from robrain.deploy.bringup.operator import Operator, YesOperator
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import World
@@ -69,7 +69,7 @@ class BroughtUp:
         robot_file = msgspec.structs.replace(robot_file, parameters=patched(parameters, patch))
         self.path = folder / "r1.toml"
         self.path.write_bytes(b"# hers\n" + msgspec.toml.encode(robot_file))
-        self.told: list[BringUpFinding] = []
+        self.told: list[CheckFinding] = []
 
     def run(self, wanted: BringUpOptions, operator: Operator | None = None) -> BringUpReport:
         with LockstepBench(self.world) as bench:

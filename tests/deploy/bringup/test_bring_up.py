@@ -9,7 +9,7 @@ import pytest
 
 from robrain.agent.host.robot_file import read_robot_file
 from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, BringUpOptions, check_square
-from robrain.deploy.bringup.findings import BringUpStep, FindingKind
+from robrain.deploy.bringup.findings import CheckStep, FindingKind
 from robrain.deploy.bringup.floor_checks import look
 from robrain.sim.world.robot_specs import RobotType
 from tests.deploy.bringup.brought_up import AIR, FLOOR, IMU, LEFT, NO_SQUARES, RIGHT, BroughtUp, value, wrong
@@ -28,10 +28,7 @@ def test_five_faults_at_once_are_named_and_corrected_and_a_second_run_has_nothin
     robot = BroughtUp(
         tmp_path,
         {
-            "mocdevice": {
-                "frames": {"encoders": [RIGHT | {"signs": [-1]}, LEFT]},
-                "base": {"wheel_radius_m": 0.06},
-            },
+            "mocdevice": {"frames": {"encoders": [RIGHT | {"signs": [-1]}, LEFT]}, "base": {"wheel_radius_m": 0.06}},
             "imu": {"upside_down": False},
         },
         {"lidar": {"mount": {"yaw_rad": math.pi / 2}}, "imu": IMU | {"upside_down": True}},
@@ -50,22 +47,8 @@ def test_five_faults_at_once_are_named_and_corrected_and_a_second_run_has_nothin
     again = robot.run(BringUpOptions(rounds=0))
     assert again.is_good
     assert [finding.step for finding in again.findings if finding.ok] == [
-        *(
-            BringUpStep.BUS,
-            BringUpStep.WHEELS,
-            BringUpStep.SCALE,
-            BringUpStep.HALT,
-            BringUpStep.WATCHDOG,
-            BringUpStep.BATTERY,
-        ),
-        *(
-            BringUpStep.SCAN,
-            BringUpStep.ORIENTATION,
-            BringUpStep.DISTANCE,
-            BringUpStep.TURN,
-            BringUpStep.TURN,
-            BringUpStep.IMU,
-        ),
+        *(CheckStep.BUS, CheckStep.WHEELS, CheckStep.SCALE, CheckStep.HALT, CheckStep.WATCHDOG, CheckStep.BATTERY),
+        *(CheckStep.SCAN, CheckStep.ORIENTATION, CheckStep.DISTANCE, CheckStep.TURN, CheckStep.TURN, CheckStep.IMU),
     ]
     assert robot.path.read_bytes() == corrected
     assert again.backup == ""
@@ -161,10 +144,10 @@ def test_wrong_sizes_of_the_base_and_a_unit_that_is_not_there_are_named_and_the_
     base = tomllib.loads(robot.path.read_text())["parameters"]["mocdevice"]["base"]
     assert base["track_m"] == pytest.approx(0.3, rel=0.01)
     assert base["wheel_radius_ratio"] == pytest.approx(1.0, rel=0.004)
-    (imu,) = [finding for finding in report.findings if finding.step is BringUpStep.IMU]
+    (imu,) = [finding for finding in report.findings if finding.step is CheckStep.IMU]
     assert "no measurement for 0.5" in imu.sentence
     # Driven again with what the first squares have corrected.
-    squares = [finding for finding in report.findings if finding.step is BringUpStep.SQUARE]
+    squares = [finding for finding in report.findings if finding.step is CheckStep.SQUARE]
     assert squares[-1].found is FindingKind.RIGHT
     assert squares[-1].values["largest_m"] < 0.3 * squares[0].values["largest_m"]
 
@@ -211,7 +194,7 @@ def test_frames_with_another_checksum_are_named_as_refused(tmp_path: Path) -> No
 def test_a_person_who_sees_no_wheel_turn_ends_it(tmp_path: Path) -> None:
     report = BroughtUp(tmp_path, {}).run(BringUpOptions(), Watcher(lambda question, default: "n"))
     assert wrong(report) == {FindingKind.WHEEL_SILENT}
-    assert report.findings[-1].step is BringUpStep.WHEELS
+    assert report.findings[-1].step is CheckStep.WHEELS
 
 
 @pytest.mark.slow
@@ -231,7 +214,7 @@ def test_what_the_file_says_wrongly_of_the_mounting_of_a_lidar_on_a_serial_line_
     }
     assert wrong(report) == named
     turned = [finding.step for finding in report.findings if finding.found is FindingKind.SCAN_TURNED]
-    assert turned == [BringUpStep.ORIENTATION]  # at once, not in two steps
+    assert turned == [CheckStep.ORIENTATION]  # at once, not in two steps
     said = tomllib.loads(robot.path.read_text())["parameters"]
     assert said["scan"]["mount"]["yaw_rad"] == pytest.approx(1.0, abs=0.02)
     assert said["scan"]["mount"]["x_m"] == pytest.approx(0.1, abs=0.01)
@@ -267,9 +250,7 @@ def test_a_base_in_another_plugin_that_takes_velocities_alone_is_measured_on_the
     before = robot.path.read_bytes()
     report = robot.run(BringUpOptions(rounds=0, write=False))
     assert wrong(report) == {FindingKind.WRONG_WHEEL_RADIUS}
-    assert report.findings[-1].step is BringUpStep.TURN
+    assert report.findings[-1].step is CheckStep.TURN
     assert robot.path.read_bytes() == before
     assert sorted(tmp_path.iterdir()) == [place, robot.path]
-    assert [finding.step for finding in report.findings if finding.found is FindingKind.NOT_DONE] == [
-        BringUpStep.WHEELS
-    ]
+    assert [finding.step for finding in report.findings if finding.found is FindingKind.NOT_DONE] == [CheckStep.WHEELS]

@@ -10,7 +10,7 @@ import pytest
 
 from robrain.deploy.bringup.bench import BASE, DRIVER, MotionFailed, MotionRunner
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
-from robrain.deploy.bringup.findings import BringUpStep, FindingKind
+from robrain.deploy.bringup.findings import CheckStep, FindingKind
 from robrain.deploy.bringup.motions import RAMP_S, Rest, StopMode, Straight, TurnOnSpot, TurnWheels
 from robrain.deploy.bringup.wheel_checks import check_bus
 from robrain.plugins.device.mocdevice.frame_map import Checksum
@@ -150,7 +150,7 @@ def test_wheels_that_turn_on_without_commands_are_named_and_the_robot_is_not_put
         report = BringUp(robot.path, bench, person, robot.told.append).run(BringUpOptions())
         seen += wheels(bench)
     assert wrong(report) == {FindingKind.NO_WATCHDOG}
-    assert report.findings[-1].step is BringUpStep.WATCHDOG
+    assert report.findings[-1].step is CheckStep.WATCHDOG
     assert len(person.told) == 1
     assert not any(seen)
 
@@ -168,9 +168,9 @@ def test_wheels_that_turn_on_in_silence_are_stopped_at_the_end_of_the_motion(ben
 def test_a_halt_is_timed_by_the_wheels_and_the_host_goes_on_afterwards(tmp_path: Path) -> None:
     report = BroughtUp(tmp_path, {}).run(AIR)
     assert value(report, FindingKind.RIGHT, "rate_hz") > 0.0
-    (halted,) = [finding for finding in report.findings if finding.step is BringUpStep.HALT]
+    (halted,) = [finding for finding in report.findings if finding.step is CheckStep.HALT]
     assert 0.0 <= halted.values["stopped_after_s"] < 0.1
-    (silent,) = [finding for finding in report.findings if finding.step is BringUpStep.WATCHDOG]
+    (silent,) = [finding for finding in report.findings if finding.step is CheckStep.WATCHDOG]
     assert 0.15 < silent.values["stopped_after_s"] < 0.3
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Differential
-from robrain.deploy.bringup.findings import BringUpFinding, FindingKind
+from robrain.deploy.bringup.findings import CheckFinding, FindingKind
 from robrain.deploy.bringup.motions import EncoderSample, Motion, Record, StopMode, TurnWheels
 from robrain.deploy.bringup.operator import YesOperator
 from robrain.deploy.bringup.wheel_checks import (
@@ -66,11 +66,11 @@ class Told:
         return self._battery
 
 
-def halted(bench: Told) -> BringUpFinding:
+def halted(bench: Told) -> CheckFinding:
     return check_halt(bench, BASE)  # type: ignore[arg-type]
 
 
-def silent(bench: Told) -> BringUpFinding:
+def silent(bench: Told) -> CheckFinding:
     return check_watchdog(bench, BASE)  # type: ignore[arg-type]
 
 
@@ -82,7 +82,7 @@ def silent(bench: Told) -> BringUpFinding:
     ],
 )
 def test_wheels_that_turn_on_for_too_long_after_a_halt_or_the_last_command_end_bring_up(
-    check: Callable[[Told], BringUpFinding], most_s: float, ending: StopMode, bad: FindingKind
+    check: Callable[[Told], CheckFinding], most_s: float, ending: StopMode, bad: FindingKind
 ) -> None:
     for runs_on_s, expected in (
         (0.0, FindingKind.RIGHT),
@@ -98,11 +98,11 @@ def test_wheels_that_turn_on_for_too_long_after_a_halt_or_the_last_command_end_b
         assert (finding.ok, finding.stops) == ((True, False) if expected is FindingKind.RIGHT else (False, True))
 
 
-def wheels(share: float, bench: Told | None = None) -> list[BringUpFinding]:
+def wheels(share: float, bench: Told | None = None) -> list[CheckFinding]:
     """With encoders of which each also counts this share of the other wheel's turn."""
     bench = bench or Told(lambda motion: (
         motion.speeds_rad_s[0] + share * motion.speeds_rad_s[1],
-        motion.speeds_rad_s[1] + share * motion.speeds_rad_s[0],
+        motion.speeds_rad_s[1] + share * motion.speeds_rad_s[0]
     ))  # fmt: skip
     return check_wheels(bench, YesOperator(), BASE)  # type: ignore[arg-type]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from robrain.agent.host.robot_file import read_robot_file
-from robrain.deploy.bringup.findings import BringUpStep, FindingKind
+from robrain.deploy.bringup.findings import CheckStep, FindingKind
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice, WheelFrames
 
 ROOT = Path(__file__).parents[3]
@@ -28,5 +28,5 @@ def test_its_file_is_a_robots_file_and_its_frames_are_those_of_a_dbc_file(tmp_pa
 def test_it_has_all_steps_and_only_findings_that_there_are() -> None:
     rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", PAGE, re.MULTILINE)
     named = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
-    assert {step.value for step in BringUpStep} <= named
-    assert named - {step.value for step in BringUpStep} <= {found.value for found in FindingKind}
+    assert {step.value for step in CheckStep} <= named
+    assert named - {step.value for step in CheckStep} <= {found.value for found in FindingKind}

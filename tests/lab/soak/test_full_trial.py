@@ -22,18 +22,18 @@ from robrain.sim.stand_in.fault_script import (
     FaultScript,
     HaltOrder,
     PointRobot,
-    ScriptedTask,
     ScriptRadio,
+    TaskInput,
     script_json,
 )
-from robrain.sim.stand_in.judge import TeamInvariant
+from robrain.sim.stand_in.judge import TeamRule
 
 NEAR = Task(id="t1", kind="visit", place=Point2D(7.2, 3.0), service_s=12.0)
 CUT_OFF = FaultScript(
     seed=1,
     scenario="arena_small",
     robots=(PointRobot(name="r1", place=Point2D(1.0, 1.0)), PointRobot(name="r2", place=Point2D(6.0, 3.0))),
-    tasks=(ScriptedTask(at_s=0.5, task=NEAR),),
+    tasks=(TaskInput(at_s=0.5, task=NEAR),),
     faults=(FaultSpec(robot="r2", kind=FaultKind.PARTITION, at_s=4.0, until_s=14.0),),
 )
 """r2 is cut off while it is at the only task."""
@@ -67,7 +67,7 @@ def test_a_robot_that_charges_does_a_task_that_nobody_else_can_do_as_soon_as_it_
             PointRobot(name="r2", place=Point2D(7.025, 2.825), soc=0.86),
         ),
         chargers=(Point2D(0.625, 0.625), Point2D(5.825, 5.425)),
-        tasks=(ScriptedTask(at_s=1.5, task=Task(id="t6", kind="visit", place=Point2D(1.825, 1.425))),),
+        tasks=(TaskInput(at_s=1.5, task=Task(id="t6", kind="visit", place=Point2D(1.825, 1.425))),),
         faults=(
             FaultSpec(robot="r2", kind=FaultKind.KILL, at_s=17.3),
             FaultSpec(robot="r1", kind=FaultKind.CAN_SHORTED, at_s=9.1, until_s=11.4),
@@ -93,14 +93,14 @@ def test_a_forgotten_cancellation_is_found() -> None:
     late = msgspec.structs.replace(NEAR, earliest_ns=12_000_000_000)
     script = msgspec.structs.replace(
         CUT_OFF,
-        tasks=(ScriptedTask(at_s=0.5, task=late),),
+        tasks=(TaskInput(at_s=0.5, task=late),),
         cancels=(CancelOrder(at_s=3.0, task="t1"),),
         faults=(killed,),
     )
     assert run_full_trial(script).broken == ()
     with planted("cancelled_forgotten"):
         broken = run_full_trial(script).broken
-    assert TeamInvariant.LOST in {one.invariant for one in broken}
+    assert TeamRule.LOST in {one.invariant for one in broken}
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from robrain.algorithms.energy.battery_report import BatteryReport
-from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, BatteryQuantity, Bm2
+from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, Bm2, PackValue
 from robrain.plugins.device.bm2.interface import ASSUMED_C
 from robrain.plugins.device.mocdevice.frame_map import Checksum
 from robrain.protocol.can.frames import codec
@@ -35,12 +35,8 @@ SIG_VALTYPE_ 851 volts : 1;
 """
 MAP: dict[str, Any] = {
     "frames": (
-        BatteryFrame(
-            frame="Pack1", signals={"voltage": BatteryQuantity.VOLTAGE_MV, "current": BatteryQuantity.CURRENT_MA}
-        ),
-        BatteryFrame(
-            frame="Pack2", signals={"soc": BatteryQuantity.SOC_PERCENT, "kelvin": BatteryQuantity.TEMPERATURE_K}
-        ),
+        BatteryFrame(frame="Pack1", signals={"voltage": PackValue.VOLTAGE_MV, "current": PackValue.CURRENT_MA}),
+        BatteryFrame(frame="Pack2", signals={"soc": PackValue.SOC_PERCENT, "kelvin": PackValue.TEMPERATURE_K}),
     ),
     "counter": "",
     "checksum": Checksum.NONE,
@@ -95,7 +91,7 @@ def test_what_one_frame_no_longer_tells_is_not_taken_with_another(tmp_path: Path
 
 
 def test_a_battery_without_a_current_says_that_it_is_guessed(tmp_path: Path) -> None:
-    frames = (BatteryFrame(frame="Pack1", signals={"voltage": BatteryQuantity.VOLTAGE_MV}),)
+    frames = (BatteryFrame(frame="Pack1", signals={"voltage": PackValue.VOLTAGE_MV}),)
     found = Pack(tmp_path, frames=frames, current_a=2.0).hear("Pack1", voltage=24_000)
     assert (found.current_a, found.temperature_c) == (2.0, ASSUMED_C)
     assert found.report == BatteryReport(has_current=False)
@@ -108,11 +104,7 @@ def test_charge_beyond_all_is_none(tmp_path: Path) -> None:
 
 
 def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> None:
-    frames = (
-        BatteryFrame(
-            frame="Pack2", signals={"kelvin": BatteryQuantity.TEMPERATURE_K, "soc": BatteryQuantity.VOLTAGE_V}
-        ),
-    )
+    frames = BatteryFrame(frame="Pack2", signals={"kelvin": PackValue.TEMPERATURE_K, "soc": PackValue.VOLTAGE_V})
     pack = Pack(tmp_path, frames=frames, checksum=Checksum.SUM8)
     assert pack.hear("Pack2", soc=20.0, kelvin=300.0).voltage_v == pytest.approx(20.0)
     pack.put(850, b"\x01\x02\x03\x07", is_extended=False)
@@ -127,7 +119,7 @@ def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_what_is_no_number_is_rejected(tmp_path: Path, value: float) -> None:
-    pack = Pack(tmp_path, frames=(BatteryFrame(frame="Float", signals={"volts": BatteryQuantity.VOLTAGE_V}),))
+    pack = Pack(tmp_path, frames=(BatteryFrame(frame="Float", signals={"volts": PackValue.VOLTAGE_V}),))
     assert pack.hear("Float", volts=24.5).voltage_v == 24.5
     assert pack.hear("Float", volts=value).voltage_v == 24.5
     assert pack.device.it.rejected() == 1
@@ -153,12 +145,9 @@ def test_the_robertinos_battery_is_the_default_and_reports_nothing_more() -> Non
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"frames": (BatteryFrame(frame="None", signals={"x": BatteryQuantity.VOLTAGE_V}),)}, "there is no frame None"),
-        ({"frames": (BatteryFrame(frame="Pack1", signals={"x": BatteryQuantity.VOLTAGE_V}),)}, "has no signal x"),
-        (
-            {"frames": (BatteryFrame(frame="Pack1", signals={"current": BatteryQuantity.CURRENT_A}),)},
-            "expected a voltage",
-        ),
+        ({"frames": (BatteryFrame(frame="None", signals={"x": PackValue.VOLTAGE_V}),)}, "there is no frame None"),
+        ({"frames": (BatteryFrame(frame="Pack1", signals={"x": PackValue.VOLTAGE_V}),)}, "has no signal x"),
+        ({"frames": (BatteryFrame(frame="Pack1", signals={"current": PackValue.CURRENT_A}),)}, "expected a voltage"),
         ({"frames": (MAP["frames"][0], MAP["frames"][0])}, "each quantity once"),
         ({"counter": "alive"}, "has no signal alive"),
         ({"current_a": math.nan}, "expected a finite current_a"),

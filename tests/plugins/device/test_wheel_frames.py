@@ -13,7 +13,7 @@ from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
-    EncoderMeasure,
+    Counted,
     FrameMap,
     FrameSignals,
     SignalUnit,
@@ -175,7 +175,7 @@ def own(tmp_path: Path) -> FrameMap:
         dbc=str(path),
         commands=(FrameSignals(frame="Speeds", signals=("left", "right"), units=(SignalUnit.M_S,), signs=(-1, 1)),),
         encoders=(FrameSignals(frame="Measured", signals=("left", "right"), signs=(-1, 1)),),
-        measure=EncoderMeasure.SPEED,
+        measure=Counted.SPEED,
         stop=StopFrame(frame="Halt", values={"brake": 1}),
         status=StatusFrame(frame=""),
         counter="alive",
@@ -227,7 +227,7 @@ def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_spee
 ) -> None:
     Path(own.dbc).write_text(DBC + TWO_ENCODERS)
     encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
-    changes = {"encoders": encoders, "measure": EncoderMeasure.COUNTS, "checksum": Checksum.NONE}
+    changes = {"encoders": encoders, "measure": Counted.COUNTS, "checksum": Checksum.NONE}
     device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
     device.it.activate()
     for number in range(12):
@@ -248,7 +248,7 @@ def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_spee
 def test_frames_of_different_rounds_are_never_put_together(own: FrameMap) -> None:
     Path(own.dbc).write_text(DBC + TWO_ENCODERS)
     encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
-    changes = {"encoders": encoders, "measure": EncoderMeasure.COUNTS, "checksum": Checksum.NONE}
+    changes = {"encoders": encoders, "measure": Counted.COUNTS, "checksum": Checksum.NONE}
     device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
     device.it.activate()
     for number in range(14):

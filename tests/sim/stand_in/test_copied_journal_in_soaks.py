@@ -12,7 +12,7 @@ from robrain.protocol.clock import to_ns
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Process
-from robrain.sim.stand_in.judge import Judge, TeamInvariant
+from robrain.sim.stand_in.judge import Judge, TeamRule
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.stand_in_run import StandInRun
 from robrain.sim.stand_in.trial import quiet
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 OTHER = "stand_by"
 KILL = FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0, until_s=1.0)
-JUDGED = {TeamInvariant.LOST, TeamInvariant.DONE_TWICE, TeamInvariant.TWO_AT_ONCE}
+JUDGED = {TeamRule.LOST, TeamRule.DONE_TWICE, TeamRule.TWO_AT_ONCE}
 SAME_END = re.compile(r"has ended as (\w+), and again as \1$")
 """The end of a task is published before the copy has it: a coordinator on the copy may note the same end once more."""
 NUMBER = 1_000_000

@@ -7,20 +7,14 @@ import msgspec
 import pytest
 
 from robrain.sim.faults.fault_spec import FaultKind
-from robrain.sim.stand_in.judge import Broken, Judge, TeamInvariant
+from robrain.sim.stand_in.judge import Broken, Judge, TeamRule
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.trial import quiet
 from tests.sim.stand_in.elected_team import ElectedRun, faults_of_sites
 
 pytestmark = pytest.mark.slow
 
-JUDGED = {
-    TeamInvariant.LOST,
-    TeamInvariant.DONE_TWICE,
-    TeamInvariant.TWO_AT_ONCE,
-    TeamInvariant.UNSETTLED,
-    TeamInvariant.FAILED,
-}
+JUDGED = {TeamRule.LOST, TeamRule.DONE_TWICE, TeamRule.TWO_AT_ONCE, TeamRule.UNSETTLED, TeamRule.FAILED}
 SAME_END = re.compile(r"has ended as (\w+), and again as \1$")
 """The end of a task is published before the copy has it: the next coordinator may note the same end once more."""
 OF_PROCESSES = (FaultKind.KILL, FaultKind.HANG, FaultKind.PARTITION)

@@ -14,19 +14,19 @@ from robrain.sim.stand_in.fault_script import (
     FaultScript,
     HaltOrder,
     PointRobot,
-    ScriptedTask,
     ScriptError,
+    TaskInput,
     read_script,
     script_json,
 )
-from robrain.sim.stand_in.judge import Judge, TeamInvariant
+from robrain.sim.stand_in.judge import Judge, TeamRule
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
 from robrain.sim.stand_in.trial import run_trial
 
 
 def visit(name, x_m, y_m, at_s=0.0, **fields):
-    return ScriptedTask(at_s=at_s, task=Task(id=name, kind="visit", place=Point2D(x_m, y_m), service_s=2.0, **fields))
+    return TaskInput(at_s=at_s, task=Task(id=name, kind="visit", place=Point2D(x_m, y_m), service_s=2.0, **fields))
 
 
 TEAM = FaultScript(
@@ -196,7 +196,7 @@ def test_the_judge_sees_a_task_that_is_at_two_robots():
             body.work = ("t1", 1)
         judge.step()
     run.close()
-    assert [broken.invariant for broken in judge.broken] == [TeamInvariant.TWO_AT_ONCE]
+    assert [broken.invariant for broken in judge.broken] == [TeamRule.TWO_AT_ONCE]
 
 
 def test_the_judge_sees_a_task_that_the_book_has_lost():
@@ -209,7 +209,7 @@ def test_the_judge_sees_a_task_that_the_book_has_lost():
     run.coordinator.tasks.journal._db.execute("DELETE FROM task WHERE id = 't2'")
     broken = judge.finish()
     run.close()
-    assert (TeamInvariant.LOST, "t2 was acknowledged, and the coordinator does not know it") in [
+    assert (TeamRule.LOST, "t2 was acknowledged, and the coordinator does not know it") in [
         (one.invariant, one.what) for one in broken
     ]
 
@@ -255,7 +255,7 @@ def test_the_judge_notes_a_task_that_was_done_though_another_followed_it_in_the_
     script = with_faults(tasks=tuple(visit(f"t{n}", 0.0, 0.0, at_s=0.1) for n in range(1, 6)), method=AUCTION)
     script = msgspec.structs.replace(
         script,
-        tasks=tuple(ScriptedTask(at_s=0.1, task=msgspec.structs.replace(o.task, service_s=0.0)) for o in script.tasks),
+        tasks=tuple(TaskInput(at_s=0.1, task=msgspec.structs.replace(o.task, service_s=0.0)) for o in script.tasks),
     )
     verdict = run_trial(script)
     assert (verdict.broken, verdict.done) == ((), 5)

@@ -11,7 +11,7 @@ from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.stand_in.fault_script import FaultScript, PointRobot, ScriptedTask
+from robrain.sim.stand_in.fault_script import FaultScript, PointRobot, TaskInput
 from robrain.sim.stand_in.script_drawing import draw_script
 from robrain.sim.stand_in.stand_in_run import StandInRun
 from robrain.sim.stand_in.trial import quiet, run_trial
@@ -39,7 +39,7 @@ def orphaned(seed, robots=5, tasks=30, loss=0.0):
         robots=tuple(PointRobot(name=name, place=place()) for name in names),
         chargers=(Point2D(0.0, 0.0), Point2D(20.0, 20.0)),
         tasks=tuple(
-            ScriptedTask(at_s=0.5, task=Task(id=f"t{number:02}", kind="visit", place=place(), service_s=2.0))
+            TaskInput(at_s=0.5, task=Task(id=f"t{number:02}", kind="visit", place=place(), service_s=2.0))
             for number in range(tasks)
         ),
         faults=tuple(faults),
