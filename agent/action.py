@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 from robrain.agent.event import Event
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
+from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
 
 if TYPE_CHECKING:
     from robrain.agent.environment import Environment

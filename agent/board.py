@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from robrain.algorithms.localization.gyro_yaw import YawRate
 from robrain.algorithms.localization.rssi_ranging import RssiSample
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 if TYPE_CHECKING:  # a robot that does not navigate has no arrays
     from robrain.algorithms.mapping.local_map import ArenaFix, LocalMap, LocalPose

@@ -9,10 +9,10 @@ from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
 from robrain.agent.event import Event, EventsOutside, EventView, Mailbox
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.table.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.table.topic import Q, Query, R
 
 if TYPE_CHECKING:  # imported when a plugin asks for them
     import can

@@ -17,10 +17,10 @@ import msgspec
 import zenoh
 
 from robrain.agent.text_form import encode_own
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.robots import plugin_messages
+from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.robots import plugin_messages
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
 
 logger = logging.getLogger(__name__)
 

@@ -17,15 +17,15 @@ import msgspec
 
 from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.cost_messages import TaskCost
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.cost_messages import TaskCost
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.offers import (
+from robrain.protocol.reasons.offers import (
     DoneJustNow,
     EpochAhead,
     EpochOld,
@@ -34,8 +34,8 @@ from robrain.protocol.wire.reasons.offers import (
     Occupied,
     OfferRefusal,
 )
-from robrain.protocol.wire.reasons.reason import Said, told
-from robrain.protocol.wire.reasons.robots import NotHeard
+from robrain.protocol.reasons.reason import Said, told
+from robrain.protocol.reasons.robots import NotHeard
 
 FIRST_SUMMARIES = 2
 """Those of the first second of a coordinator."""

@@ -10,8 +10,7 @@ from typing import Protocol
 import msgspec
 
 from robrain.protocol.clock import to_ns
-from robrain.protocol.model.ranges import Count, Name, Stamp
-from robrain.protocol.wire.messages.robots.witness_messages import (
+from robrain.protocol.messages.robots.witness_messages import (
     Holders,
     Led,
     WitnessRefusal,
@@ -19,7 +18,8 @@ from robrain.protocol.wire.messages.robots.witness_messages import (
     WitnessRequest,
     WitnessWish,
 )
-from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.model.ranges import Count, Name, Stamp
 
 logger = logging.getLogger(__name__)
 

@@ -53,12 +53,7 @@ from robrain.algorithms.navigation.right_of_way import (
 )
 from robrain.algorithms.numeric.elementary_functions import arctan2, exp, log, log10
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.algorithms.numeric.small_linear_algebra import (
-    innovation_squared,
-    inverse,
-    least_solution,
-    quadratic_form,
-)
+from robrain.algorithms.numeric.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
 from robrain.algorithms.slam.map_overlap import MapMatcher
 from robrain.algorithms.slam.mates_in_scan import mate_circles, wall_ends
 from robrain.algorithms.slam.place_search import search_places

@@ -5,15 +5,15 @@ import msgspec
 from robrain.client.members import no_robot
 from robrain.client.transport import Transport
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.robots.host_messages import HaltRequest, ResumeRequest
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import wrong_team
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.robots.host_messages import HaltRequest, ResumeRequest
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.wire.table.host_queries import HOST_HALT, HOST_RESUME
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
 
 WAIT_S = 2.0
 """How long robots have to confirm."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from robrain.client.team import Team
-from robrain.protocol.wire.answers.hand_control import DRIVER, HandControl
+from robrain.protocol.answers.hand_control import DRIVER, HandControl
 
 CALL_TIMEOUT_S = 0.5
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import TypeVar
 
 from robrain.client.transport import Transport
-from robrain.protocol.wire.answers.asked import BY
+from robrain.protocol.answers.asked import BY
+from robrain.protocol.table.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.table.topic import Q, Query, R
 
 T = TypeVar("T")
 

@@ -5,9 +5,9 @@ import time
 import msgspec
 
 from robrain.protocol.errors import NobodyThere
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import wrong_team
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 GATHER_S = 0.5
 """How long to look again for missing members: a token may take this long to reach its hub."""

@@ -9,13 +9,13 @@ from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.topic import Q, Query, R
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import teams_there, wrong_team
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
-from robrain.protocol.wire.table.topic import Q, Query, R
-from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
 
 ASK_TIMEOUT_S = 2.0
 ROBOT_TIMEOUT_S = 10.0

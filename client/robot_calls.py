@@ -11,10 +11,9 @@ from robrain.client.listening import Listening
 from robrain.client.members import no_robot, team_found
 from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
 from robrain.client.transport import Transport
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd
-from robrain.protocol.wire.messages.robots.host_messages import (
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.action_messages import ActionEnd
+from robrain.protocol.messages.robots.host_messages import (
     CommandRequest,
     HoldRequest,
     LoadRequest,
@@ -22,8 +21,8 @@ from robrain.protocol.wire.messages.robots.host_messages import (
     ReloadRequest,
     UnloadRequest,
 )
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord, PluginInfo
-from robrain.protocol.wire.table.host_queries import (
+from robrain.protocol.messages.robots.plugin_messages import LogRecord, PluginInfo
+from robrain.protocol.table.host_queries import (
     HOST_COMMAND,
     HOST_HOLD,
     HOST_LOAD,
@@ -31,7 +30,8 @@ from robrain.protocol.wire.table.host_queries import (
     HOST_RELOAD,
     HOST_UNLOAD,
 )
-from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
+from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
+from robrain.protocol.wire.endpoint import Endpoint
 
 PluginInfos = list[PluginInfo]
 FINISHED = "finished"

@@ -6,12 +6,12 @@ from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.keys import check_name
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import wrong_team
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_STATE
 
 WAIT_S = 2.0
 """How long a first message is waited for, live."""

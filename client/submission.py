@@ -10,9 +10,9 @@ import msgspec
 from robrain.client.errors import BadTask
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission
 
 TaskName = str | TaskRecord
 """A task by its id, or by any record of it."""

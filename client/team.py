@@ -28,20 +28,14 @@ from robrain.client.transport import PATIENCE_S, LiveTransport, Transport, opera
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
-from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.messages.tasks.task_messages import (
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import (
     KnownKind,
     TaskDryRun,
     TaskFilter,
@@ -50,10 +44,15 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
-from robrain.protocol.wire.messages.team.standing_messages import LeadRequest, RobotRemoval
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.messages.team.standing_messages import LeadRequest, RobotRemoval
+from robrain.protocol.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT
+from robrain.protocol.table.topics import (
     COORDINATOR_LEFT_NOW,
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
@@ -67,6 +66,7 @@ from robrain.protocol.wire.table.topics import (
     TASK_SUBMIT,
     TASK_WHY,
 )
+from robrain.protocol.wire.endpoint import Endpoint
 
 
 class CoordinatorAnswers:

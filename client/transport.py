@@ -12,10 +12,10 @@ import zenoh
 from robrain.protocol.clock import Clock, LiveClock
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.links.radio_network import EVERYWHERE
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, OPERATOR
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import nobody_answers, team_endpoints
-from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.protocol.wire.session import open_session
 
 PATIENCE_S = 5.0

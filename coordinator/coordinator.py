@@ -38,25 +38,24 @@ from robrain.coordinator.team.left_desk import LeftDesk
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.record_guard import RecordGuard
+from robrain.protocol.border.refusals import RefusalCode, most_refused
 from robrain.protocol.clock import clock_difference_ns, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.team.standing_messages import LeadReply, LeadRequest, RobotRemoval
+from robrain.protocol.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.record_guard import RecordGuard
-from robrain.protocol.wire.border.refusals import RefusalCode, most_refused
-from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, RobotRemoval
-from robrain.protocol.wire.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
-from robrain.protocol.wire.reasons.idle import IdleReason, TeamHalted
-from robrain.protocol.wire.reasons.offers import OfferRefusal, PositionLost
-from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.reasons.tasks import MinorityHeard, NotLeading, TakesOver
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.reasons.idle import IdleReason, TeamHalted
+from robrain.protocol.reasons.offers import OfferRefusal, PositionLost
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons.tasks import MinorityHeard, NotLeading, TakesOver
+from robrain.protocol.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
+from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -66,6 +65,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 DECIDE_PERIOD_NS = to_ns(0.5)
 SUMMARY_PERIOD_NS = to_ns(0.5)

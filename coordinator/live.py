@@ -10,7 +10,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.standing.candidate import Elected
-from robrain.protocol.wire.answers.collector import CalmCollector
+from robrain.protocol.answers.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.02

@@ -30,19 +30,19 @@ if TYPE_CHECKING:
     from robrain.plugins.device.scan.interface import ScanInterface
     from robrain.plugins.unit.driver.interface import DriverInterface
     from robrain.protocol.errors import BadName, CallError, ErrorCode, NobodyThere, RobrainError, WireError
+    from robrain.protocol.messages.motes.mote_messages import MoteReading
+    from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
+    from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+    from robrain.protocol.messages.robots.robot_messages import RobotState
+    from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+    from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
+    from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
+    from robrain.protocol.messages.team.team_messages import TeamState
     from robrain.protocol.model.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
     from robrain.protocol.model.tasks.objective import Objective
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
     from robrain.protocol.model.tasks.task import Task, TaskState
-    from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-    from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
-    from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-    from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-    from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-    from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
-    from robrain.protocol.wire.messages.tasks.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
-    from robrain.protocol.wire.messages.team.team_messages import TeamState
     from robrain.recording.export.recording import Recording, load
     from robrain.recording.reader.two_runs import TwoRuns, compare_runs
     from robrain.sim.errors import ScenarioError
@@ -172,14 +172,14 @@ _NAMES = {
     "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
     "robrain.protocol.model.tasks.task": ("Task", "TaskState"),
     "robrain.protocol.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
-    "robrain.protocol.wire.messages.motes.mote_messages": ("MoteReading",),
-    "robrain.protocol.wire.messages.tasks.offer_messages": ("TaskEvent",),
-    "robrain.protocol.wire.messages.tasks.plan_messages": ("PlanningStatus",),
-    "robrain.protocol.wire.messages.robots.action_messages": ("ActionEnd", "ActionId", "ActionProgress", "Outcome"),
-    "robrain.protocol.wire.messages.robots.plugin_messages": ("PluginInfo",),
-    "robrain.protocol.wire.messages.robots.robot_messages": ("RobotState",),
-    "robrain.protocol.wire.messages.tasks.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
-    "robrain.protocol.wire.messages.team.team_messages": ("TeamState",),
+    "robrain.protocol.messages.motes.mote_messages": ("MoteReading",),
+    "robrain.protocol.messages.tasks.offer_messages": ("TaskEvent",),
+    "robrain.protocol.messages.tasks.plan_messages": ("PlanningStatus",),
+    "robrain.protocol.messages.robots.action_messages": ("ActionEnd", "ActionId", "ActionProgress", "Outcome"),
+    "robrain.protocol.messages.robots.plugin_messages": ("PluginInfo",),
+    "robrain.protocol.messages.robots.robot_messages": ("RobotState",),
+    "robrain.protocol.messages.tasks.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
+    "robrain.protocol.messages.team.team_messages": ("TeamState",),
     "robrain.sim.world.chargers": ("ChargerSpec",),
     "robrain.sim.firmware.disturbance": ("DisturbanceSpec", "PauseSpec"),
     "robrain.sim.world.link_spec": ("LinkSpec", "PartitionSpec"),

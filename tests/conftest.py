@@ -15,8 +15,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import LiveClock, VirtualClock
-from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
 from robrain.protocol.wire.session import open_lockstep_session, open_session

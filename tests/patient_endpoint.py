@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from robrain.protocol.table.topic import Query
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.table.topic import Query
 from tests.waiting import PATIENCE_S
 
 

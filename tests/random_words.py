@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.protocol.wire.reasons.idle import BordersLeft
-from robrain.protocol.wire.reasons.reason import Reason
+from robrain.protocol.reasons.idle import BordersLeft
+from robrain.protocol.reasons.reason import Reason
 
 MISLEADING = (
     "reserve", "lacks 7 J", "not the energy", "waits until r1 has charged", "no visit", "it is back", "r1", "refused",

@@ -11,7 +11,7 @@ from robrain.agent.errors import PluginBusy
 from robrain.agent.plugin import PluginState
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.keys import check_name
-from robrain.protocol.wire.messages.robots.host_messages import Lease
+from robrain.protocol.messages.robots.host_messages import Lease
 
 
 class ExternalLeases:

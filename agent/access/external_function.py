@@ -20,8 +20,8 @@ from robrain.agent.text_form import (
 )
 from robrain.agent.type_text import signature_text
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.robots.action_messages import ActionId
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo
+from robrain.protocol.messages.robots.action_messages import ActionId
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo
 
 TYPE_WORDS: Mapping[Any, str] = {type(None): "void", float: "double", str: "string", Any: "any"}
 """Types whose word in a signature is not their name; the paper's words are those of C++."""

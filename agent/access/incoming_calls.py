@@ -13,12 +13,12 @@ from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import log_error
 from robrain.agent.task_desk import Accept, LetGo, TaskWork
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.reasons.offers import PluginOut
 from robrain.protocol.wire.endpoint import Handler, Request
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.offers import PluginOut
 
 logger = logging.getLogger(__name__)
 

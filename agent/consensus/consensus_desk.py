@@ -18,14 +18,9 @@ from robrain.algorithms.consensus.negotiation import Negotiation
 from robrain.algorithms.consensus.route_scorer import task_scorer
 from robrain.protocol.clock import clock_difference_ns, to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.model.ballot import Heard
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.stock_kinds import RECHARGE
-from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.consensus_messages import (
     ABSENT_MAX,
     ENDED_TOLD,
     DropTaken,
@@ -35,11 +30,16 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
     TaskTaken,
     TeamBallot,
 )
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.offers import Occupied
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.model.ballot import Heard
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import RECHARGE
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons.offers import Occupied
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
+from robrain.protocol.wire.endpoint import Endpoint
 
 NUMBERS_MAX = 64
 """Ballots with the claim whose echo counts, the last ones (chosen: 6 s and more)."""

@@ -3,7 +3,7 @@
 from collections.abc import Container
 
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.wire.messages.tasks.consensus_messages import ABSENT_MAX, TaskHeldBy, TeamBallot
+from robrain.protocol.messages.tasks.consensus_messages import ABSENT_MAX, TaskHeldBy, TeamBallot
 
 GOES_ON_S = 120.0
 """How long a robot goes on with what it has begun while it hears neither a coordinator nor half of the team; its tasks

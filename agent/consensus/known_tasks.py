@@ -8,13 +8,10 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.protocol.answers.later import Later
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
-from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.answers.later import Later
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
+from robrain.protocol.messages.tasks.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_MAX,
     CANCELLED_MAX,
@@ -24,9 +21,12 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
     TaskDropped,
     TaskKnown,
 )
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.wire.table.topics import TASK_LIST
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.topics import TASK_LIST
+from robrain.protocol.wire.endpoint import Endpoint
 
 TASKS_MAX = 256
 """Open tasks that a robot remembers (chosen: what is allocated at a time)."""

@@ -13,10 +13,7 @@ from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.keys import check_name
-from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.stock_kinds import check_parameters
-from robrain.protocol.model.tasks.task import BadParameters, Task
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
+from robrain.protocol.messages.tasks.consensus_messages import (
     ASKED_BYTES_MAX,
     ASKED_TOLD,
     CANCELLED_MAX,
@@ -27,7 +24,10 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
     TaskKnown,
     TaskTaken,
 )
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.stock_kinds import check_parameters
+from robrain.protocol.model.tasks.task import BadParameters, Task
 
 Known = Mapping[str, Sequence[TaskKnown]]
 """What each of the other robots has said that it has."""

@@ -37,24 +37,23 @@ from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
 from robrain.agent.task_desk import TaskDesk
 from robrain.agent.witness import Witness, WitnessInMemory, WitnessMemory
+from robrain.protocol.border.refusals import Refusals, most_refused
 from robrain.protocol.clock import Clock, clock_difference_ns, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.thinning import Thinning
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
+from robrain.protocol.messages.robots.witness_messages import WitnessReply, WitnessRequest
+from robrain.protocol.messages.tasks.consensus_messages import DropTaken, TaskTaken
+from robrain.protocol.messages.tasks.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.wire.border.refusals import Refusals, most_refused
-from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.thinning import Thinning
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
-from robrain.protocol.wire.messages.robots.witness_messages import WitnessReply, WitnessRequest
-from robrain.protocol.wire.messages.tasks.consensus_messages import DropTaken, TaskTaken
-from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.reasons.offers import RobotHalted, StoodStill
-from robrain.protocol.wire.table.host_queries import HOST_VERB
-from robrain.protocol.wire.table.standing_topics import ROBOT_WITNESS
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.reasons.offers import RobotHalted, StoodStill
+from robrain.protocol.table.host_queries import HOST_VERB
+from robrain.protocol.table.standing_topics import ROBOT_WITNESS
+from robrain.protocol.table.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,
@@ -67,6 +66,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_SUBMIT,
     ROBOT_WITHDRAW,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
 
 logger = logging.getLogger(__name__)
 

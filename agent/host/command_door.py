@@ -9,7 +9,7 @@ from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.manifest import COMMAND
 from robrain.agent.transform import Transform
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
 
 class TextCommandDoor:

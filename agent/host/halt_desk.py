@@ -16,16 +16,16 @@ from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_log import RobotLog
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.worker_pool import WorkerPool
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.host_messages import HaltAnswer
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import HaltStatus, TeamState
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.table.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.host_messages import HaltAnswer
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.team_messages import HaltStatus, TeamState
-from robrain.protocol.wire.table.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT
 
 logger = logging.getLogger(__name__)
 

@@ -18,15 +18,15 @@ from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.plugin_traceback import log_error, plugin_traceback
+from robrain.protocol.access.vouching import vouch_request
+from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.errors import BadName, CallError, ErrorCode
+from robrain.protocol.messages.robots import host_messages as ask
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.registry import Registry, UnknownEntry
-from robrain.protocol.wire.access.vouching import vouch_request
-from robrain.protocol.wire.border.refusals import RefusalCode
+from robrain.protocol.table import host_queries as rows
+from robrain.protocol.table.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Endpoint, Request
-from robrain.protocol.wire.messages.robots import host_messages as ask
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.table import host_queries as rows
-from robrain.protocol.wire.table.topic import Q, Query, R
 
 logger = logging.getLogger(__name__)
 

@@ -52,10 +52,10 @@ from robrain.agent.plugin_traceback import raised
 from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
 from robrain.algorithms.localization.gyro_yaw import YawRate
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.table.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topic import Query
 
 BYTES_PER_MB = 1_000_000
 

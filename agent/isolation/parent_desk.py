@@ -16,8 +16,8 @@ from robrain.agent.isolation.contract import Contract
 from robrain.agent.isolation.messages import CallRequest, Get, Log, Notify, Observe, ReadBoard, Request, Use, WriteBoard
 from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.plugin import Plugin
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 
 logger = logging.getLogger(__name__)
 

@@ -38,9 +38,9 @@ from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import raised
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.host_messages import Lease
+from robrain.protocol.table.topic import Query
 from robrain.protocol.wire.endpoint import Handler, Serve
-from robrain.protocol.wire.messages.robots.host_messages import Lease
-from robrain.protocol.wire.table.topic import Query
 
 logger = logging.getLogger(__name__)
 

@@ -13,9 +13,9 @@ from robrain.agent.isolation.isolated_plugin import isolated_class, try_import
 from robrain.agent.manifest import Manifest, where_and_what
 from robrain.agent.plugin import Behavior, Plugin
 from robrain.protocol.keys import check_name
+from robrain.protocol.messages.robots.plugin_messages import TaskKind
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.robots.plugin_messages import TaskKind
-from robrain.protocol.wire.schema.struct_schema import parameters_schema
+from robrain.protocol.schema.struct_schema import parameters_schema
 
 _CODE = "_robrain_plugin_code"
 """Attribute of a plugin's class that keeps its `PluginCode`: all robots of a process share it."""

@@ -10,9 +10,9 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.plugin import PluginState
 from robrain.agent.plugin_traceback import where_raised
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.messages.robots.robot_messages import PluginFault
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, TaskKind
-from robrain.protocol.wire.messages.robots.robot_messages import PluginFault
 
 
 def plugin_faults(registry: PluginRegistry) -> list[PluginFault]:

@@ -18,7 +18,7 @@ from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_traceback import causes_of
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import Clock
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 
 MakeEnvironment = Callable[[PluginRequests], Environment]
 

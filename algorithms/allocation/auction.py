@@ -37,7 +37,7 @@ from robrain.algorithms.allocation.problem import (
     make_arrays,
 )
 from robrain.algorithms.allocation.repair import keep
-from robrain.protocol.wire.reasons.plans import LeftOut
+from robrain.protocol.reasons.plans import LeftOut
 
 FEW_PAIRS = 2000
 """Up to this many robots × jobs all three auctions are held; beyond, only one, to keep the first plan fast."""

@@ -25,7 +25,7 @@ from robrain.algorithms.allocation.insertion import (
 )
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Problem, ProblemArrays, VisitArrays
-from robrain.protocol.wire.reasons.plans import AfterUndone, LeftOut, NotTogether, WaitsForItself
+from robrain.protocol.reasons.plans import AfterUndone, LeftOut, NotTogether, WaitsForItself
 
 NOISE = (0.6, 1.4)
 """Range of the random factor applied to bids (chosen)."""

@@ -19,7 +19,7 @@ from robrain.algorithms.allocation.problem import (
     Worker,
     make_arrays,
 )
-from robrain.protocol.wire.reasons.plans import (
+from robrain.protocol.reasons.plans import (
     AfterUndone,
     BestTogether,
     Cheapest,
@@ -34,7 +34,7 @@ from robrain.protocol.wire.reasons.plans import (
     NotWorthIt,
     OnlyThese,
 )
-from robrain.protocol.wire.reasons.robots import (
+from robrain.protocol.reasons.robots import (
     BelowReserve,
     Crowded,
     Forbidden,

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
-from robrain.protocol.wire.reasons.plans import LeftOut
+from robrain.protocol.reasons.plans import LeftOut
 
 
 class Stop(msgspec.Struct, frozen=True):

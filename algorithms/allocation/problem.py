@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.tasks.objective import Objective as Objective
-from robrain.protocol.wire.reasons.plans import HolderLacks, HolderLacksEnergy, HolderLate
+from robrain.protocol.reasons.plans import HolderLacks, HolderLacksEnergy, HolderLate
 
 LARGEST = 1e25
 """Upper bound of joules and of seconds; sums and products of them stay finite."""

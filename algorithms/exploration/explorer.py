@@ -24,7 +24,7 @@ from robrain.algorithms.exploration.strategies import Strategy
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_gap_cells
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.reasons.idle import (
+from robrain.protocol.reasons.idle import (
     IdleReason,
     LacksRange,
     NothingUnknown,
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.navigation.frontier import Frontier
     from robrain.algorithms.navigation.navigation_grid import NavigationGrid
+    from robrain.protocol.messages.maps.left_messages import ExplorationLeft
     from robrain.protocol.model.grid_geometry import GridGeometry
-    from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
 
 
 SAME_M = 0.6

@@ -2,8 +2,8 @@
 
 import math
 
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 PLENTY_M = 1000.0
 """A robot that can go this far can go anywhere (chosen: no floor of a team has two such paths)."""

@@ -18,9 +18,9 @@ from robrain.algorithms.navigation.clearance_kernels import clearance_m
 from robrain.algorithms.navigation.frontier import Frontier, find_frontiers, frontier_mask, touching
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.algorithms.navigation.path_planning import nearest_traversable
+from robrain.protocol.messages.maps.left_messages import REGIONS_MAX, ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.wire.messages.maps.left_messages import REGIONS_MAX, ExplorationLeft, LeftKind, RegionLeft
 
 LEAST_AREA_M2 = 0.5
 """Smaller regions are not reported unless a robot could stand in them: corners, floor between the legs of furniture."""

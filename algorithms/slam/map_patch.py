@@ -13,11 +13,11 @@ from robrain.algorithms.slam.shared_patches import TOLD_SHARE, step_of
 from robrain.algorithms.slam.submap import SURFACE, SURFACES_MAX, TILE_CELLS, Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.clock import clock_difference_ns
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, cells_of, geometry_of, inflated
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, cells_of, geometry_of, inflated
 
 NS_PER_MS = 1_000_000
 STAMP_MODULUS_MS = 1 << 31

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.slam.submap import SubmapStep
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 
 TOLD_SHARE = 0.75
 """Share of an atlas that messages may fill; the rest is reserved for the robot's own cells."""

@@ -26,19 +26,19 @@ from robrain.coordinator.planning.snapshot_builder import HOMEWARD, is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import TaskState, parameters_of
+from robrain.protocol.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut, WaitsForCharger
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons.robots import BelowReserve, LacksEnergy
+from robrain.protocol.reasons.tasks import ChargedEnough, ChargedForTasks, TaskReason, WaitsForCharge
+from robrain.protocol.table.topics import COORDINATOR_CHARGES
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
-from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut, WaitsForCharger
-from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.reasons.robots import BelowReserve, LacksEnergy
-from robrain.protocol.wire.reasons.tasks import ChargedEnough, ChargedForTasks, TaskReason, WaitsForCharge
-from robrain.protocol.wire.table.topics import COORDINATOR_CHARGES
 
 USUAL_W = 20.0
 """Of a charger at which no robot has charged yet. Chosen: a dock of 40 W, less a small robot's own consumption and the

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from robrain.coordinator.planning.chargers import Charger
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.reasons.plans import ChargersTaken
+from robrain.protocol.reasons.plans import ChargersTaken
 
 SAME_M = 0.6
 """Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""

@@ -2,7 +2,7 @@
 
 from robrain.algorithms.exploration import reach
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.robot_messages import RobotState
 
 
 def reach_m(state: RobotState, policy: PlanningPolicy) -> float:

@@ -10,10 +10,10 @@ from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.team.standing_messages import JournalBackup
 from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.messages.team.standing_messages import JournalBackup
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_BACKUP
 
 logger = logging.getLogger(__name__)
 

@@ -46,8 +46,8 @@ from robrain.coordinator.journal.salvage import (
     write_anew,
 )
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, migrate
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask, KnownRobot
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask, KnownRobot
 
 logger = logging.getLogger(__name__)
 

@@ -9,9 +9,9 @@ import msgspec
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.mending import read_reason, read_record
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED
+from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
 
 logger = logging.getLogger(__name__)
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.old_form import upgraded
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.tasks import TaskReason
+from robrain.protocol.reasons.tasks import TaskReason
 
 FIELDS_MAX = 16
 """Maximum number of invalid fields per task."""

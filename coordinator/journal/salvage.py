@@ -10,8 +10,8 @@ import msgspec
 
 from robrain.coordinator.journal.journal_copy import journal_copy
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, migrate
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.old_form import upgraded_json
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 logger = logging.getLogger(__name__)
 

@@ -17,21 +17,21 @@ from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
 from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import COLLECT, RELAY, REPLACE, Collect, Relay, Replace, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard, TaskReason
+from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.payloads import PERIOD_MAX_S
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
-from robrain.protocol.wire.border.record_guard import RecordGuard
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
-from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard, TaskReason
-from robrain.protocol.wire.table.topics import MOTE_DUTY, MOTE_READING
 
 BY = "mote field"
 AGAIN_NS = to_ns(60.0)

@@ -31,21 +31,20 @@ from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
 from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.reading_sieve import taken_at_ns
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.reading_sieve import taken_at_ns
-from robrain.protocol.wire.border.record_guard import RecordGuard
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.wire.reasons.robots import (
+from robrain.protocol.reasons.robots import (
     BatteryTooSmall,
     Dearer,
     FarFromPlace,
@@ -55,8 +54,9 @@ from robrain.protocol.wire.reasons.robots import (
     SpeaksSeldom,
     ToldNothing,
 )
-from robrain.protocol.wire.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
-from robrain.protocol.wire.table.topics import MOTE_DUTY, MOTE_READING
+from robrain.protocol.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
+from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
+from robrain.protocol.wire.endpoint import Endpoint
 
 LISTEN_S = 0.2
 """After a reading, for whatever a robot has to say."""

@@ -1,11 +1,11 @@
 """The motes of the team, as their readings tell: where they are, what they sense, who hears them."""
 
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.border.reading_sieve import taken_at_ns
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.border.reading_sieve import taken_at_ns
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.reasons.robots import CarrierOut, MoteSilent, RobotReason
+from robrain.protocol.reasons.robots import CarrierOut, MoteSilent, RobotReason
 
 MOTES_MAX = 4096
 PERIODS = 3.0

@@ -6,10 +6,10 @@ from contextlib import suppress
 import msgspec
 
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ROBOT_CALL
 
 ASK_AGAIN_NS = to_ns(30.0)
 """Interval of the queries: a robot learns of chargers by tasks to recharge (chosen)."""

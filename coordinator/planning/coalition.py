@@ -18,13 +18,13 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Roster
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.wire.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
-from robrain.protocol.wire.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
+from robrain.protocol.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
+from robrain.protocol.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid

@@ -6,12 +6,12 @@ from robrain.coordinator.planning.energy_budget import UNKNOWN
 from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskRecord
-from robrain.protocol.wire.reasons.reason import told
+from robrain.protocol.reasons.reason import told
 
 
 class DryRuns:

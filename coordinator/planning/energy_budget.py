@@ -13,9 +13,9 @@ import msgspec
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import Profile
 from robrain.coordinator.planning.snapshot import AfterCharge
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 
 UNKNOWN = Profile(start_j=0.0, j_per_m=30.0, s_per_m=2.0)
 """Of a robot that publishes no model: chosen, about that of a small robot of 15 W."""

@@ -3,15 +3,15 @@
 import math
 
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, parameters_of
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.wire.reasons.plans import NothingElse, ToCharge
-from robrain.protocol.wire.reasons.reason import told
+from robrain.protocol.reasons.plans import NothingElse, ToCharge
+from robrain.protocol.reasons.reason import told
 
 DETOUR = 1.5
 """Assumed ratio of path length to straight line where the length is unknown (chosen; robots assume the same)."""

@@ -6,8 +6,8 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.reasons.plans import LeftOut, NearestOut
-from robrain.protocol.wire.reasons.tasks import GaveUp, NeededFor, TaskReason
+from robrain.protocol.reasons.plans import LeftOut, NearestOut
+from robrain.protocol.reasons.tasks import GaveUp, NeededFor, TaskReason
 
 if TYPE_CHECKING:
     from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle

@@ -10,11 +10,11 @@ from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Problem
 from robrain.coordinator.planning.plan_passes import PlanFailure
 from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
-from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem, TaskDecision
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.wire.reasons.plans import LeftOut
-from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.reasons.tasks import TaskReason
+from robrain.protocol.messages.tasks.plan_messages import PlanProblem, TaskDecision
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.reasons.plans import LeftOut
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons.tasks import TaskReason
 
 if TYPE_CHECKING:
     from robrain.algorithms.allocation.explain import Decision

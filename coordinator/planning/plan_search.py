@@ -29,16 +29,16 @@ from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, STOCK_PASS
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import BuiltProblem, ask, greatest_radius_m, needed_m
 from robrain.coordinator.planning.snapshot import Floor, PlanningRobot, Snapshot
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.plan_messages import PlanProblem
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.tasks import CannotBePlanned, TaskReason
+from robrain.protocol.reasons.tasks import CannotBePlanned, TaskReason
 
 logger = logging.getLogger(__name__)
 

@@ -32,23 +32,18 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.reasons.plans import LeftOut
+from robrain.protocol.reasons.robots import RobotReason, WithOthers
+from robrain.protocol.reasons.tasks import NoPlan, PlanLeavesOut, TaskReason, ToBegin
+from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.plan_messages import (
-    ObjectiveRequest,
-    PlannedCharge,
-    PlanningStatus,
-    TaskDecision,
-)
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.plans import LeftOut
-from robrain.protocol.wire.reasons.robots import RobotReason, WithOthers
-from robrain.protocol.wire.reasons.tasks import NoPlan, PlanLeavesOut, TaskReason, ToBegin
-from robrain.protocol.wire.table.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 
 DRAINED_SHARE = 0.02
 """A robot that has used this share of its full battery more than planned triggers a new plan."""

@@ -12,13 +12,13 @@ from robrain.coordinator.planning.problem_codec import ProblemRecord, pack_ways
 from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, PlanningRobot, Snapshot, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
+from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
 
 
 class BuiltProblem(NamedTuple):

@@ -9,8 +9,8 @@ import msgspec
 from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.plan_search import solve
 from robrain.coordinator.planning.problem_codec import decode
-from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.wire.table.topics import TASK_PROBLEM
+from robrain.protocol.messages.tasks.plan_messages import PlanProblem
+from robrain.protocol.table.topics import TASK_PROBLEM
 from robrain.recording.reader.reading import read_messages
 
 Routes = tuple[tuple[str, tuple[str, ...]], ...]

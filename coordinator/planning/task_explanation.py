@@ -12,12 +12,12 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord, TaskWhy
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord, TaskWhy
-from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.reasons.robots import AtTask, Halted, LacksPlugins, RobotReason
-from robrain.protocol.wire.reasons.tasks import (
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons.robots import AtTask, Halted, LacksPlugins, RobotReason
+from robrain.protocol.reasons.tasks import (
     AfterOpen,
     AfterUnknown,
     HolderOut,

@@ -30,11 +30,11 @@ from msgspec import Meta
 from robrain.coordinator.rules.template import Values, check_template, fill, is_plain
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
+from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Duration, Metres, Name, PositiveDuration, Priority
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, Task
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
 
 RULES_MAX = 256
 BY = "rule:"

@@ -18,23 +18,23 @@ from robrain.coordinator.rules.template import Values, fill
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_requests import TaskRequests
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.border.record_guard import RecordGuard
+from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
-from robrain.protocol.wire.border.record_guard import RecordGuard
-from robrain.protocol.wire.border.refusals import RefusalCode
+from robrain.protocol.reasons.tasks import RuleEvent, RuleReading
+from robrain.protocol.table.topics import MOTE_READING, ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import Event
-from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.reasons.tasks import RuleEvent, RuleReading
-from robrain.protocol.wire.table.topics import MOTE_READING, ROBOT_EVENT
 
 INBOX_MAX = 2048
 """Readings and events in one step; of more the oldest are dropped."""

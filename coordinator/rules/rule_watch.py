@@ -8,8 +8,8 @@ from enum import IntEnum
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
 
 RUNS_MAX = 16
 """Older runs are forgotten."""

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from robrain.coordinator.standing.poll import Poll
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.robots.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
 
 POLL_NS = to_ns(1.5)
 """Time limit of one election (chosen)."""

@@ -15,8 +15,7 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.standing.mandate import Mandate
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.messages.team.standing_messages import (
+from robrain.protocol.messages.team.standing_messages import (
     ENTRIES_MAX,
     PAGE_TASKS,
     CopyRequest,
@@ -25,9 +24,10 @@ from robrain.protocol.wire.messages.team.standing_messages import (
     JournalPage,
     StandByState,
 )
-from robrain.protocol.wire.messages.team.team_messages import StandByStatus
-from robrain.protocol.wire.reasons.tasks import MinorityHeard
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL
+from robrain.protocol.messages.team.team_messages import StandByStatus
+from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.table.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL
+from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 logger = logging.getLogger(__name__)
 

@@ -20,11 +20,11 @@ from robrain.coordinator.standing.candidate import Candidate, Elected
 from robrain.coordinator.standing.poll import Poll
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
+from robrain.protocol.reasons.tasks import NotLeading, TakesOver
+from robrain.protocol.table.topics import COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
-from robrain.protocol.wire.reasons.tasks import NotLeading, TakesOver
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE
 
 logger = logging.getLogger(__name__)
 

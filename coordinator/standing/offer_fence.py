@@ -13,7 +13,7 @@ import logging
 from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.reasons.tasks import MinorityHeard
+from robrain.protocol.reasons.tasks import MinorityHeard
 
 logger = logging.getLogger(__name__)
 

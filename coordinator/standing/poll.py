@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from robrain.protocol.answers.later import Later
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.wire.answers.later import Later
+from robrain.protocol.messages.robots.witness_messages import WitnessRefusal, WitnessReply, WitnessRequest
+from robrain.protocol.table.standing_topics import ROBOT_WITNESS
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.robots.witness_messages import WitnessRefusal, WitnessReply, WitnessRequest
-from robrain.protocol.wire.table.standing_topics import ROBOT_WITNESS
 
 ASK_TIMEOUT_S = 0.5
 ASK_AGAIN_NS = to_ns(0.3)

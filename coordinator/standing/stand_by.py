@@ -16,20 +16,15 @@ from msgspec import UNSET, UnsetType
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.standing.candidate import Candidate, Elected
+from robrain.protocol.answers.later import Later
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.witness_messages import Led
+from robrain.protocol.messages.team.standing_messages import CopyRequest, JournalChanges, JournalPage, StandByState
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.wire.answers.later import Later
+from robrain.protocol.table.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.witness_messages import Led
-from robrain.protocol.wire.messages.team.standing_messages import (
-    CopyRequest,
-    JournalChanges,
-    JournalPage,
-    StandByState,
-)
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
 
 logger = logging.getLogger(__name__)
 

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
+from robrain.protocol.messages.message import JsonSchema
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import (
     COLLECT,
@@ -24,19 +26,10 @@ from robrain.protocol.model.tasks.stock_kinds import (
     check_parameters,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
+from robrain.protocol.reasons.reason import said, told
+from robrain.protocol.reasons.tasks import AfterEnded, DeadlinePassed, NobodyHasAll, Standing, TeamLacks, TooFewRobots
+from robrain.protocol.schema.announced_parameters import check_announced
 from robrain.protocol.tinyos.payloads import Quantity
-from robrain.protocol.wire.messages.message import JsonSchema
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.reason import said, told
-from robrain.protocol.wire.reasons.tasks import (
-    AfterEnded,
-    DeadlinePassed,
-    NobodyHasAll,
-    Standing,
-    TeamLacks,
-    TooFewRobots,
-)
-from robrain.protocol.wire.schema.announced_parameters import check_announced
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid

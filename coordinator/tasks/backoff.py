@@ -8,8 +8,8 @@ once be followed by the next task.
 from typing import NamedTuple
 
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
-from robrain.protocol.wire.reasons.offers import (
+from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.reasons.offers import (
     DoneJustNow,
     NeedsEnergy,
     Occupied,
@@ -18,7 +18,7 @@ from robrain.protocol.wire.reasons.offers import (
     RobotHalted,
     StoodStill,
 )
-from robrain.protocol.wire.reasons.robots import OutOfReach, Refused, RefusedOften, RobotReason, Unreachable
+from robrain.protocol.reasons.robots import OutOfReach, Refused, RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0

@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from robrain.coordinator.team.roster import Robot
+from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.answers.later import Later
+from robrain.protocol.reasons.robots import AnotherNearer, PositionUnknown, RobotReason
+from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.wire.reasons.robots import AnotherNearer, PositionUnknown, RobotReason
-from robrain.protocol.wire.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 
 logger = logging.getLogger(__name__)
 

@@ -23,11 +23,11 @@ import msgspec
 
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.robots import NotHeard
-from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
+from robrain.protocol.reasons.robots import NotHeard
+from robrain.protocol.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 
 FORGOTTEN_S = 1.0
 """A robot that does not report its assigned task for this long has lost it, for example in a restart."""

@@ -13,14 +13,14 @@ import msgspec
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import Clock
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.reason import said, told
-from robrain.protocol.wire.reasons.robots import Failed, Refused
-from robrain.protocol.wire.reasons.tasks import DoneBefore, RobotOut, TaskReason, Unreadable
+from robrain.protocol.reasons.reason import said, told
+from robrain.protocol.reasons.robots import Failed, Refused
+from robrain.protocol.reasons.tasks import DoneBefore, RobotOut, TaskReason, Unreadable
 
 ATTEMPTS = 3
 """Robots that must fail at a submitted task before it counts as failed (chosen)."""

@@ -11,12 +11,12 @@ import msgspec
 
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.topics import ROBOT_COSTS
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.cost_messages import CostsRequest, TaskCost
-from robrain.protocol.wire.table.topics import ROBOT_COSTS
 
 QUERY_TASKS_MAX = 256
 ANSWER_NS = to_ns(1.0)

@@ -19,22 +19,21 @@ from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.border.record_guard import RecordGuard
+from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
+from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
+from robrain.protocol.messages.tasks.offer_messages import TaskWithdrawal
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import LEASE_S, MEMBER_PREFIX, TaskState
-from robrain.protocol.wire.border.record_guard import RecordGuard
-from robrain.protocol.wire.border.refusals import RefusalCode
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, TaskStatus
-from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskWithdrawal
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.offers import OfferRefusal
-from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.reasons.robots import Failed, OutOfReach, Refused, RobotReason, Unreachable
-from robrain.protocol.wire.reasons.tasks import (
+from robrain.protocol.reasons.offers import OfferRefusal
+from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons.robots import Failed, OutOfReach, Refused, RobotReason, Unreachable
+from robrain.protocol.reasons.tasks import (
     DeadlinePassed,
     IsNext,
     LeaseRanOut,
@@ -43,7 +42,8 @@ from robrain.protocol.wire.reasons.tasks import (
     RobotOut,
     TaskReason,
 )
-from robrain.protocol.wire.table.topics import ROBOT_OFFER
+from robrain.protocol.table.topics import ROBOT_OFFER
+from robrain.protocol.wire.endpoint import Endpoint
 
 
 class HeldElsewhere:

@@ -15,11 +15,7 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import Clock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
-from robrain.protocol.wire.messages.tasks.task_messages import (
+from robrain.protocol.messages.tasks.task_messages import (
     TaskDryRun,
     TaskFilter,
     TaskRecord,
@@ -27,8 +23,11 @@ from robrain.protocol.wire.messages.tasks.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
-from robrain.protocol.wire.reasons.tasks import Cancelled, TaskReason
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons.tasks import Cancelled, TaskReason
+from robrain.protocol.table.topics import (
     TASK_CANCEL,
     TASK_DRY_RUN,
     TASK_GET,
@@ -37,6 +36,7 @@ from robrain.protocol.wire.table.topics import (
     TASK_SUBMIT,
     TASK_WHY,
 )
+from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
 
 T = TypeVar("T")
 

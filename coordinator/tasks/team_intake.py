@@ -5,11 +5,11 @@ from collections.abc import Callable
 import msgspec
 
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TeamBallot
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import TaskAsked, TeamBallot
-from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.reasons.tasks import Cancelled
+from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons.tasks import Cancelled
 
 
 def take_in(

@@ -7,12 +7,12 @@ import msgspec
 
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.message import JsonSchema
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.messages.tasks.task_messages import KnownKind
+from robrain.protocol.table.topics import ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.message import JsonSchema
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo, TaskKind
-from robrain.protocol.wire.messages.tasks.task_messages import KnownKind
-from robrain.protocol.wire.table.topics import ROBOT_PLUGINS
 
 ASK_AGAIN_NS = to_ns(10.0)
 """Plugins are loaded and unloaded while a robot runs (chosen)."""

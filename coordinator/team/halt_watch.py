@@ -6,15 +6,15 @@ The coordinator stops nobody: robots hear the halt themselves. It tells those th
 from typing import Any
 
 from robrain.coordinator.team.roster import Roster
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import HaltStatus
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.table.topics import COORDINATOR_HALT, HALT
 from robrain.protocol.wire.endpoint import Endpoint, Request
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.team_messages import HaltStatus
-from robrain.protocol.wire.table.topics import COORDINATOR_HALT, HALT
 
 TELL_AGAIN_NS = to_ns(0.1)
 """Between two summaries for a robot that has not heard of a halt. With two of three messages lost, nine of ten such

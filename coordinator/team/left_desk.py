@@ -4,11 +4,11 @@ from robrain.algorithms.exploration.explorer import Explorer, Scout
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
+from robrain.protocol.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.wire.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 
 PERIOD_NS = to_ns(5.0)
 """Least time from one look at the map to the next; each takes some tens of milliseconds."""

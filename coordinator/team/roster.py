@@ -10,14 +10,14 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.standing_messages import KnownRobot
+from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.standing_messages import KnownRobot
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary
+from robrain.protocol.reasons.idle import IdleReason
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons.robots import Gone, LostContact, NotHeard, Unavailable
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reasons.idle import IdleReason
-from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard, Unavailable
 
 logger = logging.getLogger(__name__)
 

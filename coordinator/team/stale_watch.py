@@ -4,8 +4,8 @@ import logging
 
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.reasons.reason import TopicStale
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.table.topics import ROBOT_STATE
 
 logger = logging.getLogger(__name__)
 

@@ -3,8 +3,8 @@
 from robrain.dashboard.html.html_words import NONE, text, tile
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.wire.messages.motes.mote_field_messages import GatewayCount, MoteFieldState
-from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.messages.motes.mote_field_messages import GatewayCount, MoteFieldState
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.recording.drawing.time_span import span_text
 
 WELL, POOR = 0.95, 0.8

@@ -2,7 +2,7 @@
 
 from robrain.dashboard.html.html_words import text
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.messages.maps.left_messages import RegionLeft
+from robrain.protocol.messages.maps.left_messages import RegionLeft
 
 ROWS = 20
 

@@ -24,8 +24,8 @@ from robrain.dashboard.state import headline
 from robrain.dashboard.state.alerts import Alert, AlertLevel, alerts_of
 from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.team.arena_messages import ArenaPreparation
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.team.arena_messages import ArenaPreparation
 from robrain.recording.drawing.natural_order import natural_key
 from robrain.recording.drawing.palette import battery_class, look_of, mote_class
 from robrain.recording.drawing.time_span import span_text

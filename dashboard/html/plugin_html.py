@@ -5,19 +5,11 @@ import math
 import msgspec
 
 from robrain.algorithms.localization.pose_accuracy import position_sigma_m
-from robrain.dashboard.html.html_words import (
-    NONE,
-    colored,
-    condition_html,
-    figure,
-    note,
-    text,
-    tile,
-)
+from robrain.dashboard.html.html_words import NONE, colored, condition_html, figure, note, text, tile
 from robrain.dashboard.html.panel_html import task_text
 from robrain.dashboard.state.robot_view import RobotView
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.recording.drawing.palette import battery_class, look_of
 from robrain.recording.drawing.time_span import span_text
 

@@ -2,18 +2,11 @@
 
 import re
 
-from robrain.dashboard.html.html_words import (
-    NONE,
-    clock_text,
-    figure,
-    note,
-    task_state_html,
-    text,
-)
+from robrain.dashboard.html.html_words import NONE, clock_text, figure, note, task_state_html, text
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskWhy
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskWhy
 from robrain.recording.drawing.time_span import span_text
 
 LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")

@@ -7,7 +7,7 @@ from robrain.dashboard.scene.merged_meshes import by_color, copies
 from robrain.dashboard.scene.meshes import Mesh, cube, diamond
 from robrain.dashboard.scene.scene_nodes import Labels, rows
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.messages.maps.left_messages import LeftKind, RegionLeft
+from robrain.protocol.messages.maps.left_messages import LeftKind, RegionLeft
 from robrain.recording.drawing import palette
 
 FRAME_M, FRAME_HEIGHT_M = 0.06, 0.04

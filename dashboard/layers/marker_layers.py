@@ -10,8 +10,8 @@ from robrain.dashboard.scene.scene_nodes import Labels, Rows, colors, rows, to_l
 from robrain.dashboard.state.focus import motes_in_focus
 from robrain.dashboard.state.robot_view import MoteView, RobotView
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.recording.drawing import palette
 
 FRONTIER_SIZE_M = 0.1

@@ -7,7 +7,7 @@ from robrain.dashboard.layers.layer import Layer
 from robrain.dashboard.scene.meshes import Mesh, circle, cube, join, prism
 from robrain.dashboard.scene.scene_nodes import Instances, colors, rows
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.messages.team.arena_messages import BodyKind, BodyTruth
+from robrain.protocol.messages.team.arena_messages import BodyKind, BodyTruth
 from robrain.recording.drawing import palette
 
 HEIGHTS_M = {BodyKind.DOOR: 0.45, BodyKind.MOVER: 0.4, BodyKind.PERSON: 0.8}

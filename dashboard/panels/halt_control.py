@@ -16,9 +16,9 @@ from robrain.dashboard.html.panel_html import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.panels.gui_values import set_visible
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import HALT
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topics import HALT
 
 WIDTH_PX = 290
 MARGIN_PX = 15

@@ -34,20 +34,14 @@ from robrain.dashboard.server.asker import QueryOutcome
 from robrain.dashboard.server.retry import Retry
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.messages.tasks.task_messages import (
-    KnownKind,
-    TaskRecord,
-    TaskRequest,
-    TaskSubmission,
-    TaskWhy,
-)
-from robrain.protocol.wire.schema.announced_parameters import check_announced
-from robrain.protocol.wire.table.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
+from robrain.protocol.schema.announced_parameters import check_announced
+from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 from robrain.recording.drawing.palette import HEAT, css
 
 CHART_PERIOD_S = 2.0

@@ -14,14 +14,14 @@ from robrain.dashboard.panels.replay_bar import ReplayBar
 from robrain.dashboard.server.asker import Asker, QueryOutcome, Then
 from robrain.dashboard.server.hand_pilot import HandPilot, driver_of
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.answers.hand_control import HandControl
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import KnownKind
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
-from robrain.protocol.wire.answers.hand_control import HandControl
+from robrain.protocol.schema.struct_schema import parameters_schema
+from robrain.protocol.table.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
-from robrain.protocol.wire.messages.tasks.task_messages import KnownKind
-from robrain.protocol.wire.schema.struct_schema import parameters_schema
-from robrain.protocol.wire.table.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 
 PLUGINS_S = 2.0
 PLANNING_S = 5.0

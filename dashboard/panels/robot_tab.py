@@ -23,11 +23,11 @@ from robrain.dashboard.panels.gui_values import on_choice, set_html, set_options
 from robrain.dashboard.panels.page_context import Page, PluginsOf
 from robrain.dashboard.server.asker import QueryOutcome
 from robrain.dashboard.server.hand_pilot import HandPilot, Velocity
-from robrain.protocol.wire.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
-from robrain.protocol.wire.table.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
-from robrain.protocol.wire.table.topic import Query
-from robrain.protocol.wire.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
+from robrain.protocol.table.topic import Query
+from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.recording.drawing.natural_order import natural_key
 
 HOLD_HZ = 40.0

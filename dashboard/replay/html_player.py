@@ -10,7 +10,7 @@ from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.replay.replay_index import MessageDecoder
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.wire.table.topics import ROBOT_MAP
+from robrain.protocol.table.topics import ROBOT_MAP
 from robrain.recording.errors import check_absent, writing
 from robrain.recording.replay.player import Player
 

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robrain.dashboard.state.robot_view import TRAIL_POINTS, RobotHealth
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.codec import BadPayload
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table import topics
-from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.table import topics
+from robrain.protocol.table.topic import Topic
 
 if TYPE_CHECKING:  # loads what reads recordings
     from robrain.recording.reader.reading import RecordedMessage

@@ -9,8 +9,8 @@ from typing import Any, Generic
 import zenoh
 
 from robrain.protocol.errors import RobrainError
+from robrain.protocol.table.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.table.topic import Q, Query, R
 
 WORKERS = 6
 WAITING_MAX = 64

@@ -13,11 +13,11 @@ from typing import Any
 import msgspec
 import zenoh
 
+from robrain.protocol.answers.hand_control import DRIVER, CallDriver, HandControl
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import RobrainError
-from robrain.protocol.wire.answers.hand_control import DRIVER, CallDriver, HandControl
+from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.table.topics import ROBOT_CALL
 
 HELD_S = 0.1
 """A button counts as released when its last hold event is older than this: a browser that hangs sends none."""

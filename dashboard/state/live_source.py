@@ -10,13 +10,13 @@ from concurrent.futures import ThreadPoolExecutor
 import zenoh
 
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.record_guard import RecordGuard
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.recording.drawing.map_view import ComposedMap
 
 MERGER = "robrain.algorithms.slam.map_patch"

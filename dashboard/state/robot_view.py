@@ -6,14 +6,14 @@ from enum import StrEnum
 
 from msgspec import UNSET
 
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotState
+from robrain.protocol.messages.team.arena_messages import RobotTruth, Scan
+from robrain.protocol.messages.team.recorder_messages import RecorderState
+from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import Event
-from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotState
-from robrain.protocol.wire.messages.team.arena_messages import RobotTruth, Scan
-from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary
-from robrain.protocol.wire.reasons.robots import Gone
+from robrain.protocol.reasons.robots import Gone
 from robrain.recording.drawing.robot_history import RobotHistory
 
 SILENT_AFTER_S = 3.0

@@ -3,9 +3,9 @@
 from collections import deque
 from dataclasses import dataclass, field
 
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
 
 OPEN_TASKS = 1000
 ENDED_TASKS = 200

@@ -7,25 +7,25 @@ from typing import Any, NamedTuple
 
 from robrain.dashboard.state.robot_view import MoteView, RecorderView, RobotView
 from robrain.dashboard.state.task_board import TaskBoard
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.border.refusals import Refusal
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.patch_cells import cells_of
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
+from robrain.protocol.messages.team.recorder_messages import RecorderState
+from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.reading_sieve import ReadingSieve, taken_at_ns
-from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.patch_cells import cells_of
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
-from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
-from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.table import topics
+from robrain.protocol.table.topic import Topic
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.table import topics
-from robrain.protocol.wire.table.topic import Topic
 from robrain.recording.drawing.drawn_floor import DrawnFloor
 from robrain.recording.drawing.map_view import FAR_M, ComposedMap, checked_geometry
 

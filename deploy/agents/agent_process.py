@@ -19,11 +19,11 @@ from robrain.deploy.processes.live_process import LiveStop, note, open_when_ther
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
+from robrain.protocol.access.identity import TLS_VARIABLE
+from robrain.protocol.access.member import MemberRole
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import check_name
 from robrain.protocol.state_folder import state_folder
-from robrain.protocol.wire.access.identity import TLS_VARIABLE
-from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
 from robrain.protocol.wire.session import listening_at

@@ -31,8 +31,8 @@ from robrain.deploy.assistant.errors import AuditError, CallRefused
 from robrain.deploy.assistant.looking import Looking
 from robrain.deploy.assistant.ordering import Ordering, Rehearsal
 from robrain.deploy.assistant.policy import Ban, Order, why_no_order, why_no_tool
+from robrain.protocol.access.member import Member
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, RobrainError
-from robrain.protocol.wire.access.member import Member
 
 A = TypeVar("A", bound=Arguments)
 NOT_SURE = frozenset((ErrorCode.TIMEOUT, ErrorCode.FAILED, ErrorCode.UNLOADED))

@@ -63,7 +63,7 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     from robrain.deploy.assistant.mcp_server import HOST, McpServer
     from robrain.deploy.assistant.ordering import Rehearsal
     from robrain.deploy.processes.live_process import note
-    from robrain.protocol.wire.access.identity import member_on
+    from robrain.protocol.access.identity import member_on
 
     who = f"{PREFIX}:{check_name('assistant', by or os.environ.get('USER', '') or 'unknown')}"
     with ExitStack() as closing_all:

@@ -17,14 +17,14 @@ from robrain.deploy.assistant.policy import OUTSIDE, Ban, why_no_call
 from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.task_messages import TaskDryRun, TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.table.topics import ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskFilter, TaskRecord
-from robrain.protocol.wire.table.topics import ROBOT_MAP_WHOLE
 from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, look_of
 

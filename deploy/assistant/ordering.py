@@ -13,10 +13,10 @@ from robrain.deploy.assistant.looking import OPEN, Looking, task_line
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, why_no_call, why_no_cancel
 from robrain.deploy.tasks.dry_run_words import dry_run_lines
 from robrain.protocol.errors import NobodyThere
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.tasks.task import BadParameters
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.wire.schema.announced_parameters import check_announced
+from robrain.protocol.schema.announced_parameters import check_announced
 
 CALL_TIMEOUT_S = 10.0
 

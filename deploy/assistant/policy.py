@@ -8,12 +8,12 @@ from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from types import MappingProxyType
 
-from robrain.protocol.wire.access.member import Member
-from robrain.protocol.wire.access.permissions import AccessAction, roles
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.table.topic import WireKey
-from robrain.protocol.wire.table.topics import HALT, ROBOT_CALL, TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.access.member import Member
+from robrain.protocol.access.permissions import AccessAction, roles
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.table.topic import WireKey
+from robrain.protocol.table.topics import HALT, ROBOT_CALL, TASK_CANCEL, TASK_SUBMIT
 
 PRIORITY_MAX = 1.0
 """That of a task for which no priority is given: a task of an assistant never displaces a person's."""

@@ -24,9 +24,9 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import note, tell_json
 from robrain.deploy.processes.name_claim import claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
+from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, RobrainError
-from robrain.protocol.wire.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import may_answer, open_lockstep_session, open_session
 

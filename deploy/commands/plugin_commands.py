@@ -17,7 +17,7 @@ from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.client.team import Team
-    from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+    from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 
 EXIT_MISTAKES = 1
 
@@ -146,7 +146,7 @@ def _show(infos: "list[PluginInfo]") -> None:
     from rich.table import Table
 
     from robrain.deploy.command_line.terminal import results
-    from robrain.protocol.wire.border.safe_text import safe_lines
+    from robrain.protocol.border.safe_text import safe_lines
 
     headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
     rows = [

@@ -17,8 +17,8 @@ from robrain.client.team import Team
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.processes.live_process import tell
 from robrain.protocol.errors import CallError, RobrainError
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.state_folder import state_folder
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 
 ENDS = ("exit", "quit")
 VERBS = ("call", "help", "list", "exit")

@@ -3,8 +3,8 @@
 import msgspec
 
 from robrain.deploy.command_line.team_options import WireFormat
-from robrain.protocol.wire.schema.document import wire_document
-from robrain.protocol.wire.schema.page import wire_page
+from robrain.protocol.schema.document import wire_document
+from robrain.protocol.schema.page import wire_page
 
 
 def wire_text(wire_format: WireFormat) -> str:

@@ -38,12 +38,12 @@ from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.team_status import status_by
+from robrain.protocol.access.identity import TLS_VARIABLE, read_identity, tls_folder
+from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, PortTaken, RobrainError, WireError
 from robrain.protocol.extras import missing_package
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.wire.access.identity import TLS_VARIABLE, read_identity, tls_folder
-from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.hub import given_endpoints, team_endpoints
 from robrain.protocol.wire.session import check_port_free, is_secured, listening_at, may_answer, open_session

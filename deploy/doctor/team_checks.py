@@ -15,11 +15,11 @@ from robrain.deploy.doctor.check import Check, CheckName
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, reasons_of
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.messages.message import Message
+from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.table.topic import Query
+from robrain.protocol.table.topics import COORDINATOR_STATE, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_STATE, ROBOT_WHO
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topic import Query
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_STATE, ROBOT_WHO
 
 SKEW_OK_S = 0.5
 """Chosen: Zenoh stamps again what differs by more."""

@@ -13,19 +13,17 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
+from robrain.protocol.border.refusals import Refusal
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere, PortTaken
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.recorder_messages import RecorderState
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.hub import team_endpoints
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     RECORDER_STATE,
@@ -35,6 +33,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.hub import team_endpoints
 
 ROBOTS_MAX = 1000
 TASKS_MAX = 100_000

@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from robrain.deploy.pki.errors import PkiError
-from robrain.protocol.wire.access.member import Member, MemberRole
+from robrain.protocol.access.member import Member, MemberRole
 
 CA_DAYS = 3650
 EARLY = timedelta(minutes=5)

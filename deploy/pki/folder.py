@@ -20,8 +20,8 @@ import msgspec
 from msgspec import Meta
 
 from robrain.deploy.pki.errors import PkiError
+from robrain.protocol.access.member import Member, member
 from robrain.protocol.errors import BadName
-from robrain.protocol.wire.access.member import Member, member
 
 CA_CERTIFICATE, CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER = "ca.pem", "ca.key", "members.json", "members"
 LOCK_FILE = ".lock"

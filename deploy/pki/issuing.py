@@ -25,12 +25,12 @@ from robrain.deploy.pki.folder import (
     write_private,
     write_public,
 )
+from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, RENEW_BELOW, check_private
+from robrain.protocol.access.member import Member, MemberRole
+from robrain.protocol.access.rules import access_control
 from robrain.protocol.errors import WireError
 from robrain.protocol.extras import missing_package
 from robrain.protocol.keys import check_name
-from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, RENEW_BELOW, check_private
-from robrain.protocol.wire.access.member import Member, MemberRole
-from robrain.protocol.wire.access.rules import access_control
 from robrain.protocol.wire.session import LEASE_MS, check_endpoint
 
 ZENOHD_FILE = "zenohd.json5"

@@ -9,7 +9,7 @@ import typer
 from robrain.deploy.command_line.team_options import say
 
 if TYPE_CHECKING:
-    from robrain.protocol.wire.access.member import Member
+    from robrain.protocol.access.member import Member
 
 pki_app = typer.Typer(no_args_is_help=True, help="Make the certificates of a secured team.", rich_markup_mode=None)
 
@@ -92,7 +92,7 @@ def renew(
 def revoke(role: RoleArgument, name: NameArgument, pki: PkiOption = DEFAULT_PKI, team: OtherTeamOption = None) -> None:
     """Take a member out of the routers' rules for good."""
     from robrain.deploy.pki import issuing
-    from robrain.protocol.wire.access.member import MemberRole
+    from robrain.protocol.access.member import MemberRole
 
     wanted = _member(pki, role, team, name)
     revoked = issuing.revoke(pki, wanted)
@@ -109,7 +109,7 @@ def revoke(role: RoleArgument, name: NameArgument, pki: PkiOption = DEFAULT_PKI,
 def show(pki: PkiOption = DEFAULT_PKI) -> None:
     """List the members, and until when their certificates last."""
     from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
-    from robrain.protocol.wire.access.identity import duration
+    from robrain.protocol.access.identity import duration
 
     now = datetime.now(UTC)
     for one in read_members(pki / MEMBERS_FILE).members:
@@ -135,6 +135,6 @@ def router(
 
 def _member(pki: Path, role: str, team: str | None, name: str) -> "Member":
     from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
-    from robrain.protocol.wire.access.member import member
+    from robrain.protocol.access.member import member
 
     return member(role, read_members(pki / MEMBERS_FILE).team if team is None else team, name)

@@ -10,10 +10,10 @@ import zenoh
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
 from robrain.deploy.processes.live_process import LiveStop, note, tell
+from robrain.protocol.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
+from robrain.protocol.access.member import MemberRole
+from robrain.protocol.access.rules import access_control
 from robrain.protocol.errors import RobrainError
-from robrain.protocol.wire.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
-from robrain.protocol.wire.access.member import MemberRole
-from robrain.protocol.wire.access.rules import access_control
 from robrain.protocol.wire.session import check_endpoint, is_loopback, is_secured, listening_at, open_session
 
 DEFAULT_LISTEN = "tls/127.0.0.1:7447"

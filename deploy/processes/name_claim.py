@@ -23,11 +23,9 @@ import zenoh
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import NameTaken
-from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
-from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
-from robrain.protocol.wire.session import LEASE_MS
-from robrain.protocol.wire.table.topic import Query, Token
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.table.topic import Query, Token
+from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_CLAIM,
     COORDINATOR_WHO,
@@ -35,6 +33,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_CLAIM,
     ROBOT_WHO,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
+from robrain.protocol.wire.session import LEASE_MS
 
 ASKS, HAS = "asks", "has"
 PATIENCE_S = 1.5 * LEASE_MS / 1000

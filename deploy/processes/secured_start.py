@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 import zenoh
 
+from robrain.protocol.access.identity import Identity
+from robrain.protocol.access.member import MemberRole
 from robrain.protocol.errors import WireError
-from robrain.protocol.wire.access.identity import Identity
-from robrain.protocol.wire.access.member import MemberRole
 from robrain.protocol.wire.session import is_loopback, is_secured, own_identity
 from robrain.protocol.wire.trial import missing_rights
 

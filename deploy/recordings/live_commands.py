@@ -6,14 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robrain.deploy.processes.dashboard_process import READY_PREFIX
-from robrain.deploy.processes.live_process import (
-    ANY_PORT,
-    LiveStop,
-    client_session,
-    live_endpoint,
-    open_hub,
-    tell,
-)
+from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, client_session, live_endpoint, open_hub, tell
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import check_name
 from robrain.protocol.wire.session import listening_at, open_session

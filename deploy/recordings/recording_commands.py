@@ -41,13 +41,7 @@ def record(
     from robrain.deploy.errors import UsageError
     from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
     from robrain.deploy.recordings.recording_display import record_display, show_recorded
-    from robrain.deploy.recordings.recording_live import (
-        keep_of,
-        read_provenance,
-        record_team,
-        split_for,
-        split_of,
-    )
+    from robrain.deploy.recordings.recording_live import keep_of, read_provenance, record_team, split_for, split_of
     from robrain.protocol.wire.hub import team_endpoints, teams_there, wrong_team
     from robrain.recording.writer.recording_file import check_writable
     from robrain.recording.writer.rotation import Rotation, own_recordings

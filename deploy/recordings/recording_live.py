@@ -8,8 +8,8 @@ import msgspec
 
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS
 from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder, RecordingSummary
 from robrain.recording.writer.recording_files import SplitAt

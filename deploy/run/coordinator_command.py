@@ -20,15 +20,15 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, note, open_hub, open_when_there, tell
 from robrain.deploy.processes.name_claim import LOOK_PERIOD_S, NameClaim, NameWatch, claim_coordinator
 from robrain.deploy.processes.secured_start import check_certificate, check_rights
+from robrain.protocol.access.member import MemberRole
 from robrain.protocol.keys import check_name
+from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
 from robrain.protocol.model.ranges import NAME_MAX, cut
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.wire.access.member import MemberRole
+from robrain.protocol.table.topics import COORDINATOR_ALIVE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
-from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
-from robrain.protocol.wire.messages.robots.witness_messages import WITNESSES_MAX
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE
 
 PERIOD_S = 0.01
 LOOK_S = 1.0

@@ -17,10 +17,10 @@ from robrain.deploy.command_line.terminal import (
     say,
     text_column,
 )
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
+from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind
-from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
-from robrain.protocol.wire.reasons.idle import NothingUnknown
+from robrain.protocol.reasons.idle import NothingUnknown
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.world.floor_left import GapTooNarrow

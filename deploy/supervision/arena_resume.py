@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robrain.deploy.errors import UsageError
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
 
 if TYPE_CHECKING:
     from robrain.sim.world.world import World

@@ -10,8 +10,8 @@ from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, folder_of, read_members
 from robrain.deploy.pki.issuing import ends_soon, init, issue, renew
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, Part
-from robrain.protocol.wire.access.identity import CERTIFICATE, TLS_VARIABLE, read_identity
-from robrain.protocol.wire.access.member import Member, MemberRole, member
+from robrain.protocol.access.identity import CERTIFICATE, TLS_VARIABLE, read_identity
+from robrain.protocol.access.member import Member, MemberRole, member
 
 NAMES = {
     HUB: (MemberRole.ROUTER, "site"),

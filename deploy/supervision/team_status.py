@@ -10,18 +10,18 @@ from rich.table import Table
 from robrain.client.members import team_found
 from robrain.deploy.command_line.terminal import print_line, results
 from robrain.deploy.processes.live_process import client_session, live_endpoint
+from robrain.protocol.border.refusals import Refusal
+from robrain.protocol.border.safe_text import safe_lines
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.witness_messages import Lead
+from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.border.safe_text import safe_lines
+from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.robots.witness_messages import Lead
-from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
-from robrain.protocol.wire.reasons.robots import Gone
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_STATE
 from robrain.recording.drawing.natural_order import natural_key
 from robrain.recording.drawing.time_span import span_text
 

@@ -8,14 +8,13 @@ from robrain.coordinator.team.roster import Roster
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
 from robrain.deploy.supervision.team_status import RobotCondition, standing_of
 from robrain.protocol.clock import NS_PER_S
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.table.topics import (
     ARENA_TRUTH,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
@@ -23,6 +22,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_ALIVE,
     ROBOT_STATE,
 )
+from robrain.protocol.wire.endpoint import Endpoint
 
 STATES, HEARD, TRUTHS = "states", "heard", "truths"
 OVER_NS = 3 * NS_PER_S

@@ -20,12 +20,12 @@ from robrain.deploy.supervision.part_table import drawn, lines_of
 from robrain.deploy.supervision.process_figures import ProcessFigures, commands_beside
 from robrain.deploy.supervision.restarts import Phase
 from robrain.deploy.supervision.team_watch import TeamWatch
+from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.wire.answers.later import Later
+from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.table.topics import COORDINATOR_WHO, ROBOT_WHO
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
-from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
-from robrain.protocol.wire.table.topics import COORDINATOR_WHO, ROBOT_WHO
 
 PERIOD_S = 0.1
 ASK_AGAIN_S = 2.0

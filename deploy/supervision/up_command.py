@@ -29,7 +29,7 @@ from robrain.deploy.supervision.part_table import drawn
 from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.up import Printed, UpDisplay, UpOptions, UpResult, UpStatus, run_up
-from robrain.protocol.wire.access.identity import TLS_VARIABLE
+from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, hub_endpoint
 
 if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need

@@ -1,6 +1,6 @@
 """What would follow from a task, and what it takes each robot, in words."""
 
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskDryRun
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun
 
 
 def verdict_line(verdict: RobotVerdict) -> str:

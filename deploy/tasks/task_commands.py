@@ -40,7 +40,7 @@ def list_tasks(
     as_json: JsonOption = False,
 ) -> None:
     """List tasks with their states."""
-    from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
+    from robrain.protocol.messages.tasks.task_messages import TaskFilter
 
     states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
     wanted = TaskFilter(states=states, kinds=kind or [], robot=robot, by=by, own=everything, limit=limit)
@@ -117,8 +117,8 @@ def watch(
 ) -> None:
     """Print each change of tasks until they end; exit status 1 if one of them was not done."""
     from robrain.deploy.errors import UsageError
+    from robrain.protocol.messages.tasks.task_messages import TaskFilter
     from robrain.protocol.model.tasks.task import TaskState
-    from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 
     not_done = 0
     with connect_team(connect, team) as client:

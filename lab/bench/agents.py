@@ -32,14 +32,12 @@ from robrain.deploy.processes.live_process import ANY_PORT, client_session, live
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.lab.bench.live_team import TEAM, await_ready
 from robrain.protocol.clock import NS_PER_S
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.table.topic import Query
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.table.topic import Query
+from robrain.protocol.table.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,
@@ -48,6 +46,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     ROBOT_WITHDRAW,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import listening_at
 
 ROBOTS = 1000
 PROCESSES = 4

@@ -22,15 +22,15 @@ from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.lab.bench.live_team import live_room
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.table.topics import COORDINATOR_STATE, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import Event
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 
 ROBOT = "r1"
 BOUND_MS = 50.0

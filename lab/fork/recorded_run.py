@@ -15,12 +15,12 @@ import zenoh
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.fork.changes import Change, SetPolicy, from_json
 from robrain.lab.fork.repeatable import repeatable
+from robrain.protocol.answers.lockstep_query import NO_LIMIT_S
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.wire.answers.lockstep_query import NO_LIMIT_S
-from robrain.protocol.wire.messages.team.arena_messages import OutsideInput, ScriptInput
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topic import JSON, Query, Topic
-from robrain.protocol.wire.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, HALT, TOPICS
+from robrain.protocol.messages.team.arena_messages import OutsideInput, ScriptInput
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topic import JSON, Query, Topic
+from robrain.protocol.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, HALT, TOPICS
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import (
     MAP_ATTACHMENT,

@@ -19,9 +19,9 @@ from robrain.coordinator.tasks.backoff import RobotPauses, TaskBackoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 Patch = tuple[object, str, object]
 """Of what, which attribute, and what it becomes."""

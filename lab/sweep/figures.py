@@ -4,21 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from robrain.lab.report.figure_style import (
-    figure_style,
-    label,
-    legend,
-    new_figure,
-    picture,
-    time_axis,
-)
-from robrain.lab.report.interval_drawing import (
-    draw_groups,
-    draw_mean_curves,
-    label_rows,
-    panels,
-    zero_line,
-)
+from robrain.lab.report.figure_style import figure_style, label, legend, new_figure, picture, time_axis
+from robrain.lab.report.interval_drawing import draw_groups, draw_mean_curves, label_rows, panels, zero_line
 from robrain.lab.sweep.plan import SweepPlan
 from robrain.lab.sweep.run_outcome import RunRecord, RunState
 from robrain.lab.sweep.summary import MEASURES, MILESTONES, SweepSummary, values_by_seed

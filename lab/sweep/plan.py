@@ -11,15 +11,7 @@ from typing import Any
 import msgspec
 
 from robrain.deploy.errors import UsageError
-from robrain.lab.sweep.variables import (
-    IN_FILES,
-    Value,
-    checked_seeds,
-    column_of,
-    full_key,
-    value_at,
-    with_values,
-)
+from robrain.lab.sweep.variables import IN_FILES, Value, checked_seeds, column_of, full_key, value_at, with_values
 from robrain.protocol.registry import UnknownEntry
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.floor_plan import FloorPlan

@@ -6,13 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from robrain.lab.report.mean_interval import (
-    MeanInterval,
-    PairedDifference,
-    holm,
-    mean_interval,
-    paired_difference,
-)
+from robrain.lab.report.mean_interval import MeanInterval, PairedDifference, holm, mean_interval, paired_difference
 from robrain.lab.sweep.plan import SweepPlan
 from robrain.lab.sweep.run_outcome import RunRecord, RunState
 from robrain.lab.sweep.variables import Value

@@ -17,8 +17,8 @@ from robrain.plugins.skill.home.interface import ChargerPlace, HomeInterface
 from robrain.plugins.skill.planner.interface import PlannerInterface
 from robrain.plugins.unit.teammates.interface import Mate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.reasons.offers import NeedsEnergy
-from robrain.protocol.wire.reasons.reason import told
+from robrain.protocol.reasons.offers import NeedsEnergy
+from robrain.protocol.reasons.reason import told
 
 CONFIDENCE = 0.95
 NEAREST = 3

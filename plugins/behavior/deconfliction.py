@@ -28,9 +28,9 @@ from robrain.plugins.skill.planner.interface import Circle
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.model.claim import Claim, Rank
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath
 
 MARGINS = Margins()
 REFUGE_M = 0.22

@@ -35,12 +35,12 @@ from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.offers import NeedsTime, NoPath, OfferRefusal, Unexplored
-from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.reasons.offers import NeedsTime, NoPath, OfferRefusal, Unexplored
+from robrain.protocol.reasons.reason import Said
 
 STEP_S = 0.25
 MEASURED_S = 300.0

@@ -24,13 +24,13 @@ from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Travel, TravelPar
 from robrain.plugins.skill.mapper.interface import MapView
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Name, Share
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.offers import NoPath, PositionLost
+from robrain.protocol.reasons.offers import NoPath, PositionLost
 
 CONFIDENCE = 0.95
 """One-sided, of the energy that a path takes: that of plans."""

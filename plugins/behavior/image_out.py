@@ -2,8 +2,8 @@
 
 from robrain.agent.environment import Environment
 from robrain.plugins.device.camera.interface import Picture
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.table.topics import ROBOT_IMAGE
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.table.topics import ROBOT_IMAGE
 
 SLOTS = 16
 """A behavior's keys are used in turn: late joiners get its last so many pictures, a recording has all."""

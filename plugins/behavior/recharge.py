@@ -15,11 +15,11 @@ from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 
 ASIDE_M = (1.3, 2.0)
 """Who waits, or makes room, stands so far from a charger."""

@@ -17,8 +17,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.reasons.offers import OfferRefusal
-from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.reasons.offers import OfferRefusal
+from robrain.protocol.reasons.reason import Said
 
 BALANCE_DB = 3.0
 """A step towards the weaker of two links must be worth more than this; about what a step of the usual size changes."""

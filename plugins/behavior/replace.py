@@ -4,11 +4,11 @@ from robrain.plugins.behavior.errand import Errand, Script
 from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
 from robrain.plugins.skill.energy.interface import Work
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import REPLACE, Replace
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.table.topics import MOTE_READING
+from robrain.protocol.table.topics import MOTE_READING
 
 
 class ReplaceBehavior(Errand[Replace]):

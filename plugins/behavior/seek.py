@@ -18,15 +18,15 @@ from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelState
 from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
 from robrain.plugins.skill.energy.interface import Work
+from robrain.protocol.border.reading_sieve import taken_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import SEEK, Seek
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.border.reading_sieve import taken_at_ns
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.table.topics import MOTE_READING
+from robrain.protocol.table.topics import MOTE_READING
 
 SAMPLE_S = 0.5
 PROBE_M = 1.0

@@ -18,14 +18,14 @@ from robrain.plugins.skill.planner.interface import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates.interface import Doing, Mate, TeammatesInterface
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath
-from robrain.protocol.wire.reasons.offers import PositionLost
-from robrain.protocol.wire.reasons.reason import told
-from robrain.protocol.wire.table.topics import ROBOT_PATH
+from robrain.protocol.reasons.offers import PositionLost
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.table.topics import ROBOT_PATH
 
 REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")
 """What a behavior that travels names in its manifest."""

@@ -37,12 +37,12 @@ from robrain.protocol.can.payload import (
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import BadName, WireError
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.links.exchange import NOBODY, Exchange
+from robrain.protocol.links.link import Declaration
+from robrain.protocol.table.topic import CAN_FRAME
+from robrain.protocol.table.topics import ARENA_CAN
 from robrain.protocol.wire.hub import team_endpoints
-from robrain.protocol.wire.links.exchange import NOBODY, Exchange
-from robrain.protocol.wire.links.link import Declaration
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topic import CAN_FRAME
-from robrain.protocol.wire.table.topics import ARENA_CAN
 
 ROUTES_MAX = 4096
 """Identifiers and senders whose receivers are remembered."""

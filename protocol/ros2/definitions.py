@@ -12,13 +12,7 @@ from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from robrain.protocol.ros2.message_classes import (
-    UUID,
-    Duration,
-    GoalInfo,
-    PoseStamped,
-    Time,
-)
+from robrain.protocol.ros2.message_classes import UUID, Duration, GoalInfo, PoseStamped, Time
 
 SEQUENCE_MAX = 16_777_216
 """Entries of one sequence that is decoded."""

@@ -7,9 +7,9 @@ from typing import Protocol
 import serial
 from serial import Serial
 
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 
 CHUNK_BYTES = 65_536
 SIMULATED = "zenoh:"

@@ -16,37 +16,37 @@ from typing import Any, Generic, NamedTuple
 
 import zenoh
 
+from robrain.protocol.access.identity import member_on
+from robrain.protocol.access.member import Member
+from robrain.protocol.access.signed_keys import is_signed, read_signed
+from robrain.protocol.access.signing import Signing
+from robrain.protocol.access.vouching import message_in_own_name, vouch_message, vouch_request
+from robrain.protocol.answers.answering import Answering, SharedQueue
+from robrain.protocol.answers.asked import BY, Answer, Asked, ZenohQuery
+from robrain.protocol.answers.later import Later, read_answer
+from robrain.protocol.answers.replying import reply_deferred
+from robrain.protocol.answers.trace import Traces
+from robrain.protocol.answers.waiting_queries import WaitingQueries
+from robrain.protocol.border.border import Border, Heard
+from robrain.protocol.border.refusals import RefusalCode, Refusals
 from robrain.protocol.clock import Clock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.keys import check_name
-from robrain.protocol.wire.access.identity import member_on
-from robrain.protocol.wire.access.member import Member
-from robrain.protocol.wire.access.signed_keys import is_signed, read_signed
-from robrain.protocol.wire.access.signing import Signing
-from robrain.protocol.wire.access.vouching import message_in_own_name, vouch_message, vouch_request
-from robrain.protocol.wire.answers.answering import Answering, SharedQueue
-from robrain.protocol.wire.answers.asked import BY, Answer, Asked, ZenohQuery
-from robrain.protocol.wire.answers.later import Later, read_answer
-from robrain.protocol.wire.answers.replying import reply_deferred
-from robrain.protocol.wire.answers.trace import Traces
-from robrain.protocol.wire.answers.waiting_queries import WaitingQueries
-from robrain.protocol.wire.border.border import Border, Heard
-from robrain.protocol.wire.border.refusals import RefusalCode, Refusals
-from robrain.protocol.wire.links.declared_keys import DeclaredKeys
-from robrain.protocol.wire.links.exchange import Exchange
-from robrain.protocol.wire.links.inbox import NOTHING, Inbox
-from robrain.protocol.wire.links.link import Link
-from robrain.protocol.wire.links.local_link import LocalLink
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.links.qos import query_options
-from robrain.protocol.wire.links.radio_exchange import RadioExchange
-from robrain.protocol.wire.links.radio_link import LocalRadioLink
-from robrain.protocol.wire.links.radio_network import EVERYWHERE
-from robrain.protocol.wire.links.thinning import Thinning
-from robrain.protocol.wire.links.zenoh_link import ZenohLink
+from robrain.protocol.links.declared_keys import DeclaredKeys
+from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.links.inbox import NOTHING, Inbox
+from robrain.protocol.links.link import Link
+from robrain.protocol.links.local_link import LocalLink
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.links.qos import query_options
+from robrain.protocol.links.radio_exchange import RadioExchange
+from robrain.protocol.links.radio_link import LocalRadioLink
+from robrain.protocol.links.radio_network import EVERYWHERE
+from robrain.protocol.links.thinning import Thinning
+from robrain.protocol.links.zenoh_link import ZenohLink
+from robrain.protocol.table.topic import JSON, Q, Query, R, Token, Topic
 from robrain.protocol.wire.presence import Presence
-from robrain.protocol.wire.table.topic import JSON, Q, Query, R, Token, Topic
 
 logger = logging.getLogger(__name__)
 

@@ -4,12 +4,12 @@ import os
 
 import zenoh
 
+from robrain.protocol.access.identity import Connection, connection_of
+from robrain.protocol.access.member import MemberRole
 from robrain.protocol.errors import NobodyThere
-from robrain.protocol.wire.access.identity import Connection, connection_of
-from robrain.protocol.wire.access.member import MemberRole
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import check_endpoint, unknown_host
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 from robrain.protocol.wire.trial import missing_rights
 
 CONNECT_VARIABLE = "ROBRAIN_CONNECT"

@@ -12,16 +12,9 @@ from typing import Any
 
 import zenoh
 
+from robrain.protocol.access.identity import TLS_VARIABLE, Connection, Identity, read_identity, remember, tls_folder
+from robrain.protocol.access.member import MemberRole
 from robrain.protocol.errors import NobodyThere, PortTaken, WireError
-from robrain.protocol.wire.access.identity import (
-    TLS_VARIABLE,
-    Connection,
-    Identity,
-    read_identity,
-    remember,
-    tls_folder,
-)
-from robrain.protocol.wire.access.member import MemberRole
 
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 LEASE_MS = 2000

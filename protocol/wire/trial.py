@@ -15,15 +15,14 @@ from typing import Any, NamedTuple
 import msgspec
 import zenoh
 
+from robrain.protocol.access.identity import Identity
+from robrain.protocol.access.member import Member, MemberRole
+from robrain.protocol.access.signed_keys import signed
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.access.identity import Identity
-from robrain.protocol.wire.access.member import Member, MemberRole
-from robrain.protocol.wire.access.signed_keys import signed
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topic import JSON, Query, Token
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.table.topic import JSON, Query, Token
+from robrain.protocol.table.topics import (
     COORDINATOR_CLAIM,
     COORDINATOR_WHO,
     REPLAY_CONTROL,
@@ -31,6 +30,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_LOG,
     ROBOT_WHO,
 )
+from robrain.protocol.wire.session import open_session
 
 TRIES = "tries"
 """Stage of the claim that a trial announces; nobody takes it for a real one."""

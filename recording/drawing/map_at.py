@@ -11,8 +11,8 @@ import msgspec
 
 from robrain.algorithms.slam.map_patch import submap_message, take_message, whole_map
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
+from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.recording.drawing.map_view import ComposedMap
 
 PATCHES_BETWEEN = 250

@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, geometry_of
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS, geometry_of
 from robrain.recording.drawing.drawn_floor import DrawnFloor
 
 if TYPE_CHECKING:  # loads kernels

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.localization.pose_accuracy import position_sigma_m
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.arena_messages import RobotTruth
 from robrain.protocol.model.energy_model import STANDING_BELOW, EnergyModel
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
 
 STEP_S = 1.0
 POINTS = 600

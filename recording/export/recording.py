@@ -16,8 +16,8 @@ import msgspec
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import PUBLISHED, topic_of
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import PUBLISHED, topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.tables import Cell, Table
 from robrain.recording.provenance import Provenance

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Union, get_args, get_origin
 import msgspec
 
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.table.topic import Topic
 from robrain.recording.reader.reading import RecordedMessage
 
 

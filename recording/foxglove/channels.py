@@ -24,15 +24,15 @@ from numpy import float32
 from numpy.typing import NDArray
 
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import (
     ARENA_SCAN,
     HALT,
     MOTE_READING,

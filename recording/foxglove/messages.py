@@ -27,9 +27,9 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import OCCUPIED as OCCUPIED_CELL
-from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.recording.drawing.palette import FREE, OCCUPIED, UNKNOWN, Rgb
 
 ARENA = "arena"

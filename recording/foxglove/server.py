@@ -4,10 +4,9 @@ import foxglove
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import WireError
-from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import (
     ARENA_SCAN,
     HALT,
     MOTE_READING,
@@ -18,6 +17,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.foxglove.channels import FoxgloveChannels, VisualMessage
 
 DRAWN = (ROBOT_STATE, ROBOT_MAP, ROBOT_PATH, ROBOT_LOG, MOTE_READING, TASK_EVENT, ARENA_SCAN, HALT)

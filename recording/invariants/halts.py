@@ -7,12 +7,12 @@ compared with the one with which it goes on.
 from collections.abc import Mapping
 
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.recording.invariants.findings import HaltIgnored, Invariant, MissingEvidence, MovedHalted
 from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 

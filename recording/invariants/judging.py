@@ -14,13 +14,13 @@ from typing import Any
 
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.codec import BadPayload
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import LOST_AFTER_S, MEMBER_PREFIX, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.table.topic import Topic
 from robrain.recording.invariants.findings import (
     ChargedAway,
     ChargeRose,

@@ -6,8 +6,8 @@ A task for several robots has a part for each, with an id of its own; so each id
 from collections.abc import Mapping
 
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.recording.invariants.findings import Invariant, MissingEvidence, TaskAtTwo
 from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 

@@ -2,8 +2,8 @@
 
 from enum import Enum, auto
 
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 ENDED_KEPT = 100_000
 """Ended tasks that are remembered (chosen: some 20 MB)."""

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.recording.invariants.findings import DoneAgain, Invariant, MissingEvidence, Reopened, StillAtDone
 from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
 from robrain.recording.invariants.task_changes import ChangeKind, TaskChanges

@@ -13,8 +13,8 @@ import msgspec
 
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.table.topic import JSON, Topic
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.table.topic import JSON, Topic
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.invariants.findings import Ruling
 from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings

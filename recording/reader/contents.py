@@ -9,14 +9,9 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.clock import NS_PER_S
-from robrain.protocol.wire.table.topic import Role, Topic
-from robrain.protocol.wire.table.topics import ROBOT_LOG, ROBOT_PATH
-from robrain.recording.provenance import (
-    HOST_METADATA,
-    MANIFESTS_METADATA,
-    RUN_METADATA,
-    VERSIONS_METADATA,
-)
+from robrain.protocol.table.topic import Role, Topic
+from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_PATH
+from robrain.recording.provenance import HOST_METADATA, MANIFESTS_METADATA, RUN_METADATA, VERSIONS_METADATA
 from robrain.recording.reader.reading import (
     RecordedMessage,
     RecordingInfo,

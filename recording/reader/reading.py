@@ -21,8 +21,8 @@ from mcap.writer import MCAP0_MAGIC
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.tasks.old_form import upgraded_json
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import topic_of
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.provenance import (

@@ -10,20 +10,20 @@ import msgspec
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.codec import BadPayload
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
 from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.provenance import SCENARIO_ATTACHMENT

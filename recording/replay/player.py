@@ -24,7 +24,7 @@ import msgspec
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.wire.table.topics import ROBOT_MAP, topic_of
+from robrain.protocol.table.topics import ROBOT_MAP, topic_of
 from robrain.recording.drawing.map_at import MapAt, Place, patches_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.chunked_file import ChunkedFile

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from robrain.protocol.errors import BadName, CallError, ErrorCode
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.team.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.table.topic import Role
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.team.replay_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.wire.table.topic import Role
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import RecordedMessage, recording_info
 from robrain.recording.replay.player import Player

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.table.topic import Topic
+from robrain.protocol.table.topic import Topic
 from robrain.recording.errors import RecordingError
 
 if TYPE_CHECKING:

@@ -17,14 +17,14 @@ from weakref import WeakKeyDictionary
 
 import zenoh
 
+from robrain.protocol.answers.asked import Answer, Asked
+from robrain.protocol.answers.later import ZENOH_TIMEOUT
+from robrain.protocol.answers.local_query import Gathering, LocalQuery
+from robrain.protocol.border.border import Heard
 from robrain.protocol.clock import Clock, to_ns
-from robrain.protocol.wire.answers.asked import Answer, Asked
-from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
-from robrain.protocol.wire.answers.local_query import Gathering, LocalQuery
-from robrain.protocol.wire.border.border import Heard
-from robrain.protocol.wire.links.declared import Entry
-from robrain.protocol.wire.links.exchange import Exchange, Subscription
-from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.links.declared import Entry
+from robrain.protocol.links.exchange import Exchange, Subscription
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.wire.session import LEASE_MS
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.faults.wire_faults import Cut, WireFaults

@@ -12,7 +12,7 @@ import numpy as np
 
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.clock import Clock, to_ns
-from robrain.protocol.wire.messages.team.arena_messages import Scan
+from robrain.protocol.messages.team.arena_messages import Scan
 
 MOST_PER_MINUTE = 600.0
 """Limit of the pauses that begin in a minute."""

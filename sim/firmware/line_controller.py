@@ -12,7 +12,7 @@ import can
 
 from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.navigation.wheel_bases import Differential
-from robrain.protocol.wire.links.inbox import Inbox
+from robrain.protocol.links.inbox import Inbox
 from robrain.sim.firmware.described_controller import DescribedController
 from robrain.sim.firmware.motor_controller import MotorState
 

@@ -21,20 +21,20 @@ from robrain.agent.plugin import PluginState
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
+from robrain.protocol.answers.collector import CalmCollector
 from robrain.protocol.clock import Clock, VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.radio_network import COORDINATOR, EVERYWHERE
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.wire.answers.collector import CalmCollector
+from robrain.protocol.reasons.idle import IdleReason
+from robrain.protocol.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.exchange import Exchange
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.radio_network import COORDINATOR, EVERYWHERE
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
-from robrain.protocol.wire.reasons.idle import IdleReason
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
-from robrain.protocol.wire.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.recording.provenance import Provenance, RunSetup
 from robrain.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
 from robrain.sim.errors import RunFailed

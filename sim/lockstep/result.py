@@ -2,11 +2,11 @@
 
 import msgspec
 
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
-from robrain.protocol.wire.reasons.idle import IdleReason
+from robrain.protocol.reasons.idle import IdleReason
 from robrain.sim.world.floor_left import FloorLeft
 from robrain.sim.world.scenario_tasks import TaskOutcome
 from robrain.sim.world.time_use import TimeUse

@@ -13,11 +13,11 @@ import zenoh
 from robrain.agent.host.agent_host import AgentHost
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.clock import Clock
+from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.table.topics import TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.exchange import Exchange
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.faults.fault_times import FaultTimes
 from robrain.sim.faults.faulty_exchange import FaultyExchange

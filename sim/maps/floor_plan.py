@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from robrain.protocol.messages.maps.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.sim.maps.errors import MapError
 
 TEAM_RESOLUTION_M = 0.1

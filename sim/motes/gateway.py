@@ -11,14 +11,14 @@ from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
 from robrain.plugins.unit.snw_exploration.over_hops import OverHops
 from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
 from robrain.plugins.unit.snw_exploration.snw_exploration import PREFIX, number_of, wire_reading
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, READING_TYPE, STORED_TYPE, DutyPayload, ReadingPayload
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import ArenaMote
 

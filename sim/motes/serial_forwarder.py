@@ -9,10 +9,10 @@ import socket
 
 import msgspec
 
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.serial_forwarder import GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 16

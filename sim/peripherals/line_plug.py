@@ -4,9 +4,9 @@ import os
 import tty
 from pathlib import Path
 
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 
 
 class SerialPlug:

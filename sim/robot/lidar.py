@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
 from robrain.plugins.device.scan.lidar_mount import Mount
+from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
-from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.sim.firmware.lidar_line import LidarProtocol
 from robrain.sim.maps.surfaces import Surfaces
 

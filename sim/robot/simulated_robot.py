@@ -10,10 +10,10 @@ from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.table.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.sim.firmware.battery import SimulatedBattery
 from robrain.sim.firmware.battery_manager import BatteryManager
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps

@@ -20,8 +20,8 @@ from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
+from robrain.protocol.links.radio_network import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.links.radio_network import EVERYWHERE
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_checks import why_not_faults

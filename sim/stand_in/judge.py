@@ -10,14 +10,14 @@ from enum import StrEnum
 
 import msgspec
 
+from robrain.protocol.border.border import Border
+from robrain.protocol.border.refusals import RefusalCode, Refused
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
-from robrain.protocol.wire.border.border import Border
-from robrain.protocol.wire.border.refusals import RefusalCode, Refused
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
+from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.recording.invariants import findings as recorded
 from robrain.recording.invariants.judging import Judging
 from robrain.recording.invariants.task_at_one import TaskAtOne

@@ -2,19 +2,12 @@
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_ALIVE, ROBOT_STATE, TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topics import (
-    COORDINATOR_STATE,
-    HALT,
-    ROBOT_ALIVE,
-    ROBOT_STATE,
-    TASK_CANCEL,
-    TASK_SUBMIT,
-)
 from robrain.sim.stand_in.fault_script import FaultScript, HaltOrder
 
 OPERATOR = "operator"

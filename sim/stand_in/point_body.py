@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 SPEED_M_S = 1.0
 STANDING_W = 8.0

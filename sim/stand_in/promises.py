@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.sim.stand_in.operator import PointOperator
 
 

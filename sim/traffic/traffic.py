@@ -10,8 +10,8 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
+from robrain.protocol.messages.team.arena_messages import BodyKind, BodyTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.team.arena_messages import BodyKind, BodyTruth
 from robrain.sim.maps.errors import MapError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.robot_body import FRICTION, MOVER_COLLISION, WALL_COLLISION

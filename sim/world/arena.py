@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import SOLID
 from robrain.algorithms.navigation.clearance import least_clearance_m
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.table.topics import ARENA_CAMERA, ARENA_CLOCK, ARENA_RADIO_RX, ARENA_SENSE, ARENA_TRUTH
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request
-from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
-from robrain.protocol.wire.table.topics import ARENA_CAMERA, ARENA_CLOCK, ARENA_RADIO_RX, ARENA_SENSE, ARENA_TRUTH
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S
 from robrain.sim.firmware.bus_line import LineFault

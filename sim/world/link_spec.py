@@ -5,9 +5,9 @@ from collections.abc import Iterable
 
 import msgspec
 
+from robrain.protocol.links.radio_network import COORDINATOR
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
-from robrain.protocol.wire.links.radio_network import COORDINATOR
 from robrain.sim.errors import ScenarioError
 
 LOSS_MAX = 0.95

@@ -11,12 +11,12 @@ import zenoh
 from numpy.typing import NDArray
 
 from robrain.protocol.clock import Clock, to_ns, to_seconds
+from robrain.protocol.links.radio_exchange import RadioExchange
+from robrain.protocol.links.radio_network import COORDINATOR
+from robrain.protocol.messages.team.arena_messages import ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_LINKS
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.radio_exchange import RadioExchange
-from robrain.protocol.wire.links.radio_network import COORDINATOR
-from robrain.protocol.wire.messages.team.arena_messages import ArenaLinks, LinkCounters, RadioTruth
-from robrain.protocol.wire.table.topics import ARENA_LINKS
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.maps.floor_plan import FloorPlan

@@ -16,13 +16,13 @@ from robrain.algorithms.slam.map_patch import in_own_time, take_message
 from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.clock import NS_PER_S
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.table.topics import ROBOT_MAP, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.table.topics import ROBOT_MAP, ROBOT_STATE
 from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
 from robrain.sim.robot.robot_body import RobotBody
 

@@ -8,14 +8,14 @@ import msgspec
 
 from robrain.client.errors import BadTask
 from robrain.client.submission import submission_of
+from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import check_not_negative
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.answers.later import Later
+from robrain.protocol.table.topics import TASK_EVENT, TASK_SUBMIT, TASK_WHY
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
-from robrain.protocol.wire.table.topics import TASK_EVENT, TASK_SUBMIT, TASK_WHY
 
 SCENARIO = "scenario"
 """Who asks for these tasks, in the records."""

@@ -1,9 +1,9 @@
 """A task desk with one behavior that does what it is told to."""
 
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
-from robrain.protocol.wire.reasons.reason import Said
+from robrain.protocol.reasons.reason import Said
 
 GOAL = Point2D(1.0, 2.0)
 YES, NO = TaskAnswer(accepted=True), TaskAnswer.refused(Said("no way there"))

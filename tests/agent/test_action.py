@@ -10,14 +10,14 @@ from robrain.agent.action import ActionDesk
 from robrain.agent.event import Event, Mailbox
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionProgress, Outcome
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topics import HALT, ROBOT_EVENT
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionProgress, Outcome
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import HALT, ROBOT_EVENT
 
 OVEN = """
     from robrain.agent.action import Action, ActionDesk
-    from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionProgress
+    from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionProgress
 
     class Oven(Device):
         period_s = 0.02

@@ -11,10 +11,10 @@ import pytest
 from robrain.agent.event import Event, EventsOutside
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
 from tests.waiting import until
 
 CUT_S = 1.2

@@ -7,14 +7,14 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.offers import DoneJustNow, EpochOld, NoBehavior, NotAtTask
-from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
+from robrain.protocol.reasons.offers import DoneJustNow, EpochOld, NoBehavior, NotAtTask
+from robrain.protocol.reasons.reason import Said
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 
@@ -343,7 +343,7 @@ TestDeskWithNext = pytest.mark.slow(DeskWithNext.TestCase)
 
 SEEKER = """
     from robrain.protocol.model.tasks.task import TaskState
-    from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
+    from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 
     class Seeker(Behavior):
         kind = "explore"

@@ -6,10 +6,10 @@ import pytest
 
 from robrain.agent.plugin_traceback import MOST_CHARACTERS, plugin_traceback, where_raised
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, LoadRequest
-from robrain.protocol.wire.table.host_queries import HOST_COMMAND, HOST_LOAD
-from robrain.protocol.wire.table.topics import ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.host_messages import CommandRequest, LoadRequest
+from robrain.protocol.table.host_queries import HOST_COMMAND, HOST_LOAD
+from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_STATE
 
 LAMP = """
 import helper

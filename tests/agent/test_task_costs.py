@@ -3,9 +3,9 @@
 import msgspec
 
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.messages.tasks.cost_messages import TaskCost
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.tasks.cost_messages import TaskCost
 from tests.agent.desk_of_one import GOAL, YES
 
 

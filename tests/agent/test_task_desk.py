@@ -8,10 +8,10 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.reasons.offers import DoneJustNow, EpochAhead, EpochOld, NoBehavior, Occupied
+from robrain.protocol.reasons.offers import DoneJustNow, EpochAhead, EpochOld, NoBehavior, Occupied
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 

@@ -4,11 +4,11 @@ import pytest
 
 from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
-from robrain.protocol.wire.reasons.offers import EpochOld, Occupied
-from robrain.protocol.wire.reasons.robots import NotHeard
+from robrain.protocol.reasons.offers import EpochOld, Occupied
+from robrain.protocol.reasons.robots import NotHeard
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 SILENT = "the coordinator is silent, the lease ran out"

@@ -4,16 +4,16 @@ import pytest
 
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.offers import StoodStill
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
+from robrain.protocol.reasons.offers import StoodStill
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 from tests.agent.desk_of_one import offer
 
 SEEKER = """
-    from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
+    from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 
     class Seeker(Behavior):
         kind = "explore"

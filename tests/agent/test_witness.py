@@ -4,14 +4,8 @@ import pytest
 
 from robrain.agent.witness import SILENT_NS, Kept, Witness, WitnessInMemory
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.messages.robots.witness_messages import (
-    Lead,
-    Led,
-    WitnessRefusal,
-    WitnessRequest,
-    WitnessWish,
-)
-from robrain.protocol.wire.messages.team.team_messages import TeamState
+from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRefusal, WitnessRequest, WitnessWish
+from robrain.protocol.messages.team.team_messages import TeamState
 
 START_NS = to_ns(100.0)
 LATER_NS = START_NS + SILENT_NS + 1

@@ -25,12 +25,12 @@ from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timin
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_PATH, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, HALT, ROBOT_PATH, ROBOT_STATE
 
 ROBOTS = 20
 HALTS = 20

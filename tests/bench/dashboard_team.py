@@ -13,16 +13,14 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, Scan
+from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, Scan
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
-from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     ARENA_SCAN,
     ARENA_TRUTH,
     COORDINATOR_ALIVE,
@@ -33,6 +31,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_PATH,
     ROBOT_STATE,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import listening_at, open_session
 
 ROBOTS, MOTES = 100, 400
 SIZE_M = 60.0

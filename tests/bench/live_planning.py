@@ -32,15 +32,15 @@ from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader,
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE
 
 STARTS = 7
 START_BOUND_S = 1.0

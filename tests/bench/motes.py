@@ -19,14 +19,14 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.warm_up import warm_up
 from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_RADIO_RX, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import READING_TYPE, ReadingPayload
 from robrain.protocol.tinyos.serial_line import Deframer, frame
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.field import SimulatedField

@@ -11,13 +11,7 @@ import math
 import numpy as np
 
 from robrain.algorithms.localization.pose_filter import DriftModel
-from tests.bench.localisation_world import (
-    SIGMA_DB,
-    START_SIGMA_M,
-    START_SIGMA_RAD,
-    TRUE_LOSS,
-    Drive,
-)
+from tests.bench.localisation_world import SIGMA_DB, START_SIGMA_M, START_SIGMA_RAD, TRUE_LOSS, Drive
 
 
 def position_bound_m(drive: Drive, drift: DriftModel, static_share: float) -> float:

@@ -19,13 +19,13 @@ from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.recording.provenance import Provenance
 from robrain.recording.replay.player import Player
@@ -47,7 +47,7 @@ from tests.bench.recording import state
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_STATE
 
 session = open_session(connect=[sys.argv[1]])
 wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)

@@ -25,16 +25,14 @@ from rich.console import Console
 
 from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.protocol.access.identity import read_identity
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.access.identity import read_identity
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
-from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     ARENA_TRUTH,
     COORDINATOR_STATE,
     COORDINATOR_WHO,
@@ -43,6 +41,8 @@ from robrain.protocol.wire.table.topics import (
     TASK_LIST,
     TASK_SUBMIT,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_session
 
 PARTS = ("r1", "coordinator", "stand-by", "recorder", "dashboard", "arena", "hub")
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGSTOP": signal.SIGSTOP}

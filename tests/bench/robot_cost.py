@@ -24,8 +24,8 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.plugins.skill.planner.planner import Planner
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.publisher import Publisher
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.publisher import Publisher
 from robrain.recording.writer.recorder import Recorder
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.arena import TICK_S, Arena

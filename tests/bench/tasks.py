@@ -14,10 +14,10 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
 

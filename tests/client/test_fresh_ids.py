@@ -4,9 +4,9 @@ import pytest
 
 from robrain.client.team import FreshIds
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 
 class Coordinator:

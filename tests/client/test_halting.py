@@ -9,13 +9,13 @@ import zenoh
 
 from robrain import NobodyThere, Team
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import HALT, ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import HALT, ROBOT_ALIVE, ROBOT_STATE
 
 
 @dataclass

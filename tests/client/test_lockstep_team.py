@@ -9,7 +9,7 @@ import pytest
 
 import robrain
 from robrain import BadTask, NobodyThere, Outcome, Scenario, Team
-from robrain.protocol.wire.reasons.idle import ExplorationOff
+from robrain.protocol.reasons.idle import ExplorationOff
 from robrain.sim.lockstep.lockstep import LockstepTransport
 from robrain.sim.world.scenario_tasks import TaskSpec
 

@@ -17,20 +17,18 @@ from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskSubmission
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskSubmission
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topic import Query
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topic import Query
+from robrain.protocol.table.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,
@@ -43,6 +41,8 @@ from robrain.protocol.wire.table.topics import (
     TASK_EVENT,
     TASK_SUBMIT,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
 
 TICK_S = 0.02
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)

@@ -3,11 +3,11 @@
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE
+from robrain.protocol.table.topics import COORDINATOR_STATE
 from tests.coordinator.conftest import FakeRobot, Team
 
 RESUMED_NS = to_ns(0.5)

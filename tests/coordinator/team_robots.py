@@ -8,11 +8,11 @@ from robrain.agent.board import Board
 from robrain.agent.consensus.consensus_desk import TELLING, ConsensusDesk
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.table.topics import ROBOT_BALLOT, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_BALLOT, ROBOT_STATE
 from tests.coordinator.conftest import Team
 from tests.coordinator.desk_robots import DeskRobot
 

@@ -6,11 +6,8 @@ import numpy as np
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.model.grid_geometry import FREE
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.table.topics import (
-    ROBOT_ALIVE,
-    ROBOT_STATE,
-)
 
 # -- losing and finding robots --------------------------------------------------------------------------------
 

@@ -3,10 +3,10 @@
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
-from robrain.protocol.wire.table.topics import TASK_CANCEL
+from robrain.protocol.table.topics import TASK_CANCEL
 
 
 def visit(task_id="t1", x_m=6.0, **fields):
@@ -88,7 +88,7 @@ def test_an_offer_in_the_air_is_settled_by_the_robots_own_word(team, kept, robot
     team.submit(visit())
     record = team.coordinator.tasks.offered("t1", "r1")
     if took_it:
-        from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+        from robrain.protocol.messages.robots.robot_messages import TaskStatus
 
         robot.task = TaskStatus(id="t1", epoch=record.epoch, state=TaskState.RUNNING)
     team.begin(kept)
@@ -175,7 +175,7 @@ def test_what_a_lost_robot_finished_counts_and_the_other_is_told_to_stop(team, k
 
 
 def test_the_word_of_a_robot_that_was_never_offered_a_task_counts_for_nothing(team, kept, robot):
-    from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
+    from robrain.protocol.messages.robots.robot_messages import TaskStatus
 
     liar = team.robot("r2", 4.0)
     team.run(0.5)

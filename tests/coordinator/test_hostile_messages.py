@@ -7,12 +7,12 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.table.topics import ROBOT_MAP, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_MAP, ROBOT_STATE
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
 DAY_MS = 24 * 3600 * 1000

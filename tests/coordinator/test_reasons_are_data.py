@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from robrain.algorithms.allocation.explain import explain
 from robrain.coordinator.charging.charge_desk import is_for_energy
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.offers import NeedsEnergy
-from robrain.protocol.wire.reasons.plans import HolderLacksEnergy, HolderLate, NearestOut, NoRobots
-from robrain.protocol.wire.reasons.robots import BelowReserve, Crowded, LacksEnergy, NoWayAndBack
+from robrain.protocol.reasons.offers import NeedsEnergy
+from robrain.protocol.reasons.plans import HolderLacksEnergy, HolderLate, NearestOut, NoRobots
+from robrain.protocol.reasons.robots import BelowReserve, Crowded, LacksEnergy, NoWayAndBack
+from robrain.protocol.table.topics import COORDINATOR_CHARGES, TASK_DECISION, TASK_EVENT, TASK_PROBLEM
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import COORDINATOR_CHARGES, TASK_DECISION, TASK_EVENT, TASK_PROBLEM
 from tests.algorithms.allocation.test_allocators import ITERATIONS, allocators, problems
 from tests.coordinator.conftest import FakeRobot, Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run

@@ -13,22 +13,22 @@ from robrain.dashboard.state.radio_links import relay_lines
 from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.refusals import Refusal
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
+from robrain.protocol.messages.robots.witness_messages import Lead
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.messages.team.arena_messages import RobotTruth
+from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
-from robrain.protocol.wire.messages.robots.witness_messages import Lead
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
-from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
-from robrain.protocol.wire.messages.team.team_messages import StandByStatus, TeamState
-from robrain.protocol.wire.reasons.reason import TopicStale
-from robrain.protocol.wire.reasons.tasks import MinorityHeard
-from robrain.protocol.wire.table.topics import RECORDER_STATE
+from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.table.topics import RECORDER_STATE
 from robrain.recording.drawing.robot_history import RobotHistory
 
 PLACE = Point2D(0.0, 0.0)

@@ -14,8 +14,8 @@ import websockets.asyncio.server
 
 from robrain.dashboard import Dashboard
 from robrain.dashboard.server.server import LocalServer, close_server, open_server
+from robrain.protocol.table.topics import ROBOT_MAP
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.table.topics import ROBOT_MAP
 from tests.dashboard.fake_browsers import FakeBrowsers
 from tests.dashboard.test_team_view import patch, tell, tell_place
 from tests.waiting import PATIENCE_S

@@ -7,17 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from robrain.dashboard.layers.marker_layers import scan_points
-from robrain.dashboard.scene.camera import (
-    OVERVIEW_ELEVATION_RAD,
-    TOP_ELEVATION_RAD,
-    Bounds,
-    stand_to_see,
-)
+from robrain.dashboard.scene.camera import OVERVIEW_ELEVATION_RAD, TOP_ELEVATION_RAD, Bounds, stand_to_see
 from robrain.dashboard.state.robot_view import RobotView
 from robrain.dashboard.state.team_view import RateMeter
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.recording.drawing.drawn_floor import cover_with_boxes
 
 FOV_RAD = math.radians(45)

@@ -10,13 +10,13 @@ from robrain.dashboard.html.panel_html import motes_html
 from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, BodyKind, BodyTruth
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.tasks.rule_messages import RuleStatus
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, BodyKind, BodyTruth
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, MOTE_READING
+from robrain.protocol.table.topics import ARENA_TRUTH, MOTE_READING
 from robrain.recording.drawing.map_view import FAR_M
 from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page, tell
 

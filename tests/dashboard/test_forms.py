@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from robrain.dashboard.panels.function_form import FieldKind, FormField, arguments_of, fields_of
 from robrain.dashboard.panels.page import form_submission, task_fields
 from robrain.dashboard.panels.page_context import stock_kinds
+from robrain.protocol.messages.tasks.task_messages import KnownKind
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import check_parameters
-from robrain.protocol.wire.messages.tasks.task_messages import KnownKind
 
 
 class Arguments(msgspec.Struct):

@@ -3,14 +3,14 @@
 from robrain.dashboard.html.gantt_html import foreseen, gantt_html
 from robrain.dashboard.state.robot_view import RobotView
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.border.border import Received
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.wire.table.topics import COORDINATOR_CHARGES
+from robrain.protocol.table.topics import COORDINATOR_CHARGES
 
 PLACE = Point2D(1.0, 2.0)
 S = 1_000_000_000

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from robrain.dashboard.server.hand_pilot import HELD_S, HandPilot, Velocity
+from robrain.protocol.answers.hand_control import HandControl
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.answers.hand_control import HandControl
 from tests.waiting import until
 
 AHEAD, LEFT = Velocity(forward_m_s=0.2), Velocity(yaw_rad_s=0.5)

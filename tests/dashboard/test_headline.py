@@ -25,12 +25,12 @@ from robrain.dashboard.state.headline import (
 )
 from robrain.dashboard.state.robot_view import RobotHealth
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
+from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.dashboard.test_team_view import patch, tell, tell_place, token
 
 WELL = Vitals({RobotHealth.UP: 3}, coordinator_up=True, worst_sigma_m=0.1, worst_sigma_robot="r1", late_s=0.1)

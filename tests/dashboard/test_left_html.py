@@ -4,11 +4,11 @@ import msgspec
 
 from robrain.dashboard.html.left_html import left_html
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.border.border import Received
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.messages.team.arena_messages import ArenaClock
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
-from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
-from robrain.protocol.wire.table.topics import ARENA_CLOCK, COORDINATOR_LEFT
+from robrain.protocol.table.topics import ARENA_CLOCK, COORDINATOR_LEFT
 from robrain.recording.drawing.map_view import FAR_M
 from tests.dashboard.test_panel_html import Page
 

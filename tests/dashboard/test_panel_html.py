@@ -19,19 +19,19 @@ from robrain.dashboard.panels.replay_bar import marks_html
 from robrain.dashboard.replay.replay_index import Mark
 from robrain.dashboard.state.robot_view import MoteView
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.border.border import Received
+from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
 
 EVIL = "</b><script>alert(1)</script><img src=x onerror='alert(2)'>\" onclick=\"alert(3)"
 

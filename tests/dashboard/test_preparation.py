@@ -11,21 +11,21 @@ from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.dashboard.state.robot_view import RobotHealth
 from robrain.dashboard.state.team_view import PLAN_S, TeamView
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.team.arena_messages import (
+from robrain.protocol.border.border import Received
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.message import Message
+from robrain.protocol.messages.team.arena_messages import (
     ArenaClock,
     ArenaPreparation,
     ArenaTruth,
     MoteTruth,
     RobotTruth,
 )
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
 
 CELLS = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
 LONG_S = 60.0

@@ -11,11 +11,11 @@ from robrain.dashboard.state.radio_links import (
 )
 from robrain.dashboard.state.robot_view import MoteView, RobotView
 from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.border.border import Received
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLinks, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotLinks, RobotState
-from robrain.protocol.wire.table.topics import ROBOT_LINKS
+from robrain.protocol.table.topics import ROBOT_LINKS
 
 NOW_S = 10.0
 

@@ -7,20 +7,19 @@ import pytest
 from robrain.dashboard.html.panel_html import task_text
 from robrain.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, RobotContact, RobotView
 from robrain.dashboard.state.team_view import HISTORY_POINTS, TeamView
+from robrain.protocol.border.border import Received
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.message import Message
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
+from robrain.protocol.messages.team.team_messages import Halt, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
-from robrain.protocol.wire.messages.team.team_messages import Halt, RobotSummary, TeamState
-from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reasons.robots import Gone
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import (
     ARENA_CLOCK,
     ARENA_SCAN,
     ARENA_TRUTH,
@@ -33,6 +32,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.protocol.wire.presence import Change
 
 
 def tell(view: TeamView, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:

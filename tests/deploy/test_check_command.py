@@ -20,13 +20,13 @@ from robrain.deploy.recordings.scenario_surroundings import (
     surroundings_of,
     surroundings_of_provenance,
 )
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.recording.invariants.findings import Invariant, InvariantState, MissingEvidence, Ruling
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.checking import check_recording

@@ -19,9 +19,9 @@ from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.scenario_surroundings import surroundings_of
 from robrain.plugins.behavior.recharge import RechargeBehavior
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.recording.invariants.findings import (
     DeliveredFell,
     DoneAgain,

@@ -3,8 +3,8 @@
 import pytest
 
 from robrain.deploy.run.run_display import show_left
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
 
 
 def region(kind: LeftKind, area_m2: float, gap_m: float | None = None) -> RegionLeft:

@@ -11,9 +11,9 @@ from robrain.deploy.processes import name_claim
 from robrain.deploy.processes.name_claim import NameClaim, NameWatch, claim_coordinator, claim_robot
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NameTaken
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLAIM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_session
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CLAIM
 from tests.waiting import until
 
 TEAM = "default"

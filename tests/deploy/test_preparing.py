@@ -15,8 +15,8 @@ from robrain.deploy.run import preparing, starting
 from robrain.deploy.run.preparing import LATER_S, Preparing
 from robrain.deploy.run.run_options import RunOptions, Watched
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
-from robrain.protocol.wire.table.topics import ARENA_PREPARATION
 from robrain.sim.lockstep.lockstep import LockstepRun
 from tests.waiting import PATIENCE_S, until
 

@@ -1,8 +1,8 @@
 """The lines on map and positions at the end of a run."""
 
 from robrain.deploy.run.run_display import accuracy_lines, links_line
+from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 
 
 def test_nothing_is_said_of_what_was_not_measured() -> None:

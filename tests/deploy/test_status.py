@@ -4,11 +4,11 @@ import pytest
 
 from robrain.deploy.doctor.team_checks import check_robots
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, show_status, standing_of
+from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
-from robrain.protocol.wire.messages.robots.witness_messages import Lead
 
 FIELD = MoteFieldState(motes=10, dead=1, delivery_ratio=0.968, age_s=5.2, oldest_s=34.4, coverage=0.961, on_duty=3)
 UP = [standing_of("r1", RobotState(robot="r1"))]

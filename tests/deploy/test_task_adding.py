@@ -7,11 +7,11 @@ from typer.testing import CliRunner
 
 from robrain.client.submission import submission_of
 from robrain.deploy.tasks import task_adding, task_commands
+from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 CHARGES = (
     PlannedCharge(robot="r1", charger=Point2D(2.0, 1.5), set_out_ns=0, from_ns=0, until_ns=60, soc=0.4, to_soc=0.6,

@@ -9,11 +9,11 @@ import zenoh
 from typer.testing import CliRunner
 
 from robrain.cli import app
+from robrain.protocol.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.wire.answers.later import ZENOH_TIMEOUT
+from robrain.protocol.links.qos import publisher_options
+from robrain.protocol.table.topics import PUBLISHED, TOPICS
 from robrain.protocol.wire.endpoint import BY
-from robrain.protocol.wire.links.qos import publisher_options
-from robrain.protocol.wire.table.topics import PUBLISHED, TOPICS
 
 
 def printed(wire_format):

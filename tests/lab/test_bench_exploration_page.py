@@ -6,14 +6,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.exploration import (
-    FULL,
-    IDEAL,
-    ExplorationCase,
-    ExplorationRun,
-    times_table,
-    write_page,
-)
+from robrain.lab.bench.exploration import FULL, IDEAL, ExplorationCase, ExplorationRun, times_table, write_page
 
 CASE = ExplorationCase(map="clinic", path="", robots=2, seed=1, strategy="joint", motion=IDEAL)
 

@@ -12,23 +12,16 @@ from robrain.algorithms.warm_up import warm_up
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
-from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_SCAN, COORDINATOR_STATE, HALT, ROBOT_OFFER, ROBOT_STATE
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import (
-    ARENA_RADIO_RX,
-    ARENA_SCAN,
-    COORDINATOR_STATE,
-    HALT,
-    ROBOT_OFFER,
-    ROBOT_STATE,
-)
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.world.arena import Arena, ArenaRobot

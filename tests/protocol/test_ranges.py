@@ -9,11 +9,11 @@ from typing import Any
 import msgspec
 import pytest
 
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import EPOCH_MAX, METRES_MAX, TEXT_MAX, Metres, cut
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskOffer
 from tests.message_modules import message_modules
 
 GOLDEN = Path(__file__).parent / "golden"

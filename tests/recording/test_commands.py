@@ -14,12 +14,12 @@ from mcap.writer import MCAP0_MAGIC, Writer
 
 from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.deploy.recordings.recording_display import FOLDED_ABOVE, folded
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import SUMMARY_METADATA
 from robrain.recording.reader import recovering

@@ -14,10 +14,10 @@ import zenoh
 from mcap.reader import make_reader
 
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.table.topics import ROBOT_IMAGE, ROBOT_LOG
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_IMAGE, ROBOT_LOG
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance
@@ -211,7 +211,7 @@ from robrain.recording.writer.recorder import Recorder
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_LOG
+from robrain.protocol.table.topics import ROBOT_LOG
 
 clock = VirtualClock()
 endpoint = Endpoint(open_lockstep_session(), "default", clock, Drive.LOCKSTEP)

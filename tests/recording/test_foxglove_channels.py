@@ -15,20 +15,18 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import WireError
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import (
     ARENA_SCAN,
     COORDINATOR_STATE,
     HALT,
@@ -40,6 +38,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.foxglove.channels import FoxgloveChannels
 from robrain.recording.foxglove.server import FoxgloveServer
 from tests.waiting import until

@@ -8,14 +8,14 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model import grid_geometry as cells
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.recording.drawing.palette import (
     BAD,
     FREE,

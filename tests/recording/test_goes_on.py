@@ -17,12 +17,12 @@ from mcap.reader import make_reader
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_MAP
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_MAP
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.checking import check_recording
 from robrain.recording.reader.reading import read_messages

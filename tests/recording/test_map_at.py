@@ -11,10 +11,10 @@ from mcap.writer import Writer
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.patch_cells import MAX_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.maps.patch_cells import MAX_CELLS
 from robrain.recording.drawing.map_at import MapAt, Place
 from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.reader.chunked_file import ChunkedFile

@@ -7,7 +7,7 @@ import pytest
 from mcap.records import Channel, Message
 
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.table.topics import TASK_EVENT
+from robrain.protocol.table.topics import TASK_EVENT
 from robrain.recording.reader.reading import recorded_message
 
 GOLDEN = Path(__file__).parents[1] / "protocol" / "golden"

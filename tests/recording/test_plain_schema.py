@@ -6,8 +6,8 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import PUBLISHED
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import PUBLISHED
 from robrain.recording.foxglove.plain_schema import SCALARS, plain_schema
 
 

@@ -6,10 +6,10 @@ import zenoh
 from mcap.writer import Writer
 
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.table.topics import ROBOT_LOG
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_LOG
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import RecordedMessage, read_messages, read_provenance, recording_info

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
+from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.recording.writer import recorder as recorder_telling
 from robrain.recording.writer.recorder import SLOW, RecorderTelling
 

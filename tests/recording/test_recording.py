@@ -13,16 +13,16 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.message import Message
+from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.arena_messages import ArenaClock
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.message import Message
-from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.arena_messages import ArenaClock
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 from robrain.recording import provenance
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance

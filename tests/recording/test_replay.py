@@ -6,15 +6,13 @@ import zenoh
 from mcap.writer import Writer
 
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     ARENA_SCAN,
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
@@ -23,6 +21,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_LOG,
     ROBOT_STATE,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages

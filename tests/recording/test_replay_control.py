@@ -9,11 +9,11 @@ from robrain.dashboard.state.team_view import TeamView
 from robrain.deploy.recordings.replaying import ReplayKeys
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.table.topics import REPLAY_CONTROL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.replay_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import REPLAY_CONTROL
 from robrain.recording.replay.replay import Replay
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.recorder_messages import RecorderState
+from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_STATE
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.writer import recorder as recorder_module

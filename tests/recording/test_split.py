@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_STATE
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.channels import FoxgloveChannels
 from robrain.recording.provenance import Provenance

@@ -12,10 +12,10 @@ import pytest
 from mcap.writer import Writer
 
 import robrain
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import PUBLISHED, ROBOT_STATE, topic_of
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import PUBLISHED, ROBOT_STATE, topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.exporting import export_tables
 from robrain.recording.export.tables import Table

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from robrain.agent.plugin import Level
-from robrain.protocol.wire.schema.page import wire_page
+from robrain.protocol.schema.page import wire_page
 from tests.reference_pages.api import plugin_api_page, python_page
 from tests.reference_pages.commands import commands_page, recording_commands_page
 from tests.reference_pages.decisions import decisions_page

@@ -20,9 +20,9 @@ from typing import NamedTuple
 from robrain import Scenario, Team
 from robrain.client.errors import BadTask
 from robrain.protocol.errors import CallError, NobodyThere, RobrainError
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from tests.system.soak import Process
 

@@ -7,16 +7,14 @@ import zlib
 import numpy as np
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import Event, LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     ARENA_TRUTH,
     COORDINATOR_ALIVE,
     HALT,
@@ -28,6 +26,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_PATH,
     ROBOT_STATE,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
+from robrain.protocol.wire.session import listening_at, open_session
 
 ROBOTS = ("r1", "r2")
 EVIL = "<script>document.title='run'</script><img src=x onerror=\"document.title='run'\">"

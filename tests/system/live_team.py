@@ -7,11 +7,11 @@ from pathlib import Path
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 

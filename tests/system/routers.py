@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from robrain.deploy.pki.folder import MEMBERS_FILE, folder_of, read_members
 from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, zenohd_text
-from robrain.protocol.wire.access.identity import TLS_VARIABLE
-from robrain.protocol.wire.access.member import Member
+from robrain.protocol.access.identity import TLS_VARIABLE
+from robrain.protocol.access.member import Member
 from tests.system.conftest import Commands
 from tests.waiting import until
 

@@ -26,13 +26,13 @@ from robrain import Team
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.table.topics import ARENA_TRUTH, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, ROBOT_STATE
 
 SCENARIO = "arena_small"
 PLACES = [(1.0, 1.0), (2.0, 1.0), (1.0, 2.8), (2.2, 3.0), (4.0, 1.0), (4.2, 3.0), (3.6, 4.8), (4.0, 5.3), (6.0, 3.0)]

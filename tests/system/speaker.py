@@ -1,11 +1,11 @@
 """A robot of which only its voice is real, and what a recorder says of what it heard."""
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topic import Topic
+from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topic import Topic
-from robrain.protocol.wire.table.topics import RECORDER_STATE, ROBOT_ALIVE
 
 
 class Speaker:

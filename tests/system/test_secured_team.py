@@ -21,22 +21,15 @@ from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue, renew, revoke
 from robrain.deploy.pki.router import SecuredRouter
 from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
+from robrain.protocol.access import rules
+from robrain.protocol.access.identity import KEY, TLS_VARIABLE, read_identity
+from robrain.protocol.access.member import Member, MemberRole, member
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, WireError
-from robrain.protocol.wire.access import rules
-from robrain.protocol.wire.access.identity import KEY, TLS_VARIABLE, read_identity
-from robrain.protocol.wire.access.member import Member, MemberRole, member
+from robrain.protocol.table.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG, ROBOT_LOG_KEPT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, wrong_team
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import (
-    COORDINATOR_HALT,
-    COORDINATOR_WHO,
-    HALT,
-    ROBOT_CALL,
-    ROBOT_LOG,
-    ROBOT_LOG_KEPT,
-)
 from robrain.recording.reader.reading import read_messages
 from tests.system.conftest import Commands
 from tests.system.routers import start_router

@@ -18,16 +18,7 @@ from robrain.algorithms.slam.map_overlap import MapMatcher
 from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.run.kernels import prepare_kernels
-from robrain.lab.bench.figure import (
-    WIDTH,
-    Figure,
-    are_kept,
-    at_least,
-    at_most,
-    deterministic,
-    show_figures,
-    write_json,
-)
+from robrain.lab.bench.figure import WIDTH, Figure, are_kept, at_least, at_most, deterministic, show_figures, write_json
 from robrain.lab.bench.mapping_plan import Case, MappingPlan, all_runs, errors_alone
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Pose2D

@@ -21,10 +21,10 @@ from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, at_most, below, timing
 from robrain.lab.bench.live_team import PATIENCE_S, LiveTeam, live_team
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.table.topics import ARENA_TRUTH
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.wire.table.topics import ARENA_TRUTH
 from robrain.sim.scenarios.scenario import Scenario
 
 STOPPED_S = (0.2, 1.5)

@@ -14,7 +14,7 @@ from robrain.agent.plugin import Device, external
 from robrain.plugins.device.camera.interface import CameraInterface, Picture
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.table.topics import ARENA_CAMERA
+from robrain.protocol.table.topics import ARENA_CAMERA
 
 
 class Backend(Protocol):

@@ -14,14 +14,14 @@ from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
 from robrain.plugins.device.mote_base.link import Backoff, LineAbsent, PacketLink
 from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.serial.serial_line import write_at_once
+from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.tinyos.serial_line import SerialLink
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 
 SERIAL_CHUNK_BYTES = 16_384
 

@@ -13,12 +13,7 @@ from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
-from robrain.algorithms.navigation.range_ring import (
-    RING_ANGLES_RAD,
-    SENSORS_A_FRAME,
-    SENSORS_MAX,
-    bump_directions_rad,
-)
+from robrain.algorithms.navigation.range_ring import RING_ANGLES_RAD, SENSORS_A_FRAME, SENSORS_MAX, bump_directions_rad
 from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec

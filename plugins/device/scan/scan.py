@@ -6,11 +6,11 @@ from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice
 from robrain.plugins.device.scan.lidar_mount import Mount, ScanMaker
 from robrain.protocol.lidar.points import Point
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.table.topics import ARENA_SCAN
+from robrain.protocol.table.topics import ARENA_SCAN
 
 MM_PER_M = 1000.0
 CENTRAL = Mount()

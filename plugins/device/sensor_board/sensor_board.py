@@ -10,7 +10,7 @@ from robrain.agent.plugin import Device, external
 from robrain.plugins.device.sensor_board.interface import Sensed, SensorBoardInterface
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.wire.table.topics import ARENA_SENSE
+from robrain.protocol.table.topics import ARENA_SENSE
 
 
 class SensorBoard(Device):

@@ -11,8 +11,8 @@ from robrain.algorithms.slam.loop_closure import Contradiction, Lying, lay_on
 from robrain.algorithms.slam.map_patch import is_near_grid
 from robrain.algorithms.slam.submap_atlas import SUBMAPS_MAX, SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import SubmapGraph, is_information
+from robrain.protocol.messages.maps.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures, MapPatch
 
 WAY_M = 0.4
 """Metres that the robot moves between two attempts."""

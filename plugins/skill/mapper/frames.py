@@ -22,9 +22,9 @@ from robrain.algorithms.slam.map_patch import pose_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps
+from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 
 logger = logging.getLogger(__name__)
 

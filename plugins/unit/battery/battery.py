@@ -5,18 +5,14 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.algorithms.energy.battery_report import NOTHING_MORE, BatteryReport
-from robrain.algorithms.energy.battery_tracker import (
-    BatteryTracker,
-    GaugeLimits,
-    TrackedReading,
-)
+from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, TrackedReading
 from robrain.algorithms.energy.consumption import Drawn
 from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.plugins.unit.battery.interface import BatteryAlarm, BatteryInterface
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.ranges import check_within
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 CHARGING_BELOW_A = -0.05
 

@@ -6,7 +6,7 @@ import msgspec
 
 from robrain.agent.event import Event
 from robrain.algorithms.energy.consumption import Drawn
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 
 
 class BatteryAlarm(msgspec.Struct, frozen=True):

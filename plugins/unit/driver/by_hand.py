@@ -7,11 +7,11 @@ stalled process or link delivers late move nothing; the holder takes a new one.
 
 import math
 
+from robrain.protocol.answers.hand_control import HandLease
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.keys import is_name
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.wire.answers.hand_control import HandLease
 
 LONGEST_LEASE_S = 2.0
 RENEWALS = 4

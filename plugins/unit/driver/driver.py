@@ -29,12 +29,12 @@ from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, check_range
 from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
 from robrain.plugins.unit.driver.steering import SLOW_M_S, SPARE_M, Steering
 from robrain.plugins.unit.lookout import Lookout
+from robrain.protocol.answers.hand_control import HandLease
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Count, Metres, Name, Radians, Speed, check_positive
-from robrain.protocol.wire.answers.hand_control import HandLease
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 
 PERIOD_S = 0.06
 HAND_PERIOD_S = PERIOD_S / 3

@@ -7,8 +7,8 @@ from typing import Protocol
 import msgspec
 
 from robrain.agent.event import Event
+from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 
 
 class Motion(StrEnum):

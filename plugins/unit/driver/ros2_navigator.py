@@ -27,9 +27,9 @@ from robrain.plugins.unit.driver.on_base import OnBase
 from robrain.plugins.unit.driver.path import check_range
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, check_positive
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 
 ENDS_MAX = 64
 CANCEL_S = 0.5

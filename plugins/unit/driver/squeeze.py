@@ -8,12 +8,7 @@ its left and right, because the map behind the path is coarser than the room to 
 import math
 from typing import NamedTuple
 
-from robrain.algorithms.navigation.clearance import (
-    LEAST_MARGIN_M,
-    PREFERRED_MARGIN_M,
-    least_clearance_m,
-    least_gap_m,
-)
+from robrain.algorithms.navigation.clearance import LEAST_MARGIN_M, PREFERRED_MARGIN_M, least_clearance_m, least_gap_m
 from robrain.algorithms.navigation.obstacles import Passage
 from robrain.plugins.unit.lookout import Lookout
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad

@@ -1,6 +1,7 @@
 """All that a robot knows of one mote, such as which of its last readings have arrived, by their sequence numbers."""
 
 from robrain.plugins.unit.snw_exploration.interface import HeardMote
+from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.payloads import (
     CENTI,
@@ -13,7 +14,6 @@ from robrain.protocol.tinyos.payloads import (
     SequenceRange,
     sequences_after,
 )
-from robrain.protocol.wire.links.publisher import Publisher
 
 RESTART_BACK = 16
 """A mote whose live readings fall back by more than this has restarted; less is an old packet that comes late."""

@@ -9,13 +9,7 @@ from collections.abc import Callable
 
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
 from robrain.protocol.clock import to_ns
-from robrain.protocol.tinyos.payloads import (
-    ACKNOWLEDGE_TYPE,
-    DUTY_TYPE,
-    REQUEST_TYPE,
-    DutyPayload,
-    ReadingPayload,
-)
+from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, DUTY_TYPE, REQUEST_TYPE, DutyPayload, ReadingPayload
 from robrain.protocol.tinyos.routed import ROUTE_MAX, ROUTED_TYPE, SERIALS, RoutedPayload
 
 WAIT_NS = to_ns(10.0)

@@ -11,9 +11,9 @@ from collections.abc import Callable
 import msgspec
 
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.table.topics import COORDINATOR_ALIVE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE
 
 FORWARD_NS = to_ns(0.05)
 """Interval at which a stored reading of each mote is forwarded: within a Zenoh lease fewer than a key's cache holds."""

@@ -16,8 +16,12 @@ from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLinks
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
 from robrain.protocol.tinyos.payloads import (
@@ -37,10 +41,6 @@ from robrain.protocol.tinyos.payloads import (
     ReadingPayload,
     sequences_after,
 )
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
-from robrain.protocol.wire.messages.robots.robot_messages import RadioLink, RobotLinks
-from robrain.protocol.wire.table.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 
 MAX_ROBOTS = 256
 

@@ -19,17 +19,17 @@ from robrain.algorithms.navigation.right_of_way import (
 )
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate, TeammatesInterface
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.task import ENDED
-from robrain.protocol.wire.border.border import Received
-from robrain.protocol.wire.border.record_guard import RecordGuard
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
-from robrain.protocol.wire.table.topics import ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
 
 HEAR_NS = to_ns(0.15)
 """Each mate sends ten states a second; every second one is enough, and decoding dominates the cost."""

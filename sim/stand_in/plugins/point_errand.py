@@ -4,11 +4,11 @@ from typing import ClassVar
 
 from robrain.agent.plugin import Behavior
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, OfferRefusal
+from robrain.protocol.reasons.offers import NeedsEnergy, NeedsTime, OfferRefusal
 from robrain.sim.stand_in.plugins.point_base.interface import PointBaseInterface
 from robrain.sim.stand_in.point_body import drive_j, drive_s
 

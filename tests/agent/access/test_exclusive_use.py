@@ -9,9 +9,9 @@ from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.errors import PluginBusy
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import BadName, CallError, ErrorCode
-from robrain.protocol.wire.messages.robots.host_messages import LONGEST_LEASE_S, CommandRequest
-from robrain.protocol.wire.table.host_queries import HOST_COMMAND, HOST_HOLD, HOST_RELEASE
-from robrain.protocol.wire.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.host_messages import LONGEST_LEASE_S, CommandRequest
+from robrain.protocol.table.host_queries import HOST_COMMAND, HOST_HOLD, HOST_RELEASE
+from robrain.protocol.table.topics import ROBOT_CALL
 
 LAB = """
     class ArmInterface(Protocol):

@@ -3,7 +3,7 @@ import pytest
 
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.wire.table.topics import ROBOT_CALL
+from robrain.protocol.table.topics import ROBOT_CALL
 
 # As a student writes it: ten lines and a manifest.
 GREETER = """

@@ -30,13 +30,13 @@ from robrain.agent.plugin import Plugin
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots import plugin_messages
+from robrain.protocol.messages.robots.host_messages import HoldRequest, LoadRequest
+from robrain.protocol.table.host_queries import HOST_HOLD, HOST_LOAD
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots import plugin_messages
-from robrain.protocol.wire.messages.robots.host_messages import HoldRequest, LoadRequest
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.host_queries import HOST_HOLD, HOST_LOAD
-from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_EVENT
 from tests.agent.conftest import Bench
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S

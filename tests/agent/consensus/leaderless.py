@@ -7,10 +7,10 @@ from contextlib import contextmanager
 import msgspec
 
 from robrain.client.team import Team
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.table.topics import ROBOT_BALLOT, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ROBOT_BALLOT, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 

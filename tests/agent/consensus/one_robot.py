@@ -6,18 +6,16 @@ from robrain.agent.board import Board
 from robrain.agent.consensus.consensus_desk import ConsensusDesk
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskEvent
+from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.model.ballot import Ballot, Heard
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
-    TeamBallot,
-)
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskEvent
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
 
 STEP_S = 0.1
 CHARGERS = [Point2D(9.0, 9.0), Point2D(1.0, 1.0)]

@@ -3,14 +3,9 @@
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.consensus_messages import CANCELLED_MAX, CANCELLED_TEXT_MAX, DropTaken, TaskDropped
+from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
-    CANCELLED_MAX,
-    CANCELLED_TEXT_MAX,
-    DropTaken,
-    TaskDropped,
-)
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
 from tests.agent.consensus.test_submitted_to_robots import ALL, halt, kept, submit, visit, why_refused
 from tests.coordinator.team_robots import LostTeam, TeamRobot
 

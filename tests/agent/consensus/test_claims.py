@@ -8,10 +8,8 @@ import pytest
 from robrain.agent.consensus.consensus_desk import TaskClaim, _Opened
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.tasks.consensus_messages import TaskHeldBy
 from robrain.protocol.model.ballot import Ballot, Heard
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
-    TaskHeldBy,
-)
 from tests.agent.consensus.one_robot import OneRobot, alone, free, visit
 
 

@@ -11,11 +11,7 @@ from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
 from robrain.algorithms.consensus.route_scorer import task_scorer
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
-from robrain.protocol.model.ballot import Ballot, Bid
-from robrain.protocol.model.energy_model import Work
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
+from robrain.protocol.messages.tasks.consensus_messages import (
     ASKED_MAX,
     ENDS_MAX,
     TaskAsked,
@@ -24,10 +20,14 @@ from robrain.protocol.wire.messages.tasks.consensus_messages import (
     TaskKnown,
     TeamBallot,
 )
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.reasons.offers import Occupied
-from robrain.protocol.wire.table.topics import ROBOT_BALLOT
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.model.ballot import Ballot, Bid
+from robrain.protocol.model.energy_model import Work
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons.offers import Occupied
+from robrain.protocol.table.topics import ROBOT_BALLOT
 from tests.agent.consensus.one_robot import OneRobot, alone, free, visit
 
 

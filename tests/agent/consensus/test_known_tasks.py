@@ -3,10 +3,10 @@
 import pytest
 
 from robrain.agent.consensus.known_tasks import KnownTasks
+from robrain.protocol.messages.tasks.consensus_messages import TaskDone, TaskDropped
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import TaskDone, TaskDropped
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
 
 FIRST = Task(id="t1", kind="visit", place=Point2D(1.0, 1.0))
 NEXT = Task(id="t2", kind="visit", place=Point2D(1.0, 1.0), after=("t1",))

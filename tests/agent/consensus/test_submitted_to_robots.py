@@ -4,10 +4,10 @@ import msgspec
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.consensus_messages import ASKED_MAX, ASKED_TOLD, TaskTaken
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import ASKED_MAX, ASKED_TOLD, TaskTaken
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
 from tests.coordinator.team_robots import LostTeam, TeamRobot
 
 ALL = ["r1", "r2", "r3"]

@@ -5,10 +5,10 @@ import pytest
 from robrain.agent.consensus.known_tasks import KnownTasks
 from robrain.agent.consensus.task_intake import TaskIntake
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
 
 KNOWS, KNOWS_NOT = {"t1"}, {"t2"}
 

@@ -11,7 +11,7 @@ from robrain.agent.host.command_door import TextCommandDoor
 from robrain.agent.plugin import Unit, external
 from robrain.agent.transform import TransformTable
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from tests.waiting import PATIENCE_S
 
 

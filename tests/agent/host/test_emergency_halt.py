@@ -1,22 +1,15 @@
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.host_messages import HaltRequest, ResumeRequest
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskOffer
+from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.host_messages import HaltRequest, ResumeRequest
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskOffer
-from robrain.protocol.wire.messages.team.team_messages import Halt, HaltStatus, TeamState
-from robrain.protocol.wire.table.host_queries import HOST_HALT, HOST_RESUME
-from robrain.protocol.wire.table.topics import (
-    COORDINATOR_HALT,
-    COORDINATOR_STATE,
-    HALT,
-    ROBOT_LOG,
-    ROBOT_OFFER,
-    ROBOT_STATE,
-)
+from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
+from robrain.protocol.table.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG, ROBOT_OFFER, ROBOT_STATE
 
 ROBOT = """
     DIARY = []

@@ -10,9 +10,9 @@ import pytest
 from robrain.agent.errors import PluginHung, PluginInactive
 from robrain.agent.host import live_drive
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.host_queries import HOST_UNLOAD
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.host_queries import HOST_UNLOAD
+from robrain.protocol.table.topics import ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 HANG_S = 0.3

@@ -2,8 +2,8 @@
 
 import pytest
 
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_STATE
 
 BROKEN = """
 class Lidar(Device):

@@ -3,11 +3,11 @@
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.host_messages import ResumeRequest, UnloadRequest
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.host_queries import HOST_RESUME, HOST_UNLOAD
-from robrain.protocol.wire.table.topics import HALT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.host_messages import ResumeRequest, UnloadRequest
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.host_queries import HOST_RESUME, HOST_UNLOAD
+from robrain.protocol.table.topics import HALT, ROBOT_LOG, ROBOT_STATE
 
 CODE = """
     WHY = []

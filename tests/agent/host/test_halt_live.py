@@ -16,13 +16,13 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.host_messages import CommandRequest, HaltRequest
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.host_queries import HOST_COMMAND, HOST_HALT
+from robrain.protocol.table.topics import HALT, ROBOT_CALL, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, HaltRequest
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.host_queries import HOST_COMMAND, HOST_HALT
-from robrain.protocol.wire.table.topics import HALT, ROBOT_CALL, ROBOT_STATE
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, until
 

@@ -3,9 +3,9 @@ from itertools import pairwise
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
 
 DICE = """
     from robrain.protocol.model.geometry import Pose2D

@@ -10,9 +10,9 @@ import pytest
 from robrain.agent.host import host_verbs
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.host_messages import CommandRequest, HoldRequest, UnloadRequest
 from robrain.protocol.registry import Registry
-from robrain.protocol.wire.messages.robots.host_messages import CommandRequest, HoldRequest, UnloadRequest
-from robrain.protocol.wire.table.host_queries import (
+from robrain.protocol.table.host_queries import (
     HOST_COMMAND,
     HOST_HALT,
     HOST_HOLD,
@@ -38,7 +38,7 @@ import msgspec
 from robrain.agent.host.host_verbs import HostVerb
 from robrain.protocol.model.ranges import Count
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.table.host_queries import host_query
+from robrain.protocol.table.host_queries import host_query
 
 class BlinkRequest(msgspec.Struct, frozen=True, kw_only=True):
     times: Count

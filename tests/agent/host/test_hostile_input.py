@@ -8,9 +8,9 @@ import pytest
 
 from robrain.agent.errors import PluginError
 from robrain.protocol.errors import ErrorCode, ErrorReply
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.host_queries import HOST_VERB
-from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.host_queries import HOST_VERB
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_STATE
 
 COUNT = 2500
 WARM_UP = 500

@@ -7,21 +7,21 @@ import pytest
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.protocol.answers.trace import trace_of
 from robrain.protocol.clock import LiveClock, VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.offer_messages import TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.answers.trace import trace_of
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_OFFER, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskOffer
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_OFFER, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 PLUGIN = """
 from robrain.agent.plugin import Behavior, external
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 
 class Slow(Behavior):
     kind = "visit"

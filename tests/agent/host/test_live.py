@@ -14,11 +14,11 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.managed_plugin import WAITS_S
 from robrain.agent.lifecycle.transitions import Effect
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import HALT, ROBOT_ALIVE, ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import HALT, ROBOT_ALIVE, ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, until
 

@@ -18,11 +18,11 @@ from robrain.agent.plugin import Level
 from robrain.agent.plugin_traceback import plugin_traceback, where_raised
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL
 from tests.agent.isolation.isolation_bench import IsolationBench, StandInEnvironment
 from tests.waiting import PATIENCE_S, until
 
@@ -344,7 +344,7 @@ def test_random_numbers_are_those_of_the_same_plugin_in_process(bench):
 def test_the_board_is_the_robots(bench):
     bench.env.board.T_arena_odom = Pose2D(1.0, 2.0, 0.5)
     vision = bench.start("""
-        from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
+        from robrain.protocol.messages.robots.robot_messages import BatteryState
         class Vision(Unit):
             def activate(self):
                 self.env.board.battery = BatteryState(
@@ -475,7 +475,7 @@ def test_it_has_a_place_of_its_own_on_the_wire(bench):
             RANGED
             + """
     def init(self):
-        from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL
+        from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
         self.env.answer(ROBOT_FOREIGN_CALL, self.tell, robot=self.env.robot, plugin="vision", function="tell")
     def tell(self, request): return msgspec.json.encode([os.getpid(), self.ranger.measure(0.5).x_m])
     """

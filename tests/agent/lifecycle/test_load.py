@@ -12,8 +12,8 @@ from robrain.agent.lifecycle.instance import Instance
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Plugin
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.robots.host_messages import LoadRequest
-from robrain.protocol.wire.table.host_queries import HOST_LOAD
+from robrain.protocol.messages.robots.host_messages import LoadRequest
+from robrain.protocol.table.host_queries import HOST_LOAD
 from tests.waiting import PATIENCE_S
 
 LAB = """
@@ -58,7 +58,7 @@ LAB = """
 
 @pytest.fixture
 def lab(bench):
-    bench.code("lab", "from robrain.protocol.wire.table.topics import ROBOT_CALL\n" + LAB.replace("\n    ", "\n"))
+    bench.code("lab", "from robrain.protocol.table.topics import ROBOT_CALL\n" + LAB.replace("\n    ", "\n"))
     bench.manifest("base", "lab:Room")
     bench.manifest("lamp", "lab:Lamp", visibility=["*", "command"])
     bench.manifest("shade", "lab:Shade", requires=["lamp"])
@@ -339,7 +339,7 @@ def test_sixty_cycles_leave_no_threads_entities_objects_or_memory_behind(lab, cy
 def test_a_query_declared_with_activate_goes_with_deactivate(lab):
     lab.code(
         "asked",
-        "from robrain.protocol.wire.table.topics import ROBOT_CALL\nclass Asked(Device):\n"
+        "from robrain.protocol.table.topics import ROBOT_CALL\nclass Asked(Device):\n"
         "    def activate(self):\n"
         "        self.env.answer(ROBOT_CALL, lambda _request: 1, robot='r1', plugin='x', function='y')\n",
     )

@@ -11,9 +11,9 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable, read_robot_file
 from robrain.agent.lifecycle import plugin_folders
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.host_messages import LoadRequest
+from robrain.protocol.table.host_queries import HOST_LOAD
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.messages.robots.host_messages import LoadRequest
-from robrain.protocol.wire.table.host_queries import HOST_LOAD
 
 LAMP = "from robrain.agent.plugin import Unit\n\nclass Lamp(Unit):\n    pass\n"
 MANIFEST = '[plugin]\nclass = "lamp:Lamp"\n'

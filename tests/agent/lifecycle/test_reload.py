@@ -8,11 +8,11 @@ import pytest
 
 from robrain.agent.errors import ManifestError, PluginError, PluginInactive, PluginMissing
 from robrain.agent.lifecycle.starter import Replacement
-from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
+from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
 
 LAMP = """
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
 
 class LampInterface(Protocol):
     switched: Event[int]

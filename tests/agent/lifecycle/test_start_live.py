@@ -11,9 +11,9 @@ from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.host_queries import HOST_LOAD, HOST_RELOAD
-from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 pytestmark = pytest.mark.slow

@@ -4,9 +4,9 @@ import pytest
 
 from robrain.agent.errors import PluginInUse, PluginMissing, PluginUnloaded
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.robots.host_messages import UnloadRequest
-from robrain.protocol.wire.table.host_queries import HOST_UNLOAD
-from robrain.protocol.wire.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.host_messages import UnloadRequest
+from robrain.protocol.table.host_queries import HOST_UNLOAD
+from robrain.protocol.table.topics import ROBOT_CALL
 
 STACK = """
     DIARY = []

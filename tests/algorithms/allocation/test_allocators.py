@@ -12,7 +12,7 @@ from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.algorithms.allocation.repair import keep, repaired
 from robrain.algorithms.allocation.validate import SLACK, validate
-from robrain.protocol.wire.reasons.plans import NotWorthIt
+from robrain.protocol.reasons.plans import NotWorthIt
 from tests.algorithms.allocation.instances import team_problem
 from tests.algorithms.allocation.test_validate import job, line, worker
 

@@ -9,8 +9,8 @@ from robrain.algorithms.allocation.allocator import ALLOCATORS
 from robrain.algorithms.allocation.problem import Objective
 from robrain.coordinator.planning.plan_search import PlanSolver, solve
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.reasons.plans import NobodyHas
 from robrain.protocol.registry import Registry
-from robrain.protocol.wire.reasons.plans import NobodyHas
 from tests.coordinator.planning.test_plan_solver import job, problem
 from tests.installed_distributions import install  # noqa: F401 - a fixture
 

@@ -10,8 +10,8 @@ from robrain.algorithms.allocation.explain import Decision, explain
 from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
-from robrain.protocol.wire.reasons.plans import Cheapest, IsAtIt, NearestOut, NobodyAllowed, NobodyHas, OnlyThese
-from robrain.protocol.wire.reasons.robots import (
+from robrain.protocol.reasons.plans import Cheapest, IsAtIt, NearestOut, NobodyAllowed, NobodyHas, OnlyThese
+from robrain.protocol.reasons.robots import (
     BelowReserve,
     Crowded,
     Forbidden,

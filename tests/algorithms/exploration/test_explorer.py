@@ -11,7 +11,7 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.wire.reasons.idle import (
+from robrain.protocol.reasons.idle import (
     LacksRange,
     NothingUnknown,
     NoWay,

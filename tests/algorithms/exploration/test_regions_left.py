@@ -5,9 +5,9 @@ import pytest
 
 from robrain.algorithms.exploration.narrow_ways import Gap
 from robrain.algorithms.exploration.regions_left import Evidence, exploration_left
+from robrain.protocol.messages.maps.left_messages import REGIONS_MAX, LeftKind
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.wire.messages.maps.left_messages import REGIONS_MAX, LeftKind
 
 GEOMETRY = GridGeometry(0.1, -4.0, -1.0, 160, 110)
 """Much larger than what is known, and its origin is not 0: a place in a wrong frame is found."""

@@ -8,14 +8,7 @@ from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from tests.algorithms.mapping.lidar_floor import (
-    CORRIDOR,
-    CORRIDOR_PLACES,
-    GEOMETRY,
-    ROOM,
-    ROOM_PLACES,
-    local_map,
-)
+from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES, local_map
 from tests.bench.localisation import SILENT_S, follow
 from tests.bench.localisation_world import drive
 

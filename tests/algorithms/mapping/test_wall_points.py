@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.slam.map_overlap import (
-    is_same_place,
-    some_points,
-    wall_points,
-)
+from robrain.algorithms.slam.map_overlap import is_same_place, some_points, wall_points
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from tests.algorithms.slam.test_map_overlap import WIDE

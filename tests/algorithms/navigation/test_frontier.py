@@ -5,13 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from robrain.algorithms.navigation.frontier import (
-    Frontier,
-    find_frontiers,
-    frontier_mask,
-    touching,
-    unknown_beyond,
-)
+from robrain.algorithms.navigation.frontier import Frontier, find_frontiers, frontier_mask, touching, unknown_beyond
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 
 

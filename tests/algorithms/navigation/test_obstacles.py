@@ -5,13 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.obstacles import (
-    Passage,
-    contact_distance_m,
-    hold_off,
-    passage,
-    sector_distances_m,
-)
+from robrain.algorithms.navigation.obstacles import Passage, contact_distance_m, hold_off, passage, sector_distances_m
 
 COORDINATES = st.floats(-5, 5)
 POINTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=20).map(

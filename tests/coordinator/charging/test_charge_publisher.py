@@ -5,8 +5,8 @@ import pytest
 
 from robrain.coordinator.charging.charge_desk import MOVED_NS, MOVED_SHARE, _is_the_same
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.plan_messages import PlannedCharge
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.tasks.plan_messages import PlannedCharge
 
 UNTIL_NS = to_ns(60.0)
 SAID = PlannedCharge(

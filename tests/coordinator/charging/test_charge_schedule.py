@@ -16,8 +16,8 @@ from robrain.coordinator.charging.charge_schedule import (
     schedule_charges,
 )
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 
 HERE, THERE = Point2D(0.0, 0.0), Point2D(9.0, 0.0)
 POWER_W = 20.0

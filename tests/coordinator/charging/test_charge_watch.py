@@ -12,8 +12,8 @@ from robrain.coordinator.planning.energy_budget import CHARGED_SHARE
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import ChargerWays
 from robrain.coordinator.team.roster import Robot
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
 from tests.coordinator.planning.worlds import CAPACITY_J, J_PER_M, PACE_M_S, STANDING_W, model
 
 HERE = Point2D(1.0, 2.0)

@@ -11,16 +11,15 @@ from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charg
 from robrain.coordinator.planning.policy import ChargingPolicy, PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import AfterCharge
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.plan_messages import PlanningStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
-from robrain.protocol.wire.reasons.plans import ChargersTaken
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.reasons.plans import ChargersTaken
+from robrain.protocol.table.topics import (
     COORDINATOR_CHARGES,
     COORDINATOR_PLANNING,
     ROBOT_CALL,
@@ -28,6 +27,7 @@ from robrain.protocol.wire.table.topics import (
     TASK_PROBLEM,
     TASK_WHY,
 )
+from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.conftest import Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, model, run
 

@@ -6,9 +6,9 @@ import pytest
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 ALARM = Alarm("heat", "m1", 10, 20)
 

@@ -28,10 +28,10 @@ from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalL
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.journal.journal_check import check_journal
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_BACKUP
+from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
 from tests.waiting import until
 
 ALL = TaskFilter(own=True, limit=10_000)

@@ -11,9 +11,9 @@ import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
 from tests.waiting import PATIENCE_S
 
 

@@ -10,12 +10,12 @@ from robrain.coordinator.journal import journal as journal_module
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.wire.reasons.offers import NoPath
-from robrain.protocol.wire.reasons.robots import Halted, Refused
-from robrain.protocol.wire.reasons.tasks import RobotOut
+from robrain.protocol.reasons.offers import NoPath
+from robrain.protocol.reasons.robots import Halted, Refused
+from robrain.protocol.reasons.tasks import RobotOut
 
 ASKED = b'{"task":{"id":"t1","kind":"visit"}}'
 

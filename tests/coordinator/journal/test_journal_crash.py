@@ -19,13 +19,13 @@ from robrain.coordinator.journal import journal as journal_module
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import LEGAL, TaskBook
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.wire.reasons.robots import LostContact
-from robrain.protocol.wire.reasons.tasks import Cancelled, Forgotten, IsNext, LeaseRanOut
+from robrain.protocol.reasons.robots import LostContact
+from robrain.protocol.reasons.tasks import Cancelled, Forgotten, IsNext, LeaseRanOut
 
 pytestmark = pytest.mark.slow
 

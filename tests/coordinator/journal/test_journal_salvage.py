@@ -15,11 +15,11 @@ from robrain.coordinator.journal import salvage
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.messages.team.standing_messages import KnownRobot
+from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.wire.messages.team.standing_messages import KnownRobot
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary
 
 TASKS = 120
 PAGE = 4096

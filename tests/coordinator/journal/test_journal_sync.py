@@ -9,9 +9,9 @@ import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 NORMAL, FULL = 1, 2
 """`PRAGMA synchronous`: whether a commit waits for the disk."""

@@ -3,7 +3,7 @@
 from typing import Any
 
 from robrain.coordinator.motes.field_keeper import FORWARDERS_TOLD, FieldWays
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MoteReading
 
 
 def note(ways: FieldWays, mote: str, *, is_new: bool = True, **way: Any) -> None:

@@ -6,11 +6,11 @@ import pytest
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
-from robrain.protocol.wire.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard
-from robrain.protocol.wire.table.topics import TASK_WHY
+from robrain.protocol.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard
+from robrain.protocol.table.topics import TASK_WHY
 from tests.coordinator.motes.test_motes import Field
 
 NEAR, FAR, WEST = Point2D(6.5, 4.0), Point2D(2.0, 2.0), Point2D(2.0, 6.0)

@@ -1,10 +1,10 @@
 """Situations to plan from, for tests of what makes the plans."""
 
 from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 
 def open_floor_snapshot(number: int, tasks: int, robots: int = 2) -> Snapshot:

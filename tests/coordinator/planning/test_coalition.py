@@ -6,11 +6,11 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest
-from robrain.protocol.wire.reasons.tasks import Gather, MinorityHeard, PartsUntold
-from robrain.protocol.wire.table.topics import TASK_CANCEL
+from robrain.protocol.reasons.tasks import Gather, MinorityHeard, PartsUntold
+from robrain.protocol.table.topics import TASK_CANCEL
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 
 PLACE = Point2D(6.0, 4.0)

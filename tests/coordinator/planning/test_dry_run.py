@@ -3,12 +3,12 @@
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.task_messages import TaskDryRun, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskDryRun, TaskSubmission
-from robrain.protocol.wire.reasons.robots import Halted
-from robrain.protocol.wire.reasons.tasks import NobodyThere, NotBefore
-from robrain.protocol.wire.table.topics import TASK_DRY_RUN
+from robrain.protocol.reasons.robots import Halted
+from robrain.protocol.reasons.tasks import NobodyThere, NotBefore
+from robrain.protocol.table.topics import TASK_DRY_RUN
 
 
 def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):

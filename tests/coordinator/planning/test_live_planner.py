@@ -8,8 +8,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import PlanningRobot
 from robrain.coordinator.planning.worker_link import Done
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S
 

@@ -6,9 +6,9 @@ import pytest
 
 from robrain.coordinator.planning.own_decisions import DETOUR, DOCK_S, own_decision
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from tests.coordinator.planning.worlds import J_PER_M, PACE_M_S, STANDING_W, model
 
 POLICY = PlanningPolicy(time_margin=1.25)

@@ -25,7 +25,7 @@ from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.wire.reasons.plans import ChargersTaken
+from robrain.protocol.reasons.plans import ChargersTaken
 from tests.coordinator.planning.worlds import model
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)

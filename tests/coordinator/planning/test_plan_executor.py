@@ -13,15 +13,15 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons.offers import NoPath
+from robrain.protocol.reasons.plans import NearestOut
+from robrain.protocol.reasons.robots import LacksEnergy, NoWayAndBack, Refused
+from robrain.protocol.reasons.tasks import GaveUp, NeededFor, RobotOut, TaskReason, TeamLacks
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reasons.offers import NoPath
-from robrain.protocol.wire.reasons.plans import NearestOut
-from robrain.protocol.wire.reasons.robots import LacksEnergy, NoWayAndBack, Refused
-from robrain.protocol.wire.reasons.tasks import GaveUp, NeededFor, RobotOut, TaskReason, TeamLacks
 from robrain.protocol.wire.session import open_lockstep_session
 
 PLACE = Point2D(1.0, 1.0)

@@ -9,11 +9,11 @@ from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worke
 from robrain.coordinator.planning import plan_in_force as planned_module
 from robrain.coordinator.planning.plan_in_force import PlannedStep, planned
 from robrain.coordinator.planning.problem_builder import BuiltProblem
-from robrain.protocol.wire.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.wire.reasons.offers import NoPath
-from robrain.protocol.wire.reasons.plans import NoRobots
-from robrain.protocol.wire.reasons.robots import Refused
-from robrain.protocol.wire.reasons.tasks import AfterUnplanned
+from robrain.protocol.messages.tasks.plan_messages import PlanProblem
+from robrain.protocol.reasons.offers import NoPath
+from robrain.protocol.reasons.plans import NoRobots
+from robrain.protocol.reasons.robots import Refused
+from robrain.protocol.reasons.tasks import AfterUnplanned
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 NOW_S = 100.0

@@ -8,14 +8,14 @@ from robrain.coordinator.planning import plan_search as search
 from robrain.coordinator.planning.plan_search import PlanSearch
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
-from robrain.protocol.wire.reasons.tasks import AfterUnplanned, CannotBePlanned
-from robrain.protocol.wire.table.topics import TASK_SUBMIT, TASK_WHY
+from robrain.protocol.reasons.tasks import AfterUnplanned, CannotBePlanned
+from robrain.protocol.table.topics import TASK_SUBMIT, TASK_WHY
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 HUGE = {"priority": 1e308, "service_s": 1e308}

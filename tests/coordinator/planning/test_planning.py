@@ -10,14 +10,14 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.protocol.errors import CallError
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
-from robrain.protocol.wire.reasons.robots import LacksPlugins
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.reasons.robots import LacksPlugins
+from robrain.protocol.table.topics import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
     TASK_DECISION,

@@ -7,9 +7,9 @@ from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import ask
 from robrain.coordinator.planning.snapshot import HANDLING_S
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 MODEL = EnergyModel(

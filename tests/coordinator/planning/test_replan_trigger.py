@@ -5,11 +5,11 @@ import pytest
 
 from robrain.coordinator.planning.planning import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, ReplanTrigger
 from robrain.coordinator.planning.snapshot import PlanningRobot
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from tests.coordinator.planning.worlds import model
 
 HOME = Point2D(0.0, 0.0)

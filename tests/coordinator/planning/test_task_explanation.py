@@ -9,12 +9,11 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.reasons.robots import (
+from robrain.protocol.reasons.robots import (
     AtTask,
     Failed,
     Gone,
@@ -24,8 +23,9 @@ from robrain.protocol.wire.reasons.robots import (
     NotHeard,
     RobotReason,
 )
+from robrain.protocol.table.topics import ROBOT_OFFER
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_OFFER
 
 NOW_NS = to_ns(100.0)
 

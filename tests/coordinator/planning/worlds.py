@@ -4,11 +4,11 @@ import math
 
 import msgspec
 
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import TaskState, parameters_of
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from tests.coordinator.conftest import TICK_S, FakeRobot, Team
 
 STANDING_W = 8.0

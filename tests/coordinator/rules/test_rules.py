@@ -4,11 +4,11 @@ import msgspec
 import pytest
 
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
-from robrain.protocol.wire.reasons.tasks import RuleReading
-from robrain.protocol.wire.table.topics import TASK_CANCEL, TASK_WHY
+from robrain.protocol.reasons.tasks import RuleReading
+from robrain.protocol.table.topics import TASK_CANCEL, TASK_WHY
 from tests.coordinator.rules.sensed_team import PLACE, SensedTeam, rule
 
 HELD = {"above": 26.0, "for_s": 8.0, "clear_at": 24.0}

@@ -1,9 +1,9 @@
 """A team some of whose robots are out of the coordinator's reach."""
 
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRequest, TaskWhy
-from robrain.protocol.wire.table.topics import TASK_WHY
+from robrain.protocol.table.topics import TASK_WHY
 from tests.coordinator.conftest import Team
 
 

@@ -8,15 +8,15 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
+from robrain.protocol.messages.team.standing_messages import KnownRobot, LeadReply, LeadRequest
+from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import TeamBallot
-from robrain.protocol.wire.messages.team.standing_messages import KnownRobot, LeadReply, LeadRequest
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary
-from robrain.protocol.wire.reasons.tasks import MinorityHeard
+from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
+from robrain.protocol.table.topics import ROBOT_BALLOT
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_LEAD
-from robrain.protocol.wire.table.topics import ROBOT_BALLOT
 from tests.coordinator.standing.parted_team import PartedTeam
 
 ALL = 1_000_000

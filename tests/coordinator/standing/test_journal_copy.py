@@ -11,13 +11,13 @@ from robrain.coordinator.standing.stand_by import Following, StandBy
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
+from robrain.protocol.messages.team.standing_messages import KnownRobot
+from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.topics import TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
-from robrain.protocol.wire.messages.team.standing_messages import KnownRobot
-from robrain.protocol.wire.messages.team.team_messages import RobotSummary
-from robrain.protocol.wire.table.topics import TASK_CANCEL, TASK_SUBMIT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.kept_journal import JournalDisk

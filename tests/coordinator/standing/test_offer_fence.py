@@ -6,11 +6,11 @@ import pytest
 
 from robrain.coordinator.standing import offer_fence
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.team.standing_messages import LeadReply, LeadRequest, StandByState
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.team.standing_messages import LeadReply, LeadRequest, StandByState
-from robrain.protocol.wire.reasons.tasks import MinorityHeard
+from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
 from tests.coordinator.standing.parted_team import PartedTeam
 
 STAND_BY = "office-77"

@@ -10,12 +10,12 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.tasks.admission import why_dependency_ended, why_impossible, why_unknown
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord, TaskSubmission
-from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.reasons.tasks import AfterEnded
+from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons.tasks import AfterEnded
 
 NOW_NS = to_ns(1000.0)
 ALL = {"r1": frozenset({"visit", "explore"}), "r2": frozenset({"visit", "inspect", "camera"})}

@@ -4,19 +4,12 @@ from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE
 from robrain.coordinator.tasks.offers import dispatch, verdicts
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.wire.reasons.offers import NoPath
-from robrain.protocol.wire.reasons.robots import (
-    AnotherNearer,
-    Halted,
-    LacksPlugins,
-    PositionUnknown,
-    Refused,
-    RobotReason,
-)
+from robrain.protocol.reasons.offers import NoPath
+from robrain.protocol.reasons.robots import AnotherNearer, Halted, LacksPlugins, PositionUnknown, Refused, RobotReason
 
 
 def task(name: str, x_m: float, submitted_ns: int = 0, **fields) -> TaskRecord:

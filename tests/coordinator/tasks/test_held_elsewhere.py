@@ -6,11 +6,11 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import HeldElsewhere
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.messages.tasks.consensus_messages import TaskHeldBy, TeamBallot
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.consensus_messages import TaskHeldBy, TeamBallot
 
 
 class Elsewhere:

@@ -13,24 +13,17 @@ from robrain.coordinator.tasks.task_lifecycle import COMPLAIN_AGAIN_NS, WITHDRAW
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons.offers import DoneJustNow, NeedsEnergy, Occupied, OfferRefusal, PositionLost, RobotHalted
+from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons.robots import Failed, Refused
+from robrain.protocol.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reasons.offers import (
-    DoneJustNow,
-    NeedsEnergy,
-    Occupied,
-    OfferRefusal,
-    PositionLost,
-    RobotHalted,
-)
-from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.reasons.robots import Failed, Refused
-from robrain.protocol.wire.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
 from robrain.protocol.wire.session import open_lockstep_session
 
 YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")

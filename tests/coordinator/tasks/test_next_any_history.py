@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskRequest
-from robrain.protocol.wire.table.topics import TASK_CANCEL
+from robrain.protocol.table.topics import TASK_CANCEL
 from tests.coordinator.conftest import Team
 from tests.coordinator.desk_robots import DeskRobot
 from tests.coordinator.histories import play

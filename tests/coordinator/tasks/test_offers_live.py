@@ -8,13 +8,13 @@ from robrain.coordinator.tasks import offers as offers_module
 from robrain.coordinator.tasks.offers import Offers
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from tests.waiting import PATIENCE_S, until
 
 

@@ -5,12 +5,12 @@ import pytest
 from robrain.coordinator.tasks.reconcile import FORGOTTEN_S, OFFER_ARRIVES_S, StateChange, reconcile, strays
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.wire.reasons.robots import Gone, LostContact
-from robrain.protocol.wire.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
+from robrain.protocol.reasons.robots import Gone, LostContact
+from robrain.protocol.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 
 TASK = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
 LONG_AGO_S = -100.0

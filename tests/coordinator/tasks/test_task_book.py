@@ -9,12 +9,12 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import ATTEMPTS, KEPT_ENDED, LEGAL, TaskBook
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.reasons.reason import Said
-from robrain.protocol.wire.reasons.robots import LostContact
-from robrain.protocol.wire.reasons.tasks import Cancelled, LeaseRanOut
+from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons.robots import LostContact
+from robrain.protocol.reasons.tasks import Cancelled, LeaseRanOut
 
 GOAL = Point2D(1.0, 2.0)
 ROBOTS = st.sampled_from(["r1", "r2"])

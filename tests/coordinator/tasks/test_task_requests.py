@@ -5,16 +5,10 @@ import pytest
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import (
-    TaskFilter,
-    TaskRecord,
-    TaskRequest,
-    TaskSubmission,
-    TaskWhy,
-)
-from robrain.protocol.wire.table.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
+from robrain.protocol.table.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
 
 
 def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):

@@ -5,18 +5,12 @@ import pytest
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.team_intake import take_in
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TaskDone, TaskDropped, TaskHeld, TeamBallot
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.consensus_messages import (
-    TaskAsked,
-    TaskDone,
-    TaskDropped,
-    TaskHeld,
-    TeamBallot,
-)
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.reasons.tasks import Cancelled
+from robrain.protocol.reasons.tasks import Cancelled
 
 TASK = Task(id="t4", kind="visit", place=Point2D(1.0, 2.0))
 

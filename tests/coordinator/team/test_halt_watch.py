@@ -7,12 +7,12 @@ import pytest
 from robrain.coordinator.team.halt_watch import HaltWatch
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import HALT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import HALT
 
 
 class Team:

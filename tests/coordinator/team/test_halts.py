@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topics import COORDINATOR_HALT, HALT
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import COORDINATOR_HALT, HALT
 
 
 @pytest.fixture

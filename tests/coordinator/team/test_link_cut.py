@@ -4,8 +4,8 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_STATE
 
 SPARSE = 2
 """Maximum number of frontier offers during a second in which the robot cannot be queried."""

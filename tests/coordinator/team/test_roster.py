@@ -2,10 +2,10 @@ import pytest
 
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.model.tasks.task import LOST_AFTER_S, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.reasons.robots import Gone, LostContact, NotHeard
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.reasons.robots import Gone, LostContact, NotHeard
 
 BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=100.0)
 

@@ -7,8 +7,8 @@ import pytest
 from robrain.coordinator.team.roster import Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.reasons.reason import TopicStale
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, RECORDER_STATE, ROBOT_MAP, ROBOT_STATE
+from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.table.topics import COORDINATOR_STATE, RECORDER_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.coordinator.team.test_roster import comes, goes, says
 
 

@@ -18,9 +18,9 @@ from robrain.deploy.assistant.confirmations import Confirmations
 from robrain.deploy.assistant.errors import AuditError
 from robrain.deploy.assistant.ordering import Rehearsal
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, Order
+from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.access.member import Member, MemberRole
 from robrain.sim.lockstep.lockstep import LockstepTransport
 from robrain.sim.scenarios.scenario import Scenario
 

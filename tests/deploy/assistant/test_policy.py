@@ -20,11 +20,11 @@ from robrain.deploy.assistant.policy import (
 )
 from robrain.deploy.assistant.words import WORDS, refusal
 from robrain.plugins.unit.driver.driver import Driver
+from robrain.protocol.access.member import Member, MemberRole
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.access.member import Member, MemberRole
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, PluginInfo
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.sim.scenarios.scenario import Scenario
 
 TASK = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))

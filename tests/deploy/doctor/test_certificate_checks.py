@@ -17,8 +17,8 @@ from robrain.deploy.doctor.examination import (
 )
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue
-from robrain.protocol.wire.access.identity import CERTIFICATE, KEY, TLS_VARIABLE
-from robrain.protocol.wire.access.member import Member, member
+from robrain.protocol.access.identity import CERTIFICATE, KEY, TLS_VARIABLE
+from robrain.protocol.access.member import Member, member
 
 NOW = datetime.now(UTC)
 R1, R2 = member("robot", "blue", "r1"), member("robot", "blue", "r2")

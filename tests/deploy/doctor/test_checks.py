@@ -36,11 +36,11 @@ from robrain.deploy.doctor.team_checks import (
 from robrain.deploy.processes.name_claim import claim_robot
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.extras import MissingPackage
+from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_WHO
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
-from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_WHO
 from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.waiting import until
 

@@ -10,18 +10,16 @@ from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from robrain.deploy.observability.metrics_process import COUNTERS, METRICS, TeamMetrics
+from robrain.protocol.border.refusals import Refusal
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.refusals import Refusal
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.reasons.reason import TopicStale
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
     ROBOT_ALIVE,
@@ -29,6 +27,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
 
 BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.42, remaining_j=100.0)
 REFUSAL = Refusal(topic="robot_event", key="robrain/t/robot/r1/event/a/b", code="lost", count=7, why="away")

@@ -14,9 +14,9 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import MEMBERS_FILE, changing, folder_of, read_members
 from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, endpoints_of, init, issue, renew, renew_due, revoke
+from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
+from robrain.protocol.access.member import Member, MemberRole, member
 from robrain.protocol.errors import BadName, WireError
-from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
-from robrain.protocol.wire.access.member import Member, MemberRole, member
 
 NOW = datetime(2030, 1, 1, tzinfo=UTC)
 ROBOT, ROUTER = member("robot", "blue", "r1"), member("router", "blue", "site")

@@ -14,6 +14,10 @@ import pytest
 from robrain.deploy.ros2 import gateway_process
 from robrain.deploy.ros2.gateway_process import Gateway, OrderOutcome
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import MapFrame
@@ -23,20 +27,9 @@ from robrain.protocol.ros2.message_classes import String
 from robrain.protocol.ros2.message_types import MessageType, ServiceType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Qos
 from robrain.protocol.ros2.ros_port import ReceivedMessage
+from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import Scan
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import (
-    ARENA_SCAN,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    TASK_EVENT,
-)
 
 GEOMETRY = GridGeometry(width=8, height=6, resolution_m=0.05, origin_x_m=-1.0, origin_y_m=-2.0)
 BATTERY = BatteryState(voltage_v=12.0, current_a=1.5, temperature_c=20.0, soc=0.42, remaining_j=100.0)

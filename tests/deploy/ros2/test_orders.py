@@ -10,9 +10,9 @@ import pytest
 from robrain.client.halting import HaltReport
 from robrain.deploy.ros2.gateway_process import TEXT_MAX, WAITING_MAX, TeamOrders, halt, submit
 from robrain.protocol.errors import NobodyThere
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 
 
 class KeptTeam:

@@ -10,8 +10,8 @@ from robrain.coordinator.standing.stand_by import SILENT_NS
 from robrain.deploy.run.coordinator_command import follow_journal
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.plugin_messages import ProcessInfo
 from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.stand_in.stand_in_run import shared_session

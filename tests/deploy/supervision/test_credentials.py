@@ -15,7 +15,7 @@ from robrain.deploy.pki.issuing import DAYS, renew, revoke
 from robrain.deploy.supervision.credentials import Credentials
 from robrain.deploy.supervision.part import Part
 from robrain.deploy.supervision.up import choose_endpoint
-from robrain.protocol.wire.access.identity import KEY, TLS_VARIABLE, read_identity
+from robrain.protocol.access.identity import KEY, TLS_VARIABLE, read_identity
 from robrain.protocol.wire.hub import HUB_VARIABLE
 
 NOW = datetime.now(UTC)

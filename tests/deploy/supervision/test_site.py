@@ -11,8 +11,8 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.supervision.arena_resume import resumed, write_resume
 from robrain.deploy.supervision.site import Site, coordinator_parts, dashboard_part, recorder_part
 from robrain.deploy.supervision.up import Printed
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.sim.scenarios.scenario import Scenario
 
 

@@ -14,13 +14,13 @@ from robrain.deploy.supervision.restarts import Phase
 from robrain.deploy.supervision.team_status import standing_of
 from robrain.deploy.supervision.team_watch import HEARD, Rate, TeamWatch
 from robrain.protocol.clock import NS_PER_S, VirtualClock
+from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
+from robrain.protocol.messages.team.arena_messages import ArenaTruth
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import PluginFault, RobotState
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
 
 
 @pytest.fixture

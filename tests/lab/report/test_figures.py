@@ -8,16 +8,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.lab.report.figure_style import (
-    BAD,
-    FAINT,
-    GOOD,
-    INK,
-    NEUTRAL,
-    WARN,
-    figure_style,
-    line_look,
-)
+from robrain.lab.report.figure_style import BAD, FAINT, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
 from robrain.lab.report.figures import energy_figure, explored_figure, task_figure, trajectory_figure
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry

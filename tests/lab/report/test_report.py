@@ -13,16 +13,16 @@ from PIL import Image
 from robrain.dashboard.replay.html_player import write_html
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.lab.report.report import FIGURES, group_runs, totals, write_report
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.wire.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.run_data import Happenings, read_run
 from robrain.sim.lockstep.result import RunResult

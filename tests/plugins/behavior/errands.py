@@ -10,15 +10,15 @@ import numpy as np
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_CALL, ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_CALL, ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.robot.lidar import LidarSpec

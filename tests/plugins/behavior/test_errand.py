@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.agent.lifecycle.plugin_info import plugin_info
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.reasons.offers import NeedsEnergy, NeedsTime, NoPath, Unexplored
-from robrain.protocol.wire.table.topics import HALT, ROBOT_PATH
+from robrain.protocol.reasons.offers import NeedsEnergy, NeedsTime, NoPath, Unexplored
+from robrain.protocol.table.topics import HALT, ROBOT_PATH
 from tests.plugins.behavior.errands import START, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)

@@ -11,7 +11,7 @@ from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.table.topics import MOTE_READING, ROBOT_EVENT, ROBOT_IMAGE
+from robrain.protocol.table.topics import MOTE_READING, ROBOT_EVENT, ROBOT_IMAGE
 from robrain.sim.robot.camera import PLATE
 from tests.plugins.behavior.errands import MOTES, TEAM, Build, open_errands
 

@@ -7,7 +7,7 @@ import pytest
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_STATE
 from tests.plugins.behavior.errands import Build, Errands, open_errands
 
 NEAR, FAR = Point2D(2.5, 1.5), Point2D(3.2, 1.0)

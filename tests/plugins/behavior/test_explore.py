@@ -9,7 +9,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.table.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
 

@@ -5,10 +5,10 @@ import pytest
 from robrain.algorithms.navigation.frontier import find_frontiers
 from robrain.plugins.behavior.explore import ExploreBehavior
 from robrain.plugins.skill.mapper.frames import FrameMove
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_STATE
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
 START = Pose2D(1.5, 2.0, 0.0)

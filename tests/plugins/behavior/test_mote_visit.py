@@ -5,9 +5,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from robrain.protocol.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
-from robrain.protocol.wire.table.topics import MOTE_DUTY, MOTE_READING
+from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork

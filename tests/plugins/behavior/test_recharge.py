@@ -4,7 +4,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
+from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.behavior.errands import CHARGER, START, Build, Errands, open_errands
 

@@ -5,17 +5,13 @@ from types import SimpleNamespace
 import pytest
 
 from robrain.plugins.behavior.errand import Failed, Run
-from robrain.plugins.behavior.recharge import (
-    DOCK_S,
-    FULL_ERROR,
-    RechargeBehavior,
-)
+from robrain.plugins.behavior.recharge import DOCK_S, FULL_ERROR, RechargeBehavior
 from robrain.plugins.skill.energy.interface import Work
 from robrain.plugins.skill.home.interface import ChargerPlace
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
 from tests.plugins.behavior.bare_errand import run
 from tests.plugins.behavior.bare_recharge import CHARGER, BareRecharge
 

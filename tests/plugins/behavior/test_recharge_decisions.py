@@ -3,17 +3,11 @@
 import pytest
 
 from robrain.plugins.behavior.errand import STEP_S
-from robrain.plugins.behavior.recharge import (
-    AT_HOME_M,
-    GUARD_S,
-    HOMEWARD,
-    QUEUE_S,
-    RETRY_NS,
-)
+from robrain.plugins.behavior.recharge import AT_HOME_M, GUARD_S, HOMEWARD, QUEUE_S, RETRY_NS
+from robrain.protocol.messages.tasks.offer_messages import TaskOffer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskOffer
 from tests.plugins.behavior.bare_errand import mate, run
 from tests.plugins.behavior.bare_recharge import CHARGER, RESERVE_S, BareRecharge
 

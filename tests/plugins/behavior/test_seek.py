@@ -8,7 +8,7 @@ import pytest
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
+from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from tests.plugins.behavior.errands import Build, open_errands
 

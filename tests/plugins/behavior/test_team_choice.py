@@ -11,10 +11,10 @@ from robrain.algorithms.navigation.right_of_way import Track
 from robrain.plugins.behavior.explore import ALONE, CONFIDENCE, IDLE, TeamChoice
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState
 from tests.coordinator.planning.worlds import CAPACITY_J, model
 
 WEST, EAST = Point2D(2.05, 2.75), Point2D(7.95, 2.75)

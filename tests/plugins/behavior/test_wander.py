@@ -3,10 +3,10 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topics import HALT
+from robrain.protocol.table.topics import HALT
 from tests.plugins.behavior.errands import Build, open_errands
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from robrain.plugins.unit.snw_exploration.snw_exploration import MAX_ROBOTS, BaseLinks
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_RADIO_TX, ROBOT_LINKS
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload
-from robrain.protocol.wire.table.topics import ARENA_RADIO_TX, ROBOT_LINKS
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork

@@ -14,10 +14,10 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.gpio import input_lines
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.robots.host_messages import ResumeRequest
+from robrain.protocol.table.host_queries import HOST_RESUME
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.messages.robots.host_messages import ResumeRequest
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.host_queries import HOST_RESUME
 from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import until

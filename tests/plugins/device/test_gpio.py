@@ -15,10 +15,10 @@ from robrain.plugins.device.gpio.gpio_emergency_stop import GpioEmergencyStop
 from robrain.plugins.device.gpio.input_lines import GpioAbsent
 from robrain.plugins.device.range_sensors.interface import Bump
 from robrain.protocol.errors import CallError
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.host_messages import ResumeRequest
-from robrain.protocol.wire.table.host_queries import HOST_RESUME
-from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.host_messages import ResumeRequest
+from robrain.protocol.table.host_queries import HOST_RESUME
+from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
 from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.plugins.device.bare_device import BareDevice
 

@@ -7,7 +7,7 @@ from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_STATE
 
 BASE = OmniBase()
 WHEELS = ("wheel_1", "wheel_2", "wheel_3")

@@ -5,7 +5,7 @@ import pytest
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.can.bus_state import BusState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
+from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.sim.firmware.bus_line import LineFault
 
 START = Pose2D(1.0, 2.0, 0.0)

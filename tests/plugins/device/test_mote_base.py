@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.protocol.wire.table.topics import ARENA_RADIO_TX, ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.table.topics import ARENA_RADIO_TX, ROBOT_EVENT, ROBOT_STATE
 
 PACKET = bytes.fromhex("00 ffff 0003 02 22 0a  0001")
 

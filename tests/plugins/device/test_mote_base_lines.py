@@ -9,8 +9,8 @@ import pytest
 
 from robrain.plugins.device.mote_base.link import Backoff
 from robrain.plugins.device.mote_base.mote_base import MAX_UNSENT_BYTES, SfLink
+from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.tinyos.serial_line import Deframer, frame
-from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 PACKET = bytes.fromhex("00 FF FF 00 00 08 00 09 19 77 02 07 00 13 00 00")

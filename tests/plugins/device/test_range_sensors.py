@@ -10,7 +10,7 @@ from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.navigation.range_ring import NO_ECHO_M
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
+from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.sim.firmware.bus_line import LineFault
 
 

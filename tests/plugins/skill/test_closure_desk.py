@@ -11,8 +11,8 @@ from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph, is_information
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import UNSAID, WAY_M, ClosureDesk
+from robrain.protocol.messages.maps.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
-from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures, MapPatch
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 MATE = ("r2", 7)

@@ -8,9 +8,9 @@ from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import UNSAID, ClosureDesk
+from robrain.protocol.messages.maps.map_messages import Closure, Closures
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
 SURE = (1e4, 0.0, 0.0, 1e4, 0.0, 1e4)

@@ -6,7 +6,7 @@ from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_STATE
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import OCCUPIED
-from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_MAP
+from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_MAP
 
 START = Pose2D(1.0, 1.0, 0.0)
 BLOCKS = ((2.8, 2.2, 3.6, 2.8), (5.6, 2.1, 6.2, 3.4), (7.8, 0.0, 8.1, 1.6), (0.0, 3.6, 1.5, 3.8))

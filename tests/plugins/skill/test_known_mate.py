@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from robrain.plugins.unit.teammates.interface import Doing, Mate
 from robrain.plugins.unit.teammates.teammates import KnownMate, hear_paths, hear_states, may_be_near, near, reckon
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
 
 S = 1_000_000_000
 STALLED_S, FRESH_S = 4, 2

@@ -8,7 +8,7 @@ from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_MAP, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_MAP, ROBOT_STATE
 
 BASE = OmniBase()
 WHEELS = ("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")

@@ -11,9 +11,9 @@ from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.algorithms.slam.map_patch import take_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
+from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.messages.team.arena_messages import Scan
-from robrain.protocol.wire.table.topics import ARENA_SCAN, ROBOT_MAP
+from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, LidarFloor
 
 pytestmark = pytest.mark.slow

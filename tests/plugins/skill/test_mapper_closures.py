@@ -13,7 +13,7 @@ from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)

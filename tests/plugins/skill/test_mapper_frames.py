@@ -9,10 +9,10 @@ from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix
 from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.plugins.skill.mapper import frames as module
 from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, FrameMove
+from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from tests.plugins.unit.frame_scene import MATES, OWN, PLACES, SURE, T_OWN_FLOOR, WHY, WIDE, Scene, lost, off
 
 

@@ -10,7 +10,7 @@ from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_MAP
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_MAP
 from tests.algorithms.mapping.lidar_floor import ROOM
 from tests.plugins.unit.frame_scene import PLACES, ROOM_CLASSES, T_OWN_FLOOR, WIDE
 

@@ -10,11 +10,11 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.plugins.skill.mapper.mapper import Mapper
+from robrain.protocol.messages.maps.map_messages import Closure, Closures
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.wire.messages.maps.map_messages import Closure, Closures
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)

@@ -1,10 +1,10 @@
 from robrain.plugins.unit.teammates import teammates
 from robrain.plugins.unit.teammates.interface import Doing
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.wire.messages.robots.robot_messages import PlannedPath, RobotState
-from robrain.protocol.wire.table.topics import ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
 
 POSE = Pose2D(1.0, 2.0, 0.5)
 

@@ -12,8 +12,8 @@ from robrain.plugins.device.range_sensors.interface import Bump, RangeRing
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.unit.driver.driver import PERIOD_S, Driver
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionProgress
 
 RADIUS_M = 0.2
 RAYS = 360

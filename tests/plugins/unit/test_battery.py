@@ -3,7 +3,7 @@ import pytest
 
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
 from robrain.sim.firmware.battery import BatterySpec, GaugeSpec, SimulatedBattery
 from robrain.sim.firmware.battery_manager import Gauge
 

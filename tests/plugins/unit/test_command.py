@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from robrain.plugins.device.command.command import Command
 from robrain.plugins.device.command.conversation import MAX_LINE_BYTES, Conversation
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.wire.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 
 
 class Door:

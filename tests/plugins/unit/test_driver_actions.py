@@ -8,7 +8,7 @@ import pytest
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
+from robrain.protocol.table.topics import ROBOT_EVENT
 
 START = Pose2D(1.0, 2.0, 0.5)
 

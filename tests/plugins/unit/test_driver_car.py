@@ -8,8 +8,8 @@ import pytest
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.unit.driver.driver import NEEDS_SPEED, NO_ROOM, PARKED_M, PARKED_RAD
 from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.messages.robots.action_messages import Outcome
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 
 RADIUS_MIN_M = 0.3

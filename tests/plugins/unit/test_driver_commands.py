@@ -10,8 +10,8 @@ from robrain.plugins.unit.driver.driver import PERIOD_S
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.path import CORNER_M
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.robots.action_messages import Outcome
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 
 

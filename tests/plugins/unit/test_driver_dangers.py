@@ -7,8 +7,8 @@ import pytest
 from robrain.plugins.unit.driver.driver import PERIOD_S, Driver
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.action_messages import Outcome
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 from tests.plugins.unit.bare_driver import by_hand as hand
 

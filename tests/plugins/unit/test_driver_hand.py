@@ -7,8 +7,8 @@ import pytest
 from robrain.plugins.unit.driver.by_hand import LONGEST_LEASE_S, ByHand
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.action_messages import Outcome
 from robrain.protocol.model.geometry import Point2D, Twist2D
-from robrain.protocol.wire.messages.robots.action_messages import Outcome
 from tests.plugins.unit.bare_driver import BareDriver
 
 STILL = Twist2D()

@@ -5,7 +5,9 @@ import pytest
 
 from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
@@ -19,8 +21,6 @@ from robrain.protocol.tinyos.payloads import (
     RequestPayload,
     SequenceRange,
 )
-from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty, MoteReading
-from robrain.protocol.wire.table.topics import ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
 
 # TinyOS 2 serial packets, written out by hand: dispatch, destination, source, length, group, AM type; then the mote's
 # number, sequence, oldest, age and period in 0.1 s, mV, quantity, hundredths, x and y in 0.1 m, dBm.

@@ -20,9 +20,9 @@ from robrain.plugins.unit import program
 from robrain.plugins.unit.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ROBOT_CALL
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, has_ended, until
 

@@ -4,12 +4,12 @@ import pytest
 
 from robrain.plugins.unit.snw_exploration.reading_store import FORWARD_NS, ReadingStore
 from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.table.topics import COORDINATOR_ALIVE
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity, ReadingPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE
 from tests.plugins.unit.test_motes import Talk, asked, packet
 
 

@@ -9,15 +9,7 @@ from hypothesis import strategies as st
 from robrain.protocol.ros2.attachment import Attachment
 from robrain.protocol.ros2.errors import BadAttachment, BadRosName, BadToken
 from robrain.protocol.ros2.message_types import STRING
-from robrain.protocol.ros2.qos import (
-    LATCHED,
-    RELIABLE,
-    SENSOR_DATA,
-    Durability,
-    History,
-    Qos,
-    Reliability,
-)
+from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Durability, History, Qos, Reliability
 from robrain.protocol.ros2.ros_names import (
     check_domain,
     check_namespace,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.protocol.wire.links.exchange import Exchange
+from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.protocol.wire.lockstep_wire import Wire
 

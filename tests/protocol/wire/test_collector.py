@@ -5,7 +5,7 @@ import weakref
 
 import pytest
 
-from robrain.protocol.wire.answers.collector import YOUNG_OBJECTS, CalmCollector
+from robrain.protocol.answers.collector import YOUNG_OBJECTS, CalmCollector
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -6,21 +6,19 @@ import msgspec
 import pytest
 import zenoh
 
+from robrain.protocol.access.member import Member, MemberRole
+from robrain.protocol.access.signing import Signing
+from robrain.protocol.answers.lockstep_query import LockstepReplies
+from robrain.protocol.answers.waiting_queries import WaitingQueries
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
-from robrain.protocol.wire.access.member import Member, MemberRole
-from robrain.protocol.wire.access.signing import Signing
-from robrain.protocol.wire.answers.lockstep_query import LockstepReplies
-from robrain.protocol.wire.answers.waiting_queries import WaitingQueries
-from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import Event
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
-from robrain.protocol.wire.table.topic import Urgency
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topic import Urgency
+from robrain.protocol.table.topics import (
     ARENA_CAN,
     HALT,
     ROBOT_CALL,
@@ -29,6 +27,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_PLUGINS,
     ROBOT_STATE,
 )
+from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
+from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from tests.protocol.wire.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S, until
 

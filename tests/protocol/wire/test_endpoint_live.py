@@ -9,13 +9,13 @@ import zenoh
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links import declared_keys
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
-from robrain.protocol.wire.links import declared_keys
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.plugin_messages import Event
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}

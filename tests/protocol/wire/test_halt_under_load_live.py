@@ -6,11 +6,11 @@ import msgspec
 import pytest
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.table.topics import HALT, ROBOT_PATH
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import HALT, ROBOT_PATH
 from tests.waiting import until
 
 ROBOTS = 4

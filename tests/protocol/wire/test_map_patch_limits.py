@@ -7,18 +7,12 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
-from robrain.algorithms.slam.map_patch import (
-    is_near_grid,
-    joined_message,
-    pose_message,
-    take_message,
-    to_message,
-)
+from robrain.algorithms.slam.map_patch import is_near_grid, joined_message, pose_message, take_message, to_message
 from robrain.algorithms.slam.submap import SURFACE, SURFACES_MAX
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 
 GRID = GridGeometry(0.1, -3.0, 2.0, 60, 40)
 """60 cells wide, 40 high."""

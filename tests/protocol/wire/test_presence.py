@@ -3,11 +3,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.exchange import Exchange
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
 
 ROBOTS = ["r1", "r2", "r3"]
 

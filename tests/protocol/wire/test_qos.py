@@ -3,9 +3,9 @@
 import pytest
 import zenoh
 
-from robrain.protocol.wire.links.qos import PRIORITY, publisher_options, query_options
-from robrain.protocol.wire.table.topic import Query, Topic, Urgency
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.links.qos import PRIORITY, publisher_options, query_options
+from robrain.protocol.table.topic import Query, Topic, Urgency
+from robrain.protocol.table.topics import (
     COORDINATOR_STATE,
     HALT,
     ROBOT_CALL,

@@ -6,15 +6,15 @@ import pytest
 
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links import radio_exchange
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.radio_exchange import RadioExchange
+from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.arena_messages import LinkCounters
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links import radio_exchange
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.radio_exchange import RadioExchange
-from robrain.protocol.wire.messages.robots.plugin_messages import Event
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
 
 CACHE = ROBOT_EVENT.cache
 

@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.protocol.border.reading_sieve import ReadingSieve
 from robrain.protocol.clock import to_ns
-from robrain.protocol.wire.border.reading_sieve import ReadingSieve
-from robrain.protocol.wire.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MoteReading
 
 
 def reading(sequence, *, mote="m1", via="r1", taken_s=100.0, told_s=None, quantity="temperature_c"):

@@ -7,11 +7,11 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.links.inbox import ASKED_MAX, Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
-from robrain.protocol.wire.links.inbox import ASKED_MAX, Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
 from tests.waiting import until
 
 

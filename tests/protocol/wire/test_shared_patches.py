@@ -14,9 +14,9 @@ from robrain.algorithms.slam import submap_atlas
 from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message, whole_map
 from robrain.algorithms.slam.shared_patches import SharedSteps
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
+from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 
 TEAM = GridGeometry(0.5, -3.0, 2.0, 40, 32)
 CLASS = st.sampled_from([FREE, OCCUPIED, UNKNOWN])

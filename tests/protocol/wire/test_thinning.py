@@ -5,12 +5,10 @@ import itertools
 import pytest
 
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.thinning import Thinning, is_thinned
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.thinning import Thinning, is_thinned
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.table.topics import (
     COORDINATOR_STATE,
     HALT,
     PUBLISHED,
@@ -19,6 +17,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_PATH,
     ROBOT_STATE,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
 
 STATE_BYTES = 1000
 

@@ -4,15 +4,15 @@ from contextlib import closing
 
 import pytest
 
+from robrain.protocol.answers.trace import KEPT, Traces, read_trace, trace_of
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.answers.trace import KEPT, Traces, read_trace, trace_of
+from robrain.protocol.table.topics import ROBOT_OFFER
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import ROBOT_OFFER
 from tests.waiting import until
 
 GIVEN = "4bf92f3577b34da6a3ce929d0e0e4736"

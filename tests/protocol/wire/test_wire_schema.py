@@ -7,12 +7,12 @@ import jsonschema
 import msgspec
 import pytest
 
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.team_messages import TeamState
-from robrain.protocol.wire.schema.json_schema import definitions, reference_to, types_of
-from robrain.protocol.wire.schema.struct_schema import DIALECT, bare, field_meanings, schema_of, structs_in
-from robrain.protocol.wire.table.topics import TOPICS
+from robrain.protocol.schema.json_schema import definitions, reference_to, types_of
+from robrain.protocol.schema.struct_schema import DIALECT, bare, field_meanings, schema_of, structs_in
+from robrain.protocol.table.topics import TOPICS
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.json"))
 STRUCTS = {struct.__name__: struct for struct in structs_in(kind for row in TOPICS for kind in types_of(row))}

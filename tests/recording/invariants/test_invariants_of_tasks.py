@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from msgspec import UNSET
 
 from robrain.coordinator.tasks.task_book import LEGAL
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.team_messages import TeamState
 from robrain.recording.invariants.findings import (
     DoneAgain,
     Invariant,

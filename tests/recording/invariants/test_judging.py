@@ -8,7 +8,7 @@ import pytest
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, ROBOT_STATE
+from robrain.protocol.table.topics import ARENA_TRUTH, ROBOT_STATE
 from robrain.recording.invariants import findings
 from robrain.recording.invariants.findings import (
     AnyFinding,

@@ -5,12 +5,12 @@ from typing import Any
 from msgspec import UNSET, UnsetType
 
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
+from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.wire.messages.team.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.wire.messages.team.team_messages import Halt, HaltStatus, RobotSummary, TeamState
 from robrain.recording.invariants.findings import Invariant, Ruling, Violation
 from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings
 from robrain.recording.invariants.judging import judge

@@ -2,12 +2,12 @@ import pytest
 
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_STATE, ROBOT_WITHDRAW
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.faulty_exchange import FaultyExchange
 

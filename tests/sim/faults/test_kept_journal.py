@@ -1,9 +1,9 @@
 import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.sim.faults.kept_journal import JournalDisk
 
 

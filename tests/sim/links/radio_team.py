@@ -5,9 +5,9 @@ from dataclasses import replace
 import msgspec
 
 from robrain.client.team import Team
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -5,7 +5,7 @@ import pytest
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from tests.sim.links.radio_team import RadioTeam, counted, robots_in
 

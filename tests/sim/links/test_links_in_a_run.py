@@ -6,11 +6,10 @@ import msgspec
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.team_messages import Halt
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     ARENA_LINKS,
     COORDINATOR_STATE,
     HALT,
@@ -19,6 +18,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_PLUGINS,
     ROBOT_STATE,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.link_spec import LinkSpec, PartitionSpec

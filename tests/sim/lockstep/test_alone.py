@@ -10,14 +10,14 @@ from robrain import Scenario
 from robrain.client.team import Team
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import NobodyThere
+from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import teams_there
-from robrain.protocol.wire.links.exchange import Exchange
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.publisher import Publisher
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import COORDINATOR_ALIVE, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 
 SMALL = Scenario.builtin("arena_small").replace(motes=0)

@@ -3,9 +3,9 @@
 import pytest
 
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import PUBLISHED
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import PUBLISHED
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from robrain.dashboard.state.live_source import LiveSource
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import ErrorCode
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.schema.document import errors_of
+from robrain.protocol.table.topic import Query, Topic
+from robrain.protocol.table.topics import PUBLISHED, ROBOT_PLUGINS, TASK_LIST, TOPICS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.wire.schema.document import errors_of
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topic import Query, Topic
-from robrain.protocol.wire.table.topics import PUBLISHED, ROBOT_PLUGINS, TASK_LIST, TOPICS
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 from tests.hostile_payloads import payloads

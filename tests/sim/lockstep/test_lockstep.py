@@ -14,8 +14,8 @@ from robrain import RunResult, Scenario
 from robrain.protocol.can.frames import codec
 from robrain.protocol.errors import PortTaken
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.table.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.reading import read_messages, recording_info
@@ -48,7 +48,7 @@ import json, sys
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS
 with open_session(connect=[sys.argv[1]]) as session:
     endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     {question}

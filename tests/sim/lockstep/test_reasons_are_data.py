@@ -7,11 +7,10 @@ import msgspec
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     COORDINATOR_CHARGES,
     COORDINATOR_STATE,
     ROBOT_PATH,
@@ -21,6 +20,7 @@ from robrain.protocol.wire.table.topics import (
     TASK_PROBLEM,
     TASK_SUBMIT,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.reader.reading import read_messages
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.lockstep.lockstep import LockstepRun

@@ -7,12 +7,12 @@ import zenoh
 from robrain import Scenario
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.patch_cells import cells_of, geometry_of
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.maps.patch_cells import cells_of, geometry_of
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
-from robrain.protocol.wire.table.topics import ARENA_PREPARATION
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.lockstep.start_picture import StartPicture, floor_classes, start_truth
 from robrain.sim.maps.floor_plan import FloorPlan

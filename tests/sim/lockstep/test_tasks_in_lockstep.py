@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import pytest
 
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskRecord
 from robrain.sim.scenarios.scenario import Scenario
 
 TASKS = [

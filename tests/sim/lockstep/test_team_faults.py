@@ -6,16 +6,16 @@ import msgspec
 import pytest
 
 from robrain import LinkSpec, Scenario, ScenarioError
+from robrain.protocol.border.border import Border
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Border
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_SUBMIT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.chargers import ChargerSpec

@@ -11,8 +11,8 @@ from robrain import Scenario
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.task_desk import TaskDesk
 from robrain.coordinator.coordinator import Coordinator
+from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.exchange import Exchange
 
 pytestmark = pytest.mark.slow
 

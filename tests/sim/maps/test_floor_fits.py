@@ -11,12 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robrain.algorithms.navigation.clearance import (
-    least_clearance_m,
-    least_gap_m,
-    mapped_clearance_m,
-    mapped_gap_cells,
-)
+from robrain.algorithms.navigation.clearance import least_clearance_m, least_gap_m, mapped_clearance_m, mapped_gap_cells
 from robrain.algorithms.navigation.frontier import touching
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.geometry import Point2D

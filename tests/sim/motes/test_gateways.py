@@ -9,10 +9,10 @@ import pytest
 from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.radio_network import COORDINATOR
+from robrain.protocol.table.topics import MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.links.radio_network import COORDINATOR
-from robrain.protocol.wire.table.topics import MOTE_READING
 from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mesh_spec import MeshSpec
 from robrain.sim.scenarios.scenario import Scenario

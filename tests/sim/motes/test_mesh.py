@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_RADIO_RX
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import READING_TYPE, STORED_TYPE, ReadingPayload
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ARENA_RADIO_RX
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mesh import SHORT_S
 from robrain.sim.motes.mesh_spec import MeshSpec

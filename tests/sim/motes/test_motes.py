@@ -3,7 +3,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
@@ -18,8 +20,6 @@ from robrain.protocol.tinyos.payloads import (
     SequenceRange,
 )
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, ReadingLog
 from robrain.sim.motes.mote_power import MoteState

@@ -7,15 +7,15 @@ import pytest
 from robrain.coordinator.motes.field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import DUTY_TYPE, DutyPayload
 from robrain.protocol.tinyos.routed import ROUTED_TYPE, RoutedPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
 from robrain.sim.motes.field import Plume, SimulatedField
 from robrain.sim.motes.gateway import MoteGateway
 from robrain.sim.motes.mesh_spec import MeshSpec

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.wire.reasons.tasks import RuleReading
+from robrain.protocol.reasons.tasks import RuleReading
 from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow

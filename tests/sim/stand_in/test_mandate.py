@@ -14,14 +14,14 @@ from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.messages.team.standing_messages import JournalChanges, StandByState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.reasons.tasks import NotLeading
+from robrain.protocol.table.topics import TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
-from robrain.protocol.wire.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.wire.messages.team.standing_messages import JournalChanges, StandByState
-from robrain.protocol.wire.reasons.tasks import NotLeading
-from robrain.protocol.wire.table.topics import TASK_SUBMIT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.stand_in.fault_script import FaultScript, PointRobot
 from robrain.sim.stand_in.operator import OPERATOR

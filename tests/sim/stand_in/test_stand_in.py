@@ -2,12 +2,12 @@ import msgspec
 import pytest
 
 from robrain.algorithms.allocation.allocator import AUCTION
+from robrain.protocol.border.border import Border
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.border.border import Border
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.stand_in.fault_script import (
     CancelOrder,

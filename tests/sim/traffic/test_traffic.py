@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from robrain import Scenario
+from robrain.protocol.messages.team.arena_messages import BodyKind
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.messages.team.arena_messages import BodyKind
 from robrain.sim.errors import ScenarioError
 from robrain.sim.traffic.specs import DoorSpec
 from robrain.sim.traffic.traffic import Door, Walkways

@@ -11,13 +11,13 @@ from robrain import RunResult, Scenario
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.table.topics import ARENA_TRUTH, ROBOT_MAP, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, ROBOT_MAP, ROBOT_STATE
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.referee import KEPT_TRUE_POSES, MAP_PERIOD_STEPS, AccuracyWatch, Referee, team_geometry

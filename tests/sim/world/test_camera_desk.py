@@ -6,7 +6,7 @@ from PIL import Image
 
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.table.topics import ARENA_CAMERA, ARENA_SENSE
+from robrain.protocol.table.topics import ARENA_CAMERA, ARENA_SENSE
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario_file import parse_scenario
 from tests.plugins.behavior.errands import Errands

@@ -8,11 +8,11 @@ import pytest
 
 from robrain import Scenario
 from robrain.client.team import Team
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.maps.left_messages import ExplorationLeft, LeftKind
-from robrain.protocol.wire.reasons.idle import TooNarrow
-from robrain.protocol.wire.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
+from robrain.protocol.reasons.idle import TooNarrow
+from robrain.protocol.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 from robrain.recording.reader.reading import read_messages
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall

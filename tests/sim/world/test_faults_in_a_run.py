@@ -6,10 +6,10 @@ import msgspec
 import pytest
 
 from robrain.agent.plugin import PluginState
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun

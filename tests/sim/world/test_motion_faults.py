@@ -2,9 +2,9 @@
 
 import pytest
 
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.table.topics import ROBOT_EVENT, ROBOT_PLUGINS
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario

@@ -8,11 +8,11 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.clock import VirtualClock
+from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ROBOT_MAP
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.maps.map_messages import MapPatch
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.wire.table.topics import ROBOT_MAP
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.referee import EDGE_CELLS, Referee, team_geometry
 

@@ -14,9 +14,9 @@ import zenoh
 from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue, revoke
+from robrain.protocol.access.identity import TLS_VARIABLE, read_identity
+from robrain.protocol.access.member import Member, member
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.wire.access.identity import TLS_VARIABLE, read_identity
-from robrain.protocol.wire.access.member import Member, member
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.session import open_session

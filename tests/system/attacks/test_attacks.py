@@ -2,8 +2,8 @@
 
 import pytest
 
-from robrain.protocol.wire.access.identity import CA
-from robrain.protocol.wire.table.topics import TASK_LIST
+from robrain.protocol.access.identity import CA
+from robrain.protocol.table.topics import TASK_LIST
 from tests.system.attacks.attacks import ATTACKS, RIGHTS, Attack
 from tests.system.attacks.secured_team import SecuredTeam, member_named, open_raw
 

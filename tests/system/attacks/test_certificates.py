@@ -10,12 +10,12 @@ import pytest
 
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue, renew
+from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, read_identity
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere, WireError
-from robrain.protocol.wire.access.identity import CA, CERTIFICATE, KEY, read_identity
+from robrain.protocol.table.topics import TASK_LIST
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import TASK_LIST
 from tests.system.attacks.secured_team import TEAM, SecuredTeam, member_named, open_raw
 from tests.waiting import until
 

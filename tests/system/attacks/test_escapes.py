@@ -9,13 +9,11 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, LogRecord, PluginInfo, ProcessInfo
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.plugin_messages import FunctionInfo, LogRecord, PluginInfo, ProcessInfo
-from robrain.protocol.wire.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
-from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.host_queries import HOST_HALT
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.host_queries import HOST_HALT
+from robrain.protocol.table.topics import (
     ROBOT_ALIVE,
     ROBOT_CALL,
     ROBOT_LOG,
@@ -24,6 +22,8 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_STATE,
     ROBOT_WHO,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import listening_at, open_session
 from tests.system.conftest import Commands
 
 pytestmark = pytest.mark.system

@@ -13,12 +13,12 @@ from robrain.agent.host.text_command import parse_call
 from robrain.agent.plugin import Unit, external
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, Outcome
+from robrain.protocol.messages.robots.plugin_messages import Event, PluginInfo
+from robrain.protocol.table.host_queries import HOST_COMMAND
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_LOG_KEPT, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
-from robrain.protocol.wire.messages.robots.action_messages import ActionEnd, ActionId, Outcome
-from robrain.protocol.wire.messages.robots.plugin_messages import Event, PluginInfo
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.host_queries import HOST_COMMAND
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_LOG_KEPT, ROBOT_PLUGINS
 from tests.system.conftest import Commands
 
 pytestmark = pytest.mark.system

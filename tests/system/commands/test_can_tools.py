@@ -26,11 +26,11 @@ from robrain.algorithms.navigation.omni_drive import OmniBase
 from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.table.topics import ARENA_TRUTH
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import ARENA_TRUTH
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 

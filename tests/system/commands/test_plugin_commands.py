@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ROBOT_CALL
 from tests.asking import until_answered
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until

@@ -11,8 +11,8 @@ from playwright.sync_api import Browser, Page, expect
 
 from robrain.dashboard import run_dashboard
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.team.team_messages import Halt
 from robrain.protocol.wire.session import open_session
 from robrain.recording.drawing.palette import FREE
 from tests.system.browser import (

@@ -5,11 +5,11 @@ import time
 
 import pytest
 
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.table.topics import TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.table.topics import TASK_LIST, TASK_SUBMIT
 from tests.asking import until_answered
 from tests.waiting import PATIENCE_S
 

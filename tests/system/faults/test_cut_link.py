@@ -7,10 +7,10 @@ import time
 import pytest
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, ROBOT_PLUGINS
 from tests.asking import until_answered
 from tests.system.cut_network import NEAR, CutNetwork, cut_network
 from tests.waiting import until

@@ -6,11 +6,11 @@ import time
 import pytest
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import RobotTruth
+from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.team.arena_messages import RobotTruth
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ARENA_TRUTH, COORDINATOR_STATE
 from tests.system.soak import put
 from tests.waiting import PATIENCE_S, until
 

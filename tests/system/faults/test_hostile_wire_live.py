@@ -12,19 +12,12 @@ import pytest
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.table.topic import Delivery, Query, Topic
+from robrain.protocol.table.topics import MOTE_READING, PUBLISHED, RECORDER_STATE, ROBOT_PLUGINS, TASK_LIST, TOPICS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topic import Delivery, Query, Topic
-from robrain.protocol.wire.table.topics import (
-    MOTE_READING,
-    PUBLISHED,
-    RECORDER_STATE,
-    ROBOT_PLUGINS,
-    TASK_LIST,
-    TOPICS,
-)
 from tests.hostile_payloads import fixed_payloads
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until

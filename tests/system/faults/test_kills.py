@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from robrain import Team
+from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.wire.messages.tasks.task_messages import TaskChange, TaskRecord
 from tests.system import soak
 from tests.waiting import PATIENCE_S, until
 

@@ -12,8 +12,8 @@ import zenoh
 
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue
-from robrain.protocol.wire.access.identity import read_identity
-from robrain.protocol.wire.access.member import Member, member
+from robrain.protocol.access.identity import read_identity
+from robrain.protocol.access.member import Member, member
 from robrain.protocol.wire.session import open_session
 from tests.system.conftest import Commands
 from tests.system.routers import Router, start_router

@@ -14,16 +14,16 @@ import pytest
 
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue
+from robrain.protocol.access.identity import TLS_VARIABLE, read_identity
+from robrain.protocol.access.member import Member, member
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.wire.access.identity import TLS_VARIABLE, read_identity
-from robrain.protocol.wire.access.member import Member, member
+from robrain.protocol.table.topics import COORDINATOR_STATE, TASK_EVENT, TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import COORDINATOR_STATE, TASK_EVENT, TASK_LIST, TASK_SUBMIT
 from tests.asking import until_answered
 from tests.system.conftest import Commands
 from tests.system.relayed_network import FAR, RelayedNetwork, relayed_network

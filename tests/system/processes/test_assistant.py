@@ -26,7 +26,7 @@ from robrain import TaskState, Team
 from robrain.deploy.pki.folder import folder_of
 from robrain.deploy.pki.issuing import init, issue
 from robrain.deploy.pki.router import SecuredRouter
-from robrain.protocol.wire.access.member import member
+from robrain.protocol.access.member import member
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from tests.system.conftest import Commands
 from tests.system.processes.test_team import LAMP, MANIFEST, start_team

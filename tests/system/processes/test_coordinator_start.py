@@ -9,10 +9,9 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.table.topics import (
+from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_PLANNING,
     COORDINATOR_STATE,
@@ -20,6 +19,7 @@ from robrain.protocol.wire.table.topics import (
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
 )
+from robrain.protocol.wire.session import listening_at
 from tests.asking import until_answered
 from tests.waiting import PATIENCE_S, has_ended, until
 

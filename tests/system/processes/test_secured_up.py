@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robrain.protocol.wire.access.identity import TLS_VARIABLE
+from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from tests.system.attacks.secured_team import open_raw
 from tests.system.conftest import Commands

@@ -9,9 +9,9 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
+from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ROBOT_CALL
 from tests.asking import until_answered
 from tests.waiting import PATIENCE_S, until
 

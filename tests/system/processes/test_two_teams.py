@@ -5,13 +5,13 @@ import json
 import pytest
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.topics import ROBOT_STATE, TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
-from robrain.protocol.wire.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.wire.session import listening_at
-from robrain.protocol.wire.table.topics import ROBOT_STATE, TASK_LIST, TASK_SUBMIT
 from tests.asking import until_answered
 from tests.waiting import until
 

@@ -10,11 +10,11 @@ import websockets
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.table.topics import ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.protocol.wire.table.topics import ROBOT_STATE
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system

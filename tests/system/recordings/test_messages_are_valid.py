@@ -10,8 +10,8 @@ import zenoh
 from mcap.reader import make_reader
 
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario, Team
+from robrain.protocol.table.topics import PUBLISHED, ROBOT_CALL, topic_of
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import PUBLISHED, ROBOT_CALL, topic_of
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.world.link_spec import LinkSpec
 from tests.system.valid_messages import counts_by_ajv, counts_by_jsonschema

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.messages.robots.robot_messages import RobotState
-from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
-from robrain.protocol.wire.table.topics import ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_STATE
 from robrain.recording.reader.checking import check_recording
 from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.recording.reader.recovering import recover

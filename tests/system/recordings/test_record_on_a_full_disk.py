@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from robrain.protocol.wire.messages.team.recorder_messages import RecorderState
-from robrain.protocol.wire.table.topics import ROBOT_LOG
+from robrain.protocol.messages.team.recorder_messages import RecorderState
+from robrain.protocol.table.topics import ROBOT_LOG
 from robrain.recording.reader.reading import read_messages, recording_info
 from tests.system.small_disk import SmallDisk, can_have_small_disks
 from tests.system.speaker import Speaker

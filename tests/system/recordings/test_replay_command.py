@@ -3,10 +3,10 @@
 import pytest
 
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.links.inbox import Inbox
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.wire.table.topics import ROBOT_ALIVE, ROBOT_STATE
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system

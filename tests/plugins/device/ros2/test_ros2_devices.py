@@ -16,7 +16,7 @@ from robrain.plugins.device.ros2.parameters import Ros2Parameters
 from robrain.plugins.device.ros2_base import ros2_base
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
+from robrain.protocol.table.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, battery, imu, odometry, scan
 

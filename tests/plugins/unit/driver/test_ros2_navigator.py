@@ -12,7 +12,7 @@ from robrain.plugins.unit.driver import ros2_navigator
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.ros2_navigator import GoalEnd, GoalState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.wire.table.topics import ROBOT_EVENT
+from robrain.protocol.table.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, odometry
 

@@ -1,0 +1,121 @@
+"""Zenoh's access rules, from the table of topics: everything is denied but what a member's role may do with each row.
+
+Zenoh compares by inclusion: a rule for `robot/r1/**` does not cover a query to `robot/*/who`. So what goes *to* a
+member is allowed for its whole team where the router sends it only to those who have asked for it, and what comes
+*from* a member is allowed row by row. `**` does not cover `@adv`, under which lossless topics keep their samples.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from robrain.protocol.access.member import Member, MemberRole
+from robrain.protocol.access.permissions import AccessAction, own_names, roles
+from robrain.protocol.access.signed_keys import is_signed, signed
+from robrain.protocol.keys import ROOT
+from robrain.protocol.table.host_queries import HOST_VERB
+from robrain.protocol.table.topic import Delivery, Topic, WireKey
+from robrain.protocol.table.topics import ARENA_CAN, TOPICS
+
+ROWS: tuple[WireKey, ...] = (*TOPICS, HOST_VERB)
+"""All rows that rules are made from. The verbs that other distributions bring have none of their own."""
+ADVANCED = "@adv/**"
+"""Where publishers of lossless topics keep samples, announce themselves and number what they have sent."""
+SAID = ("put", "delete")
+MESSAGES = (
+    *SAID, "query", "reply", "declare_subscriber", "declare_queryable",
+    "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
+)  # fmt: skip
+"""All that Zenoh has rules for."""
+
+
+def access_control(members: Iterable[Member], router: Member | None = None) -> dict[str, Any]:
+    """The `access_control` part of a Zenoh router's configuration: default deny, and the rules of each member.
+
+    Members that are not named, as those whose certificates are revoked, may connect and do nothing. Other routers pass
+    on what their members say: each router judges those that connect to it.
+
+    Args:
+        members: those that may take part, routers included.
+        router: the one that the rules are for; None is any.
+
+    """
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    subjects: list[dict[str, Any]] = []
+    for one in sorted(set(members) - {router}):
+        own = rules_of(one) if one.role is not MemberRole.ROUTER else _rules_of_router(one)
+        rules += own
+        subjects.append({"id": one.common_name, "cert_common_names": [one.common_name]})
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": [one.common_name]})
+    return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
+
+
+def rules_of(member: Member) -> list[dict[str, Any]]:
+    """The rules for one member."""
+    puts, hears = _keys(member, AccessAction.PUT), _keys(member, AccessAction.HEAR)
+    asks, answers = _keys(member, AccessAction.ASK), _keys(member, AccessAction.ANSWER)
+    announces, watches = _keys(member, AccessAction.ANNOUNCE), _keys(member, AccessAction.WATCH)
+    keeps, catches_up = _advanced(member, AccessAction.PUT), _advanced(member, AccessAction.HEAR)
+    bus = _bus_of(member)
+    team = [f"{ROOT}/{member.team}/**", f"{ROOT}/{member.team}/**/{ADVANCED}"]
+    parts = (
+        ("ingress", SAID, (*puts, *keeps)),
+        ("ingress", ("declare_subscriber",), (*hears, *catches_up)),
+        ("ingress", ("query",), (*asks, *catches_up, *bus)),
+        ("ingress", ("declare_queryable",), (*answers, *keeps, *bus)),
+        ("ingress", ("reply",), (*answers, *keeps, *_kept(member), *bus)),
+        ("ingress", ("liveliness_token",), (*announces, *keeps)),
+        ("ingress", ("liveliness_query", "declare_liveliness_subscriber"), (*watches, *catches_up)),
+        ("egress", SAID, (*hears, *catches_up)),
+        ("egress", ("reply",), (*asks, *hears, *catches_up, *bus)),
+        ("egress", ("declare_subscriber", "declare_queryable", "query", "liveliness_token"), team),
+        ("egress", ("liveliness_query", "declare_liveliness_subscriber"), team),
+    )
+    return [_rule(member, flow, messages, keys) for flow, messages, keys in parts if keys]
+
+
+def _rules_of_router(router: Member) -> list[dict[str, Any]]:
+    """It carries everything of all teams of its CA, both ways."""
+    return [_rule(router, flow, MESSAGES, (f"{ROOT}/**", f"{ROOT}/**/{ADVANCED}")) for flow in ("ingress", "egress")]
+
+
+def _rule(member: Member, flow: str, messages: Sequence[str], keys: Iterable[str]) -> dict[str, Any]:
+    return {
+        "id": f"{member.common_name} {flow} {' '.join(messages)}",
+        "permission": "allow",
+        "flows": [flow],
+        "messages": list(messages),
+        "key_exprs": sorted(set(keys)),
+    }
+
+
+def key_of(member: Member, action: AccessAction, row: WireKey) -> str | None:
+    """The key expression under which a member may do something with a row; None if it may not."""
+    if member.role not in roles(action, row):
+        return None
+    names = dict.fromkeys(own_names(action, row, member.role), member.name)
+    key = row.selector(member.team, **names)
+    if not is_signed(row):
+        return key
+    return signed(key, member if action in (AccessAction.PUT, AccessAction.ASK) else None)
+
+
+def _keys(member: Member, action: AccessAction) -> list[str]:
+    return [key for row in ROWS if (key := key_of(member, action, row)) is not None]
+
+
+def _kept(member: Member) -> list[str]:
+    """Keys of the samples that it sends again: they are replies under the topic's own key."""
+    rows = [row for row in ROWS if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
+    return [key for row in rows if (key := key_of(member, AccessAction.PUT, row)) is not None]
+
+
+def _advanced(member: Member, action: AccessAction) -> list[str]:
+    rows = [row for row in ROWS if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
+    return [f"{key}/{ADVANCED}" for row in rows if (key := key_of(member, action, row)) is not None]
+
+
+def _bus_of(member: Member) -> list[str]:
+    """Nodes of a simulated CAN bus look for each other by a query."""
+    key = key_of(member, AccessAction.PUT, ARENA_CAN)
+    return [] if key is None else [key]

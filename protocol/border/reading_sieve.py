@@ -1,0 +1,53 @@
+"""Reading sieve: selects the motes' readings that are new, for counting, plotting and storing.
+
+Two robots that hear one packet in the same moment may both put its reading on the wire, and a reading that was fetched
+from a mote's log twice comes twice. Mote and sequence number name a reading, for as long as the numbers have not come
+round and the mote has not restarted; the time when it was taken tells those cases apart.
+"""
+
+from collections import OrderedDict
+
+from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+
+SAME_NS = to_ns(5.0)
+"""Two robots' words on when a reading was taken differ by their clocks and by the mote's tenths of a second."""
+SAME_PER_AGE = 2e-4
+"""And by the rates of these clocks, over the age of a stored reading."""
+
+
+class ReadingSieve:
+    """Knows the last readings that have come; the oldest of more are forgotten.
+
+    Args:
+        capacity: readings that are remembered, of all motes together.
+
+    """
+
+    def __init__(self, capacity: int = 1 << 16) -> None:
+        self.repeated = 0
+        """Readings that had come before."""
+        self._capacity = capacity
+        self._taken_ns: OrderedDict[tuple[str, int, str], int] = OrderedDict()
+
+    def is_new(self, reading: MoteReading) -> bool:
+        """Whether a reading comes for the first time; one without a sequence number always does."""
+        if reading.sequence is None:
+            return True
+        key = (reading.mote, reading.sequence, reading.quantity)
+        taken_ns = taken_at_ns(reading)
+        before_ns = self._taken_ns.get(key)
+        self._taken_ns[key] = taken_ns
+        self._taken_ns.move_to_end(key)
+        if len(self._taken_ns) > self._capacity:
+            self._taken_ns.popitem(last=False)
+        age_ns = max(0, reading.stamp_ns - taken_ns)
+        if before_ns is None or abs(taken_ns - before_ns) > SAME_NS + SAME_PER_AGE * age_ns:
+            return True
+        self.repeated += 1
+        return False
+
+
+def taken_at_ns(reading: MoteReading) -> int:
+    """When a reading was sensed; when it was told, if that is not known or would be later."""
+    return min(reading.taken_ns or reading.stamp_ns, reading.stamp_ns)

@@ -1,0 +1,180 @@
+"""Delivery within one process, without a way through Zenoh: what the components of a lockstep run put, ask and declare.
+
+In a run that other processes may join, Zenoh carries the same puts to them and brings theirs, and carries all queries
+and tokens. A message that several inboxes hold is decoded once.
+"""
+
+from collections.abc import Callable
+from threading import get_ident
+from typing import Any, ClassVar, NamedTuple, Protocol
+from weakref import WeakValueDictionary
+
+import zenoh
+
+from robrain.protocol.answers.asked import Answer, Asked
+from robrain.protocol.answers.local_query import Gathering, LocalQuery
+from robrain.protocol.border.border import Heard
+from robrain.protocol.links.declared import Declared, Entry, is_wild
+from robrain.protocol.links.inbox import Inbox, Sample
+
+ROUTES_MAX = 65536
+"""Keys whose subscriptions are remembered."""
+
+
+class Subscription(NamedTuple):
+    """One inbox that takes what is put."""
+
+    topic: Heard
+    """What a sample is taken for."""
+    inbox: Inbox
+
+
+class KeyRoute(NamedTuple):
+    """What takes the samples of one key."""
+
+    topic: Heard | None
+    """The topic of those samples; None where there are none to take them."""
+    plain: list[Inbox]
+    """Inboxes that have subscribed to it."""
+    special: list[Inbox]
+    """Likewise, those that take samples in their own way."""
+    others: list[Subscription]
+    """What takes such keys as another topic."""
+
+
+NOBODY = KeyRoute(None, [], [], [])
+"""Of keys that nothing takes."""
+
+
+class Delivering(Protocol):
+    """Carries what publishers put."""
+
+    def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
+        """Hand a sample to all inboxes that take its key and that it reaches."""
+
+
+class Exchange:
+    """Decides who hears what is put, who is asked a query and who sees a token, on one session of a lockstep run.
+
+    Those whom a key reaches get it in the order in which they were declared.
+
+    Args:
+        is_alone: whether no other process can ever hear or say anything here, so that Zenoh is not needed.
+
+    """
+
+    _of_session: ClassVar["WeakValueDictionary[str, Exchange]"] = WeakValueDictionary()
+
+    def __init__(self, *, is_alone: bool = False) -> None:
+        self.is_alone = is_alone
+        self._owner = get_ident()
+        self._subscriptions: Declared[Subscription] = Declared(self._forget_routes)
+        self._queryables: Declared[Callable[[Asked], None]] = Declared()
+        self._watchers: Declared[Callable[[str, bool], None]] = Declared()
+        self._tokens: Declared[str] = Declared(self._token_changed)
+        self._present: set[str] = set()
+        self.routes: dict[str, KeyRoute] = {}
+        """What takes a key, for those that were delivered to."""
+
+    @classmethod
+    def of(cls, session: zenoh.Session) -> "Exchange":
+        """The one exchange of a session; it goes with the last endpoint that uses it."""
+        name = str(session.zid())
+        found = cls._of_session.get(name)
+        if found is None:
+            found = cls._of_session[name] = cls()
+        return found
+
+    @classmethod
+    def alone(cls, session: zenoh.Session) -> "Exchange":
+        """That of a session that nobody else can join and on which nothing is declared yet."""
+        made = cls._of_session[str(session.zid())] = cls(is_alone=True)
+        return made
+
+    def subscribe(self, selector: str, topic: Heard, inbox: Inbox) -> Entry[Subscription]:
+        """Have an inbox take what is put under the keys of `selector` from now on."""
+        return self._subscriptions.add(selector, Subscription(topic, inbox))
+
+    def queryable(self, selector: str, take: Callable[[Asked], None]) -> Entry[Any]:
+        """Have queries to the keys of `selector` answered, on the thread that asks."""
+        return self._queryables.add(selector, take)
+
+    def token(self, key: str) -> Entry[Any]:
+        """Declare presence; several tokens of one key are one for those who watch."""
+        return self._tokens.add(key, key)
+
+    def watch(self, selector: str, take: Callable[[str, bool], None]) -> Entry[Any]:
+        """Have tokens followed: those that are there, then each that comes or goes."""
+        for key in self.tokens(selector):
+            take(key, True)
+        return self._watchers.add(selector, take)
+
+    def tokens(self, selector: str) -> list[str]:
+        """Keys of the tokens that are there, in the order in which they came."""
+        return list(dict.fromkeys(self._tokens.reached(selector)))
+
+    def ask(self, selector: str, payload: bytes, take: Callable[[Answer], None], over: Callable[[], None]) -> None:
+        """Send a query to all who answer it; they have answered, or have kept the query, when this returns.
+
+        Args:
+            selector: key expression, and parameters behind a `?`.
+            payload: the request.
+            take: gets the replies.
+            over: called after the last one.
+
+        """
+        asked = self._queryables.reached(selector.partition("?")[0])
+        gathering = Gathering(selector, payload, len(asked), take, over)
+        for answer in asked:
+            answer(LocalQuery(gathering))
+
+    def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
+        """Hand a sample to all inboxes that take its key; all of them share what one of them decodes."""
+        route = self.routes.get(key)
+        if route is NOBODY:
+            return
+        if route is None or route.topic is not topic:
+            route = self._route(topic, key)
+        if get_ident() == self._owner:
+            sample: Sample = (topic, key, payload, [])
+            if route.plain:
+                Inbox.put_into(route.plain, sample)
+            for inbox in route.special:
+                inbox.take(sample)
+            for subscription in route.others:
+                subscription.inbox.append(subscription.topic, key, payload)
+        else:  # a thread of its own, such as a plugin's server: the run is not repeatable
+            for inbox in (*route.plain, *route.special):
+                inbox.append(topic, key, payload, outside=True)
+            for subscription in route.others:
+                subscription.inbox.append(subscription.topic, key, payload, outside=True)
+
+    def _route(self, topic: Heard, key: str) -> KeyRoute:
+        if len(self.routes) >= ROUTES_MAX:
+            self.routes.clear()
+        taking = self._subscriptions.reached(key)
+        if not taking:
+            self.routes[key] = NOBODY
+            return NOBODY
+        inboxes = [each.inbox for each in taking if each.topic is topic]
+        route = self.routes[key] = KeyRoute(
+            topic,
+            [inbox for inbox in inboxes if type(inbox).take is Inbox.take],
+            [inbox for inbox in inboxes if type(inbox).take is not Inbox.take],
+            [each for each in taking if each.topic is not topic],
+        )
+        return route
+
+    def _forget_routes(self, selector: str) -> None:
+        if is_wild(selector):
+            self.routes.clear()
+        else:
+            self.routes.pop(selector, None)
+
+    def _token_changed(self, key: str) -> None:
+        is_present = bool(self._tokens.reached(key))
+        if is_present == (key in self._present):
+            return
+        self._present.symmetric_difference_update({key})
+        for take in self._watchers.reached(key):
+            take(key, is_present)

@@ -1,0 +1,193 @@
+"""The link of an endpoint to whoever is on its Zenoh session: live, and in a lockstep run that others may join."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import zenoh
+from zenoh import ext
+
+from robrain.protocol.answers.asked import Answer, ZenohQuery, answer_of
+from robrain.protocol.answers.lockstep_query import NO_LIMIT_S, LockstepReplies, is_from_outside
+from robrain.protocol.border.border import Border
+from robrain.protocol.clock import Clock
+from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.link import Declaration, Replies, TakeAnswer, TakeChange, TakeQuery, TakeSample
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.links.qos import publisher_options, query_options
+from robrain.protocol.table.topic import JSON, Delivery, Topic, Urgency
+
+SENDERS_MAX = 4096
+"""Senders whose keys are kept; samples that one of the others lost are counted under the selector."""
+
+
+class LostSamples:
+    """Follows one subscription; called on Zenoh's threads.
+
+    Args:
+        topic: what is heard.
+        selector: the keys that are subscribed to.
+        border: counts what was lost.
+
+    """
+
+    def __init__(self, topic: Topic[Any], selector: str, border: Border) -> None:
+        self._topic = topic
+        self._selector = selector
+        self._border = border
+        self._keys: dict[tuple[str, int], str] = {}
+
+    def note_sender(self, sample: zenoh.Sample, key: str) -> None:
+        """Remember whose key it is: a miss only tells which publisher it was."""
+        source = sample.source_info
+        if source is not None and len(self._keys) < SENDERS_MAX:
+            self._keys[_publisher(source.source_id)] = key
+
+    def missed(self, miss: ext.Miss) -> None:
+        """Count what a publisher sent and no recovery has brought."""
+        key = self._keys.get(_publisher(miss.source), self._selector)
+        self._border.note_lost(self._topic, key, miss.nb)
+
+
+def _publisher(source: zenoh.EntityGlobalId) -> tuple[str, int]:
+    return str(source.zid), source.eid
+
+
+HISTORY_TIMEOUT_S = 5.0
+
+
+class ZenohLink:
+    """A `Link` by Zenoh.
+
+    Args:
+        session: not closed by the link.
+        exchange: delivers puts within a lockstep run; None in live.
+
+    """
+
+    def __init__(self, session: zenoh.Session, exchange: Exchange | None) -> None:
+        self.declarations: list[Declaration] = []
+        self._session = session
+        self._exchange = exchange
+        self._zid = session.zid()
+
+    def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
+        """See `Link`."""
+        options = publisher_options(topic)
+
+        def declare() -> Any:
+            declared: Any
+            if self._exchange is not None:
+                declared = self._session.declare_publisher(key, **options, allowed_destination=zenoh.Locality.REMOTE)
+            elif topic.delivery is Delivery.LOSSLESS:
+                declared = ext.declare_advanced_publisher(
+                    self._session,
+                    key,
+                    **options,
+                    cache=ext.CacheConfig(topic.cache),
+                    sample_miss_detection=ext.MissDetectionConfig(heartbeat=0.5, sporadic_heartbeat=None),
+                    publisher_detection=True,
+                )
+            else:
+                declared = self._session.declare_publisher(key, **options)
+            self.declarations.append(declared)
+            return declared
+
+        return Publisher(topic, key, clock, self._exchange, declare, self.declarations.remove)
+
+    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
+        """See `Link`."""
+        # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
+        own_key = selector if "*" not in selector else None
+
+        lost: LostSamples | None = None
+
+        def heard(sample: zenoh.Sample) -> None:
+            key = own_key or str(sample.key_expr)
+            if lost is not None:
+                lost.note_sender(sample, key)
+            take(key, sample.payload.to_bytes())
+
+        if self._exchange is not None:
+            self.declarations.append(self._exchange.subscribe(selector, topic, inbox))
+        declared: Any
+        if self._exchange is None and topic.delivery is Delivery.LOSSLESS:
+            lost = LostSamples(topic, selector, inbox.border)
+            declared = ext.declare_advanced_subscriber(
+                self._session,
+                selector,
+                heard,
+                history=ext.HistoryConfig(detect_late_publishers=True),
+                recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
+                subscriber_detection=False,
+            )
+        else:
+            declared = self._session.declare_subscriber(selector, self._callback(heard, waits=waits))
+        self.declarations.append(declared)
+        if lost is not None:
+            self.declarations.append(declared.sample_miss_listener(self._callback(lost.missed, waits=False)))
+
+    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
+        """See `Link`."""
+        callback = self._callback(lambda query: take(ZenohQuery(query)), waits=waits)
+        self.declarations.append(self._session.declare_queryable(selector, callback))
+
+    def token(self, key: str) -> None:
+        """See `Link`."""
+        self.declarations.append(self._session.liveliness().declare_token(key))
+
+    def watch(self, selector: str, take: TakeChange) -> None:
+        """See `Link`."""
+        liveliness, is_lockstep = self._session.liveliness(), self._exchange is not None
+
+        def changed(sample: zenoh.Sample) -> None:
+            take(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        callback = self._callback(changed, waits=False)
+        self.declarations.append(liveliness.declare_subscriber(selector, callback, history=not is_lockstep))
+        if (
+            is_lockstep
+        ):  # a subscriber's history comes on a thread of Zenoh's even to a direct callback, some time later
+            own = LockstepReplies(self._zid)
+            liveliness.get(selector, own.handler(), timeout=NO_LIMIT_S)
+            own.wait(HISTORY_TIMEOUT_S)
+            for reply in own.replies:
+                if reply.ok is not None:
+                    changed(reply.ok)
+
+    def tokens(self, selector: str, timeout_s: float) -> list[str]:
+        """See `Link`."""
+        replies = self._session.liveliness().get(selector, timeout=timeout_s)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def ask(self, selector: str, payload: bytes | None, urgency: Urgency, timeout_s: float) -> Replies:
+        """See `Link`."""
+        options: dict[str, Any] = {"payload": payload, "encoding": JSON, **query_options(urgency)}
+        if self._exchange is None:
+            return Replies(_answers(self._session.get(selector, timeout=timeout_s, **options)))
+        own = LockstepReplies(self._zid)
+        self._session.get(selector, own.handler(), timeout=NO_LIMIT_S, **options)
+        in_time = own.wait(timeout_s)
+        return Replies(_answers(own.replies), in_time, own.from_outside)
+
+    def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
+        """See `Link`."""
+        options: dict[str, Any] = {} if payload is None else {"payload": payload, "encoding": JSON}
+        callback = self._callback(
+            lambda reply: take(answer_of(reply, from_outside=is_from_outside(reply, self._zid))), waits=False
+        )
+        self._session.get(key, callback, timeout=NO_LIMIT_S, **options)
+
+    def close(self) -> None:
+        """See `Link`."""
+        while self.declarations:
+            self.declarations.pop().undeclare()
+
+    def _callback(self, function: Callable[[Any], None], *, waits: bool) -> "zenoh.handlers.Callback[Any]":
+        """In live, a callback on a thread of its own if it may wait for anything, else on Zenoh's."""
+        return zenoh.handlers.Callback(function, indirect=waits and self._exchange is None)
+
+
+def _answers(replies: Any) -> Iterator[Answer]:
+    for reply in replies:
+        yield answer_of(reply)

@@ -1,0 +1,157 @@
+"""What robots tell each other, and a coordinator that returns, about tasks while no coordinator is heard."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.messages.message import Message
+from robrain.protocol.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.model.ballot import Ballot, HeardOf
+from robrain.protocol.model.ranges import Duration, Epoch, Name, Names, Stamp
+from robrain.protocol.model.tasks.task import Task
+
+ENDS_MAX = 256
+"""Tasks done without a coordinator that a robot remembers; with so many it begins no other (chosen)."""
+
+ASKED_MAX = 64
+"""Most tasks that a robot remembers as accepted without a coordinator; it then accepts no other (chosen)."""
+ASKED_TOLD = 8
+"""Of these in one ballot in full."""
+ASKED_BYTES_MAX = 8192
+"""Longest submission among them, as JSON: ballots must not grow beyond what others accept (chosen)."""
+
+
+ENDED_TOLD = 64
+"""Most tasks in one ballot of which a robot says that they have ended."""
+
+ABSENT_MAX = 64
+"""Most tasks in one ballot that robots which are not heard may be at."""
+
+CANCELLED_MAX = 64
+"""Most cancellations that a robot remembers until a coordinator has noted them; it then accepts no other (chosen)."""
+CANCELLED_TEXT_MAX = 200
+"""Longest name and reason of who cancels a task: every ballot has all cancellations."""
+CancelledText = Annotated[str, Meta(max_length=CANCELLED_TEXT_MAX)]
+
+
+class TaskHeld(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that a robot does, or holds for later."""
+
+    id: Name
+    """Id of the task."""
+    epoch: Epoch
+    """With which the robot began or accepted it."""
+
+
+class TaskHeldBy(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that a robot which is not heard now may be at."""
+
+    id: Name
+    """Id of the task."""
+    robot: Name
+    """Who said that it does or holds the task, or wants to begin it."""
+    left_s: Duration
+    """Time until that robot has let it go at the latest."""
+
+
+class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that was done and that no coordinator is known to have noted."""
+
+    id: Name
+    """Id of the task."""
+    robot: Name
+    """Who did it."""
+    epoch: Epoch
+    """With which that robot began it."""
+
+
+class TaskAsked(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that a robot has accepted while it heard no coordinator."""
+
+    submission: TaskSubmission
+    """What is asked for."""
+    at_ns: Stamp
+    """When, by that robot's clock: the submission's times count from then."""
+
+
+class TaskKnown(msgspec.Struct, frozen=True, kw_only=True):
+    """Names a `TaskAsked` that a robot has."""
+
+    id: Name
+    """Id of the task."""
+    at_ns: Stamp
+    """When it was accepted."""
+
+
+class TaskTaken(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot's answer to who submits a task to it. The same submission again has a newer answer."""
+
+    task: Task
+    """As it was accepted."""
+    known_to: Names
+    """The robots that have it, sorted."""
+    is_kept: bool
+    """Whether more than half of the team has it: it is not lost with this robot."""
+
+
+class TaskDropped(msgspec.Struct, frozen=True, kw_only=True):
+    """A task that was cancelled at a robot that heard no coordinator. No robot begins it."""
+
+    id: Name
+    """Id of the task."""
+    by: CancelledText = ""
+    """Who cancelled it."""
+    why: CancelledText = ""
+    """In their own words."""
+
+
+class DropTaken(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot's answer to who cancels a task at it. The same request again has a newer answer."""
+
+    task: Task
+    """As the robot knows it."""
+    known_to: Names
+    """The robots that know that it is cancelled, sorted."""
+    is_kept: bool
+    """Whether more than half of the team knows it: no group of robots that allocates tasks begins it."""
+
+
+class TeamBallot(Message, frozen=True, kw_only=True):
+    """A robot's part in the allocation of tasks without a coordinator: 5 Hz while it hears none."""
+
+    robot: Name
+    """Who says it."""
+    ballot: Ballot
+    """Its bids."""
+    hears_coordinator: bool = False
+    """Whether the robot itself hears a coordinator; then nobody takes tasks that it has queued."""
+    is_new: bool = False
+    """Whether no coordinator has listed the robot as up since its start; it does not count for a majority then."""
+    allocates: bool = False
+    """Whether it belongs to a majority that allocates tasks."""
+    held: Annotated[list[TaskHeld], Meta(max_length=8)] = msgspec.field(default_factory=list)
+    """Tasks that the robot does or holds."""
+    done: Annotated[list[TaskDone], Meta(max_length=ENDS_MAX)] = msgspec.field(default_factory=list)
+    """All that the robot knows of, also those that others did."""
+    known: Annotated[list[TaskKnown], Meta(max_length=ASKED_MAX)] = msgspec.field(default_factory=list)
+    """Tasks accepted without a coordinator, by any robot, that this robot has and that no coordinator is known to have
+    noted."""
+    asked: Annotated[list[TaskAsked], Meta(max_length=ASKED_TOLD)] = msgspec.field(default_factory=list)
+    """Those among them that other robots may not have yet."""
+
+    dropped: Annotated[list[TaskDropped], Meta(max_length=CANCELLED_MAX)] = msgspec.field(default_factory=list)
+    """Tasks cancelled without a coordinator that none is known to have noted, also those cancelled at other robots."""
+    ended: Annotated[list[Name], Meta(max_length=ENDED_TOLD)] = msgspec.field(default_factory=list)
+    """Tasks that others bid for, or do, although a coordinator has told this robot that they have ended."""
+
+    wants: Name = ""
+    """Id of the task that the robot begins once more than half of the team has heard this; empty for none."""
+    hears: HeardOf = ()
+    """Of each robot that this one hears itself, the number of its last ballot."""
+    absent: Annotated[list[TaskHeldBy], Meta(max_length=ABSENT_MAX)] = msgspec.field(default_factory=list)
+    """Tasks that robots which this one does not hear any more may be at."""
+
+    def __post_init__(self) -> None:
+        if self.ballot.robot != self.robot:
+            raise ValueError(f"expected the ballot of {self.robot}, got that of {self.ballot.robot}")

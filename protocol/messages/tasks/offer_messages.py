@@ -1,0 +1,70 @@
+"""Offer and withdrawal of a task between coordinator and robot, the robot's answer, and the events of a task."""
+
+from typing import Annotated, Self
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.messages.message import Message, Result
+from robrain.protocol.model.ranges import Count, Epoch, Name, Text
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons import OfferRefusal, told
+from robrain.protocol.reasons.tasks import TaskReason
+
+Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
+"""Lease of a task, seconds."""
+
+
+class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
+    """The coordinator's query to a robot: take this on."""
+
+    task: Task
+    epoch: Epoch
+    lease_s: Lease
+    """The robot drops the task when it has not heard the coordinator for this long."""
+    after: Name = ""
+    """Id of the robot's current task: this one begins when that one has ended. Empty: it replaces the current one."""
+
+
+class TaskWithdrawal(msgspec.Struct, frozen=True, kw_only=True):
+    """The coordinator's query to a robot: drop this task."""
+
+    id: Name
+    epoch: Epoch
+    why: Text = ""
+
+
+class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot's answer to an offer or a withdrawal."""
+
+    accepted: bool
+    why: Text = ""
+    reason: OfferRefusal | None = None
+    """`why` as a value; None if there are only words."""
+    epoch: Epoch | msgspec.UnsetType = msgspec.UNSET
+    """The latest epoch the robot has accepted; only set when it refuses an older one."""
+
+    @classmethod
+    def refused(cls, reason: OfferRefusal, epoch: int | msgspec.UnsetType = msgspec.UNSET) -> "TaskAnswer":
+        """The answer no."""
+        return cls(accepted=False, why=told(reason), reason=reason, epoch=epoch)
+
+
+class TaskEvent(Message, frozen=True, kw_only=True):
+    """One change of a task."""
+
+    task: Task
+    state: TaskState
+    robot: Name = ""
+    epoch: Epoch = 0
+    why: Text = ""
+    result: Result = msgspec.field(default_factory=dict)
+    """As in the robot's `TaskStatus`."""
+    change: Count = 0
+    """Number of the change in the coordinator's journal; a repeated number is the same change, sent again."""
+    reason: TaskReason | None = None
+    """`why` as a value; None if there was no reason, or only its words are known."""
+
+    def moved_in_time(self, by_ns: int) -> Self:
+        """The event with its times moved, from its sender's clock to the receiver's."""
+        return msgspec.structs.replace(self, stamp_ns=self.stamp_ns + by_ns, task=self.task.moved_in_time(by_ns))

@@ -1,0 +1,130 @@
+"""Messages about plans: decisions, the problems behind them, charges, and the objective.
+
+As in `messages`: JSON, unknown fields ignored, new fields with defaults.
+"""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.messages.message import Message
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.reasons.plans import Chosen, LeftOut, WaitsForCharger
+
+Most = Meta(max_length=100_000)
+"""Of lists with an entry for each robot, charger or task."""
+Routes = Annotated[tuple[tuple[Name, Annotated[tuple[Name, ...], Most]], ...], Most]
+
+
+class TaskDecision(Message, frozen=True, kw_only=True):
+    """What a plan decided about one task; sent when the decision changes."""
+
+    task: Name
+    plan: Count
+    """Number of the plan, as in `PlanProblem`."""
+    robots: Annotated[tuple[Name, ...], Most] = ()
+    """Robots that are to do it; empty if none."""
+    start_in_s: Quantity | None = None
+    """Planned start, seconds after the plan was made."""
+    why: Text = ""
+    """Why these robots, or why none, in words."""
+    reason: Chosen | LeftOut | None = None
+    """The same as a value."""
+    bids: Annotated[tuple[RobotVerdict, ...], Most] = ()
+    """What it would take each robot on top of the rest of its route, or the reason that it is out; by name."""
+
+
+class PlanProblem(Message, frozen=True, kw_only=True):
+    """A plan, and all it was made from: the same allocator makes the same plan of it again."""
+
+    plan: Count
+    """Number; grows by one from plan to plan of one coordinator."""
+    asked_ns: Stamp
+    """Time of the team's state that the plan starts from, by the run's clock: the problem's time 0."""
+    objective: Objective
+    method: Text
+    """Which allocator."""
+    seed: Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+    """Seed of the search."""
+    rounds: Count
+    """Number of searches after the auction."""
+    iterations: Count
+    """Of each search."""
+    gain_min: Quantity = 0.0
+    """Tasks moved to another robot only if the plan became better by at least this share."""
+    question: bytes
+    """Jobs, workers and ways: MessagePack, deflated. `robrain.coordinator.planning.problem_codec` reads it."""
+    warm_start: Routes = ()
+    """Robots and their tasks in order, as they were planned before."""
+    routes: Routes = ()
+    """Robots and their tasks in order, as planned now; tasks already begun come first."""
+    cause: Text = ""
+    """What caused the plan to be made."""
+    passes: Annotated[list[Text], Most] | None = None
+    """Names of the refinement passes, in their order; null in recordings from before they could be chosen."""
+
+
+class ObjectiveRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A query: plan for this from now on."""
+
+    objective: Objective
+    by: Text = ""
+
+
+class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One robot's planned time at a charger; stamps of the run's clock."""
+
+    robot: Name
+    charger: Point2D
+    """Arena frame."""
+    set_out_ns: Stamp
+    """When it sets out, to arrive when the charger becomes free; the stamp of this message if it has set out."""
+    from_ns: Stamp
+    """Begin of the charge."""
+    until_ns: Stamp
+    """End of the charge."""
+    soc: Charge
+    """State of charge now."""
+    to_soc: Charge
+    """State of charge at which it leaves."""
+    behind: Name = ""
+    """The robot that uses the charger before it; empty if none."""
+    has_set_out: bool = False
+    """It charges, or is on its way; else it waits where it is."""
+    is_there: bool = False
+    """It stands at the charger."""
+    why: Text = ""
+    """What it waits for, in words; empty if it does not wait."""
+    reason: WaitsForCharger | None = None
+    """The same as a value."""
+
+
+class ChargeSchedule(Message, frozen=True, kw_only=True):
+    """Who charges where and when; said when it has changed."""
+
+    charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
+    """One entry for each charge that is foreseen."""
+
+
+class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """How the coordinator plans."""
+
+    objective: Objective
+    method: Text
+    """How plans are made."""
+    plans: Count = 0
+    """Made so far."""
+    planned: Count = 0
+    """Tasks in the current plan that have not begun."""
+    left_out: Count = 0
+    """Tasks that the current plan assigns to no robot."""
+    took_s: Seconds = 0.0
+    """Computing time of the last plan; 0 in lockstep."""
+    chargers: Annotated[tuple[Point2D, ...], Most] = ()
+    """All that robots of the team know of, arena frame."""
+    charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
+    """Who charges where and when."""

@@ -1,0 +1,238 @@
+"""What is said about tasks by those who ask for them: the requests `task/…` to the coordinator, and its replies.
+
+As in `message`: JSON, unknown fields ignored, new fields with defaults. Stamps are those of the run's clock.
+"""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.message import JsonSchema, Prose, Result
+from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons.robots import RobotReason
+from robrain.protocol.reasons.tasks import TaskReason
+
+Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
+
+
+class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
+    """Do this. The task's id makes it idempotent: the same submission again has the same answer."""
+
+    task: Task
+    by: Text = ""
+    """Who asks."""
+    earliest_in_s: Seconds | None = None
+    """Seconds after the coordinator accepts it, in place of the task's `earliest_ns`."""
+    deadline_in_s: Seconds | None = None
+    """Seconds after the coordinator accepts it, in place of the task's `deadline_ns`."""
+
+    def task_at(self, now_ns: int) -> Task:
+        """The task with stamps instead of times that count from its acceptance (ValueError if that is impossible)."""
+        times: dict[str, int] = {}
+        for name, in_s in (("earliest_ns", self.earliest_in_s), ("deadline_ns", self.deadline_in_s)):
+            if in_s is None:
+                continue
+            if not 0 <= in_s < 1e9:
+                raise ValueError(f"expected {name.replace('_ns', '_in_s')} from 0 to 1e9, got {in_s}")
+            times[name] = now_ns + to_ns(in_s)
+        # Rebuilt, because a task checks itself when it is built, not when it is replaced.
+        return msgspec.convert({**msgspec.to_builtins(self.task), **times}, Task) if times else self.task
+
+    def differs_from(self, before: bytes) -> str:
+        """Where this submission differs from one of the same id, in words; empty if they are the same.
+
+        Args:
+            before: that one, as `word` gives it.
+
+        """
+        new, old = (_flat(msgspec.json.decode(text or b"{}")) for text in (self.word, before))
+        names = [name for name in sorted({**new, **old}) if new.get(name) != old.get(name)]
+        return ", ".join(f"{name} is {_shown(old.get(name))}, not {_shown(new.get(name))}" for name in names)
+
+    @property
+    def word(self) -> bytes:
+        """What is asked for, without the name of who asks, as JSON."""
+        return msgspec.json.encode(msgspec.structs.replace(self, by=""))
+
+
+class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A task as it stands in the coordinator's book."""
+
+    task: Task
+    state: TaskState
+    robot: Name = ""
+    """The robot that has it, or had it when it ended."""
+    epoch: Epoch = 0
+    """Of the last offer."""
+    why: Text = ""
+    """Why it stands so, in words."""
+    result: Result = {}
+    """As its robot reported it at the end."""
+    changed_ns: Stamp = 0
+    """When it last changed, by the coordinator's clock."""
+    change: Count = 0
+    """Number of its last change in the journal; grows over all tasks."""
+    submitted_ns: Stamp = 0
+    """When it was accepted."""
+    by: Text = ""
+    """Who asked for it."""
+    own: bool = False
+    """Whether the coordinator created it: such a task is not retried."""
+    attempts: Count = 0
+    """Number of robots that have failed at it."""
+    reason: TaskReason | None = None
+    """Why it stands so; None if there is no reason, or only its words are known, as from an older journal."""
+
+    @property
+    def event(self) -> TaskEvent:
+        """Its last change as an event; the publisher sets the stamp."""
+        return TaskEvent(
+            stamp_ns=self.changed_ns,
+            task=self.task,
+            state=self.state,
+            robot=self.robot,
+            epoch=self.epoch,
+            why=self.why,
+            result=self.result,
+            change=self.change,
+            reason=self.reason,
+        )
+
+
+class TaskRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A query about one task: cancel, get, why."""
+
+    id: Name
+    by: Text = ""
+    why: Text = ""
+    """cancel: the reason."""
+
+
+class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
+    """Selects tasks; an empty field matches all."""
+
+    states: Annotated[list[TaskState], Meta(max_length=64)] = []
+    """Only tasks in these states; any if empty."""
+    kinds: Annotated[list[Name], Meta(max_length=64)] = []
+    """Tags of the task types, such as `visit`."""
+    robot: Name = ""
+    by: Text = ""
+    own: bool = False
+    """Include tasks that the coordinator created."""
+    limit: Limit = 1000
+    """At most this many tasks, the most recently accepted ones."""
+
+
+class KnownKind(msgspec.Struct, frozen=True, kw_only=True):
+    """A kind of task that robots of the team do."""
+
+    kind: Name
+    """As it stands in `Task.kind`."""
+    doc: Prose = ""
+    parameters: JsonSchema = {}
+    """JSON Schema of `Task.parameters`, as its robots announce it."""
+    robots: Names = []
+    """Robots that do it."""
+
+
+class TaskChange(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of a task's history."""
+
+    number: Count
+    """Number of the change in the journal."""
+    stamp_ns: Stamp
+    state: TaskState
+    robot: Name = ""
+    epoch: Epoch = 0
+    why: Text = ""
+    """The reason in words."""
+    reason: TaskReason | None = None
+
+
+class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
+    """What a robot would need for a task, or why it is ruled out."""
+
+    robot: Name
+    chosen: bool = False
+    """Whether it has the task."""
+    why_not: Text = ""
+    """Why it does not get the task, in words; empty if it could."""
+    reason: RobotReason | None = None
+    """The same as a value."""
+    distance_m: Quantity | None = None
+    """Straight-line distance to the task; null if unknown."""
+    energy_j: Quantity | None = None
+    time_s: Quantity | None = None
+
+    @classmethod
+    def judged(
+        cls,
+        robot: str,
+        reason: RobotReason | None = None,
+        *,
+        chosen: bool = False,
+        distance_m: float | None = None,
+        energy_j: float | None = None,
+        time_s: float | None = None,
+    ) -> "RobotVerdict":
+        """A verdict whose words are those of its reason."""
+        why_not = told(reason)
+        return cls(robot=robot, chosen=chosen, why_not=why_not, reason=reason,
+                   distance_m=distance_m, energy_j=energy_j, time_s=time_s)  # fmt: skip
+
+
+class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a task stands as it does."""
+
+    record: TaskRecord
+    """The task and how it stands."""
+    now: Text
+    """In one sentence."""
+    reason: TaskReason | None = None
+    """What that sentence says beside the task's state."""
+    robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
+    """As judged last, sorted by name."""
+    decided_ns: Stamp = 0
+    """When they were judged; 0 if never."""
+    changes: Annotated[list[TaskChange], Meta(max_length=100_000)] = []
+    """The last ones, oldest first."""
+    trace: Name = ""
+    """Its trace, as the log lines of its robots have it; empty if the coordinator is of an earlier version."""
+
+
+class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
+    """What would follow from a submission if it came now. Nothing follows from asking."""
+
+    task: Task
+    """As it would enter the book; if the book has it already, as it stands there."""
+    refused: Text = ""
+    """Why it would be refused, in words; empty if it would be accepted."""
+    known: TaskState | None = None
+    """State of the same task in the book: submitting it again would change nothing. None if it is new."""
+    waits: Text = ""
+    """What it would wait for before any robot can begin it, in words; empty if nothing."""
+    reason: TaskReason | None = None
+    """The same as a value."""
+    robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
+    """Each robot, by name: why it is excluded now; or time and energy by its own model for the straight line to the
+    place and the service time there, which is what it would take at least."""
+    ahead: Count = 0
+    """Open tasks of at least its priority that no robot has begun."""
+
+
+def _flat(value: object, name: str = "") -> dict[str, object]:
+    if not isinstance(value, dict):
+        return {name: value}
+    found: dict[str, object] = {}
+    for key, part in value.items():
+        found |= _flat(part, key if name in ("", "task", "parameters") else f"{name}.{key}")
+    return found
+
+
+def _shown(value: object) -> str:
+    return "unset" if value is None else msgspec.json.encode(value).decode()

@@ -1,0 +1,168 @@
+"""Messages of a simulated world."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.message import Message
+from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.ranges import Count, Joules, Length, Metres, Name, Radians, Seconds, Share, Text
+
+Ranges = Annotated[list[Annotated[int, Meta(ge=0, le=10_000_000)]], Meta(max_length=100_000)]
+
+
+class Scan(Message, frozen=True, kw_only=True):
+    """One turn of a lidar. The sensor sits at the robot's centre."""
+
+    robot: Name
+    angle_min_rad: Radians
+    """Bearing of the first beam, body frame."""
+    angle_increment_rad: Radians
+    """Angle from a beam to the next, counter-clockwise."""
+    range_max_m: Length
+    """Range of the lidar."""
+    ranges_mm: Ranges
+    """Millimetres; 0 is no return within `range_max_m`."""
+
+
+class ArenaClock(Message, frozen=True, kw_only=True):
+    """The arena's time."""
+
+    sim_time_s: Seconds
+
+
+class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """True pose of a simulated robot, and the accuracy of its own poses so far."""
+
+    robot: Name
+    pose: Pose2D
+    collisions: Count
+    """Collisions so far."""
+    distance_m: Metres
+    """Path driven so far."""
+    energy_j: Joules
+    accuracy: PoseAccuracy | None = None
+    """Accuracy of its own poses so far; null before the first."""
+
+
+class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """True position of a simulated mote."""
+
+    mote: Name
+    place: Point2D
+
+
+class BodyKind(StrEnum):
+    """What moves on a simulated floor and is no robot."""
+
+    DOOR = "door"
+    """A closed door."""
+    MOVER = "mover"
+    PERSON = "person"
+
+
+class BodyTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """True pose of a closed door, a moving obstacle or a person."""
+
+    body: Name
+    """Its name, such as `person1`."""
+    kind: BodyKind
+    pose: Pose2D
+    """Of its middle, arena frame; the yaw is the direction of its length."""
+    length_m: Length
+    """Extent along its yaw; the diameter of a disc."""
+    width_m: Length
+    """Extent across it."""
+    is_round: bool = False
+    """Whether it is a disc; a rectangle if not."""
+
+
+class ArenaTruth(Message, frozen=True, kw_only=True):
+    """The true state of the simulated world and the accuracy of the team's map, for referees and viewers only."""
+
+    sim_time_s: Seconds
+    robots: Annotated[list[RobotTruth], Meta(max_length=100_000)]
+    motes: Annotated[list[MoteTruth], Meta(max_length=100_000)] = msgspec.field(default_factory=list)
+    """Motes, one entry each."""
+    explored_fraction: Share = 0.0
+    """Share of the reachable floor that the team's maps know."""
+    map_accuracy: MapAccuracy | None = None
+    """Accuracy of the team's map; null if it was not judged yet."""
+    bodies: Annotated[list[BodyTruth], Meta(max_length=100_000)] | msgspec.UnsetType = msgspec.UNSET
+    """Closed doors, moving obstacles and people; absent on a floor without any."""
+
+
+class LinkCounters(msgspec.Struct, kw_only=True):
+    """What became of messages between radios: samples by hearer, requests and replies of queries."""
+
+    delivered: Count = 0
+    """Samples that have arrived or are on their way."""
+    lost: Count = 0
+    """Samples that got lost by chance."""
+    crowded: Count = 0
+    """Samples dropped because a radio had too much to send."""
+    out_of_reach: Count = 0
+    """Samples for hearers to whom there was no way."""
+    overflowed: Count = 0
+    """Samples and replies dropped because too many were on their way."""
+    outdated: Count = 0
+    """Samples of lossless topics that were never delivered: their sender had kept newer ones instead."""
+    relayed: Count = 0
+    """Samples, requests and replies that a radio has passed on for others."""
+    asked: Count = 0
+    """Requests."""
+    timed_out: Count = 0
+    """Requests and replies that were too late, or for which there was no way."""
+
+
+class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """One radio of the team."""
+
+    party: Name
+    """The robot, or `coordinator`."""
+    place: Point2D
+    hears: Annotated[list[Name], Meta(max_length=100_000)]
+    """Parties that it hears without a relay."""
+    hops: Count | None = None
+    """Number of hops to the coordinator; null if there is no way."""
+
+
+class ArenaLinks(Message, frozen=True, kw_only=True):
+    """Who hears whom on the team's simulated radio, for viewers only."""
+
+    radios: Annotated[list[RadioTruth], Meta(max_length=100_000)]
+    """The coordinator's, then the robots'."""
+    counters: LinkCounters
+    """Since the start of the run."""
+
+
+class ArenaPreparation(Message, frozen=True, kw_only=True):
+    """The arena before the first step of a lockstep run, while its navigation is compiled; for viewers only."""
+
+    parts_ready: Count
+    """Number of compiled parts."""
+    parts: Count
+    """Number of all parts."""
+    left_s: Seconds | None = None
+    """Estimated time until the run begins, wall clock; null if it is not known yet."""
+    floor: MapPatch
+    """The floor plan on the grid of the team's map: free and occupied cells. The robots do not know it."""
+    truth: ArenaTruth
+    """Robots and motes at their places."""
+
+
+class OutsideInput(Message, frozen=True, kw_only=True):
+    """What reached a lockstep run from another process and may have changed it."""
+
+    key: Text
+    """Key that it came under, with `?by=NAME` behind it where a query said who asks."""
+    payload: bytes
+    """The payload, at most the first megabyte."""
+
+
+class ScriptInput(OutsideInput, frozen=True, kw_only=True):
+    """What the script that runs a team in lockstep asked, and may have changed the run with."""

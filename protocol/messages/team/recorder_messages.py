@@ -1,0 +1,44 @@
+"""State of a recording while it is written."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.border.refusals import Refused
+from robrain.protocol.messages.message import Message
+from robrain.protocol.model.ranges import Count, Name, Text
+
+
+class LostMessages(msgspec.Struct, frozen=True):
+    """Messages of one topic that are not in a recording."""
+
+    topic: Name
+    """Its name in the table."""
+    messages: Count
+    """How many."""
+
+
+class RecorderState(Message, frozen=True, kw_only=True):
+    """Status of a recorder: every second in live, and when something was lost."""
+
+    recorder: Name
+    """Name of the recorder."""
+    file: Text = ""
+    """Name of the file that it writes to."""
+    messages: Count = 0
+    """Messages heard."""
+    bytes: Count = 0
+    """Written so far."""
+    lost: Annotated[list[LostMessages], Meta(max_length=1000)] = msgspec.field(default_factory=list)
+    """Messages that are not in the recording."""
+    refused: Refused = msgspec.UNSET
+    """Messages that are not in the recording because they break the contract of their topic."""
+    waiting: Count = 0
+    """Messages heard that are not written yet."""
+    why: Text = ""
+    """What is wrong with it; empty if nothing is."""
+    closed: bool = False
+    """It has finished its file."""
+    removed: Count | msgspec.UnsetType = msgspec.UNSET
+    """Older files that it has removed to make room; absent if it removes none."""

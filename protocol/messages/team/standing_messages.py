@@ -1,0 +1,175 @@
+"""What a coordinator and the one that stands by for it say to each other: the journal's changes, and how far they are.
+
+The journal of the one that stands by is a copy. It asks for the whole once, page by page, and then follows the changes,
+which are numbered without gaps from the coordinator's start. All of it may be repeated, lost or reordered on the wire.
+"""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.messages.message import Message
+from robrain.protocol.messages.robots.witness_messages import Lead, Led
+from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
+from robrain.protocol.messages.team.team_messages import RobotSummary
+from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Stamp, Text
+
+ENTRIES_MAX = 64
+PAGE_TASKS = 64
+
+
+class JournalTask(msgspec.Struct, frozen=True, kw_only=True):
+    """A task as it stands in the journal."""
+
+    number: Count
+    """Its place in the order of acceptance."""
+    record: TaskRecord
+    """As it stands, with the number of its last change."""
+    asked: Annotated[str, Meta(max_length=262_144)] = ""
+    """The submission word by word, as JSON; empty if only its record has changed."""
+    earlier: Annotated[list[TaskChange], Meta(max_length=1000)] = []
+    """Its earlier changes, oldest first; in a page only."""
+
+
+class JournalAlarm(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of one source of a rule."""
+
+    rule: Name
+    """Its name."""
+    source: Name
+    """The mote or robot; empty for the whole team."""
+    taken_ns: Stamp
+    """When the reading was taken, or the event happened."""
+    fired_ns: Stamp
+    """When the task was made."""
+    is_armed: bool = False
+    """Whether it may make another one."""
+
+
+class KnownRobot(msgspec.Struct, frozen=True):
+    """A robot of the team as it was last heard."""
+
+    heard_ns: Stamp
+    """When that was."""
+    goes_on: bool
+    """Whether it may be doing tasks without a coordinator."""
+    summary: RobotSummary
+    """Its `task` is empty while the robot is there: then the tasks of the journal say which it has."""
+
+
+KnownRobots = Annotated[dict[Name, KnownRobot], Meta(max_length=10_000)]
+
+
+class JournalEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One transaction of the coordinator's journal."""
+
+    seq: Count
+    """Counts from 1 at the coordinator's start."""
+    task: JournalTask | None = None
+    """The task that has changed."""
+    alarms: Annotated[list[JournalAlarm], Meta(max_length=10_000)] = []
+    """Alarms that have changed."""
+    only_alarms: bool = False
+    """Whether all other alarms are removed."""
+    robots: KnownRobots | None = None
+    """The robots of the team, if one came, went or was removed; and every minute."""
+    epoch_ceiling: Epoch = 0
+    """No greater epoch has been given out; 0 if it has not changed."""
+
+
+class JournalChanges(Message, frozen=True, kw_only=True):
+    """Changes of the coordinator's journal, in order; 5 Hz without any, so that a lost one is noticed."""
+
+    term: Epoch
+    """The first epoch of the coordinator: another one has another term."""
+    first: Count = 1
+    """Number of the first change that is kept to be sent again."""
+    last: Count
+    """Number of the last change that there is."""
+    entries: Annotated[list[JournalEntry], Meta(max_length=ENTRIES_MAX)] = msgspec.field(default_factory=list)
+    """Some of the changes, in order of their numbers."""
+    stand_by: Name = ""
+    """The process that the coordinator waits for before it acknowledges a change; empty if for none."""
+    lead: Lead | msgspec.UnsetType = msgspec.UNSET
+    """By whom the coordinator was elected; absent if the team has no witnesses."""
+
+
+class StandByState(Message, frozen=True, kw_only=True):
+    """How far the journal of a coordinator that stands by is; 5 Hz, and whenever its disk has more."""
+
+    process: Name
+    """Names the process: host and process id."""
+    term: Epoch = 0
+    """Of the coordinator that it follows; 0 if it has no whole copy yet."""
+    on_disk: Count = 0
+    """All changes up to this one are on its disk."""
+    trouble: Text = ""
+    """Why it cannot follow, in words; empty if it can."""
+    journal: Name | msgspec.UnsetType = msgspec.UNSET
+    """Names its journal, if the team has witnesses who remember that; absent otherwise."""
+    led: Led | msgspec.UnsetType = msgspec.UNSET
+    """The elected coordinator that it follows: it does not stand for election within 2 s. Absent if there is none."""
+
+
+class LeadRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """The operator's word that no other coordinator leads."""
+
+    by: Text = ""
+    """Who says so."""
+
+
+class LeadReply(msgspec.Struct, frozen=True, kw_only=True):
+    """What follows from it."""
+
+    left_out: Names
+    """Silent robots that count no more until they are heard again, sorted; none if tasks were offered before."""
+
+
+class RobotRemoval(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot that has gone is to be forgotten."""
+
+    robot: Name
+    by: Text = ""
+    """Who asks."""
+
+
+class CopyRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A page of the coordinator's journal."""
+
+    after: Count = 0
+    """Tasks with greater numbers than this."""
+
+
+class JournalPage(msgspec.Struct, frozen=True, kw_only=True):
+    """Some tasks of the coordinator's journal, in order of their numbers."""
+
+    term: Epoch
+    """The first epoch of the coordinator."""
+    seq: Count
+    """Number of the last change that the page may contain."""
+    tasks: Annotated[list[JournalTask], Meta(max_length=PAGE_TASKS)]
+    """As many as fit; none after the last."""
+    alarms: Annotated[list[JournalAlarm], Meta(max_length=10_000)] = []
+    """With the last page."""
+    robots: KnownRobots = {}
+    """The robots of the team, with the last page."""
+    epoch_ceiling: Epoch = 0
+    """No greater epoch has been given out."""
+
+
+class JournalBackup(msgspec.Struct, frozen=True, kw_only=True):
+    """A backup that is whole, checked and on the disk of the coordinator's machine."""
+
+    host: Text
+    """Name of that machine."""
+    path: Text
+    """File."""
+    bytes: Count
+    """Its size."""
+    tasks: Count
+    """Tasks in it."""
+    open: Count
+    """Tasks that have not ended."""
+    last_changed_ns: Stamp
+    """Stamp of the last change in it; 0 without any."""

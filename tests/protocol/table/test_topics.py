@@ -1,0 +1,143 @@
+from itertools import combinations
+from types import NoneType
+
+import msgspec
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import BadName
+from robrain.protocol.messages.message import Message
+from robrain.protocol.table.topic import Query, Topic
+from robrain.protocol.table.topics import HALT, PUBLISHED, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE, TOPICS, topic_of
+
+NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}", fullmatch=True)
+QUERIES = [row for row in TOPICS if isinstance(row, Query)]
+ids = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
+
+
+@st.composite
+def keys(draw):
+    topic = draw(st.sampled_from(TOPICS))
+    return topic, draw(NAMES), {field: draw(NAMES) for field in topic.fields}
+
+
+def test_no_two_topics_share_a_name_or_a_pattern():
+    assert len({topic.name for topic in TOPICS}) == len(TOPICS)
+    assert len({topic.pattern for topic in TOPICS}) == len(TOPICS)
+
+
+def test_no_key_belongs_to_two_topics():
+    selectors = {topic.name: zenoh.KeyExpr(topic.selector("t")) for topic in TOPICS}
+    clashes = [pair for pair in combinations(selectors, 2) if selectors[pair[0]].intersects(selectors[pair[1]])]
+    assert clashes == []
+
+
+@pytest.mark.slow
+@given(keys())
+def test_parsing_a_key_gives_back_what_it_was_built_from(drawn):
+    topic, team, names = drawn
+    key = topic.key(team, **names)
+    assert topic.parse(key) == {"team": team, **names}
+    assert topic_of(key) == ((topic, {"team": team, **names}) if isinstance(topic, Topic) else None)
+
+
+@pytest.mark.slow
+@given(keys())
+def test_every_selector_includes_its_keys(drawn):
+    topic, team, names = drawn
+    key = topic.key(team, **names)
+    assert zenoh.KeyExpr(topic.selector(team)).includes(zenoh.KeyExpr(key))
+    assert topic.selector(team, **names) == key
+    for field in names:
+        assert zenoh.KeyExpr(topic.selector(team, **{field: names[field]})).includes(zenoh.KeyExpr(key))
+
+
+@pytest.mark.slow
+@given(keys(), keys())
+def test_a_key_of_one_topic_is_parsed_by_no_other(drawn, other_drawn):
+    topic, team, names = drawn
+    other = other_drawn[0]
+    assert (other.parse(topic.key(team, **names)) is not None) == (other is topic)
+
+
+def test_the_selector_of_one_team_does_not_include_another():
+    assert not zenoh.KeyExpr(ROBOT_STATE.selector("red")).intersects(zenoh.KeyExpr(ROBOT_STATE.key("blue", robot="r1")))
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "robrain/t/robot/r1",  # a chunk too few
+        "robrain/t/robot/r1/state/more",  # a chunk too many
+        "other/t/robot/r1/state",  # another project's root
+        "robrain/t/robot/r1/mood",  # no such topic
+        "",  # nothing
+    ],
+)
+def test_foreign_keys_belong_to_no_topic(key):
+    assert topic_of(key) is None
+
+
+def test_a_key_takes_exactly_the_names_of_its_pattern():
+    with pytest.raises(KeyError, match="robot_call takes"):
+        ROBOT_CALL.key("t", robot="r1", plugin="driver")
+    with pytest.raises(KeyError, match="halt takes"):
+        HALT.key("t", robot="r1")
+    with pytest.raises(KeyError, match="halt takes"):
+        HALT.selector("t", robot="r1")
+
+
+def test_bad_names_never_reach_a_key():
+    with pytest.raises(BadName, match="bad robot name"):
+        ROBOT_STATE.key("t", robot="*")
+    with pytest.raises(BadName, match="bad team name"):
+        ROBOT_STATE.key("a/b", robot="r1")
+    with pytest.raises(BadName, match="bad plugin name"):
+        ROBOT_EVENT.selector("t", plugin="**")
+
+
+@pytest.mark.parametrize("topic", [topic for topic in PUBLISHED if topic.recorded], ids=lambda topic: topic.name)
+def test_what_is_recorded_has_a_message_type_with_a_schema(topic):
+    if topic.encoding == "image/png":
+        return  # says itself what it is
+    assert issubclass(topic.message, Message)
+    schema = topic.json_schema()
+    assert {"stamp_ns", "seq"} <= set(schema["$defs"][topic.message.__name__]["properties"])
+    assert msgspec.json.decode(msgspec.json.encode(schema))["$ref"] == f"#/$defs/{topic.message.__name__}"
+
+
+@ids
+def test_every_topic_says_what_it_is_for(topic):
+    assert topic.doc.strip()
+    assert not topic.doc.endswith(".")
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.name)
+def test_every_query_bounds_what_is_asked_and_replied(query):
+    assert 0 < query.timeout_s <= 60.0
+    for codec in (query.requests, query.payloads):
+        assert 0 < codec.max_bytes <= 2**26
+        with pytest.raises(BadPayload, match="expected at most"):
+            codec.read(b" " * (codec.max_bytes + 1))
+
+
+@pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.name)
+@pytest.mark.parametrize("payload", [b"{", b"\xff", b"7", b"[" * 5000])
+def test_a_request_or_reply_that_is_none_is_refused_in_words(query, payload):
+    for codec in (query.requests, query.payloads):
+        if codec.kind in (bytes, NoneType):
+            assert codec.read(payload) == (payload if codec.kind is bytes else None)
+            continue
+        with pytest.raises(BadPayload, match=r"^expected a"):
+            codec.read(payload)
+
+
+@pytest.mark.parametrize("topic", PUBLISHED, ids=lambda topic: topic.name)
+def test_a_put_carries_a_message_or_says_whose_bytes_it_carries(topic):
+    if topic.message is None:
+        assert topic.encoding != "application/json"
+    else:
+        assert topic.encoding == "application/json"

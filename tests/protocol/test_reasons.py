@@ -1,0 +1,94 @@
+"""Every reason has a code and a sentence, passes the wire as a value, and none can hold another without end."""
+
+import inspect
+import re
+from typing import Any, get_args
+
+import msgspec
+import pytest
+
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.reasons import idle, offers, plans, robots, tasks
+from robrain.protocol.reasons.idle import IdleReason
+from robrain.protocol.reasons.reason import Reason, Said, TopicStale, told
+from tests.random_words import reason_types
+
+KINDS = reason_types()
+UNIONS = (
+    IdleReason,
+    offers.OfferRefusal,
+    robots.RobotReason,
+    plans.LeftOut,
+    plans.Chosen,
+    plans.ChargerWait,
+    tasks.TaskReason,
+    TopicStale,
+)
+NESTED_MOST = 6
+"""Reasons within reasons, at the most: of a task that waits for one that was left out for a robot that refused."""
+
+
+def test_a_reason_names_itself_by_a_code():
+    assert msgspec.json.decode(msgspec.json.encode(idle.NoWay(frontiers=3, needed_m=0.44))) == {
+        "code": "no_way",
+        "frontiers": 3,
+        "needed_m": 0.44,
+    }
+
+
+def example(kind: Any) -> Any:
+    """A value of a type; of a union the value that holds most."""
+    if kind is type(None):
+        return None
+    if options := [option for option in get_args(kind) if inspect.isclass(option) and issubclass(option, Reason)]:
+        return max((example(option) for option in options), key=depth)
+    if isinstance(kind, type) and issubclass(kind, Reason):
+        hints = msgspec.structs.fields(kind)
+        return kind(**{field.name: example(field.type) for field in hints})
+    kind = kind.__origin__ if hasattr(kind, "__metadata__") else kind
+    if kind == tuple[tasks.RobotOut, ...]:
+        return (example(tasks.RobotOut),) * 2
+    if getattr(kind, "__origin__", None) is tuple:
+        return ("a", "b")
+    by_type = {str: "a", int: 3, float: 0.5, Point2D: Point2D(1.0, 2.0), TaskState: TaskState.FAILED}
+    return example(get_args(kind)[0]) if get_args(kind) else by_type[kind]
+
+
+def depth(value: Any) -> int:
+    if isinstance(value, tuple):
+        return max((depth(part) for part in value), default=0)
+    if not isinstance(value, Reason):
+        return 0
+    return 1 + max((depth(getattr(value, name)) for name in value.__struct_fields__), default=0)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__struct_config__.tag)
+def test_each_reason_has_words_passes_the_wire_and_is_small(kind):
+    reason = example(kind)
+    assert told(reason) == str(reason) != ""
+    for union in UNIONS:
+        if kind in (get_args(union) or (union,)):
+            assert msgspec.json.decode(msgspec.json.encode(reason), type=union) == reason
+    assert depth(reason) <= NESTED_MOST
+
+
+def test_every_reason_belongs_to_a_union():
+    assert set(KINDS) == {kind for union in UNIONS for kind in get_args(union) or (union,)}
+
+
+def test_a_code_is_the_name_of_its_type_and_is_given_once():
+    codes = [kind.__struct_config__.tag for kind in KINDS]
+    assert codes == [re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower() for kind in KINDS]
+    assert len(set(codes)) == len(codes)
+
+
+def test_a_code_of_a_newer_peer_is_no_reason():
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.json.decode(b'{"code":"made_up"}', type=tasks.TaskReason)
+
+
+def test_long_words_are_cut():
+    assert len(told(tasks.Cancelled("ann", "x" * 5000))) == 4096
+    assert told(None) == ""
+    assert told(Said("so")) == "so"
