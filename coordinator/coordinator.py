@@ -40,7 +40,6 @@ from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.border.refusals import RefusalCode, most_refused
 from robrain.protocol.clock import clock_difference_ns, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import MapPatch
@@ -54,6 +53,7 @@ from robrain.protocol.reasons.idle import IdleReason, TeamHalted
 from robrain.protocol.reasons.offers import OfferRefusal, PositionLost
 from robrain.protocol.reasons.reason import told
 from robrain.protocol.reasons.tasks import MinorityHeard, NotLeading, TakesOver
+from robrain.protocol.refusals import RefusalCode, most_refused
 from robrain.protocol.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
 from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,

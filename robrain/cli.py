@@ -56,10 +56,10 @@ from robrain.lab.report.report_command import report
 from robrain.lab.soak.soak_commands import soak_app
 from robrain.lab.sweep.sweep_commands import sweep_app
 from robrain.protocol.access.identity import TLS_VARIABLE
-from robrain.protocol.border.safe_text import safe_lines
 from robrain.protocol.errors import CallError, RobrainError
 from robrain.protocol.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.safe_text import safe_lines
 
 if TYPE_CHECKING:
     from robrain.sim.lockstep.result import RunResult

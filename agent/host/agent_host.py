@@ -37,7 +37,6 @@ from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
 from robrain.agent.task_desk import TaskDesk
 from robrain.agent.witness import Witness, WitnessInMemory, WitnessMemory
-from robrain.protocol.border.refusals import Refusals, most_refused
 from robrain.protocol.clock import Clock, clock_difference_ns, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
@@ -51,6 +50,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.reasons.offers import RobotHalted, StoodStill
+from robrain.protocol.refusals import Refusals, most_refused
 from robrain.protocol.table.host_queries import HOST_VERB
 from robrain.protocol.table.standing_topics import ROBOT_WITNESS
 from robrain.protocol.table.topics import (

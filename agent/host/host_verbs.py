@@ -19,10 +19,10 @@ from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.plugin_traceback import log_error, plugin_traceback
 from robrain.protocol.access.vouching import vouch_request
-from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.messages.robots import host_messages as ask
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.registry import Registry, UnknownEntry
 from robrain.protocol.table import host_queries as rows
 from robrain.protocol.table.topic import Q, Query, R

@@ -21,7 +21,6 @@ from robrain.coordinator.team.roster import Roster
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
@@ -33,6 +32,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons.tasks import RuleEvent, RuleReading
+from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import MOTE_READING, ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
 

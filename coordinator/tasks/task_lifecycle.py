@@ -20,7 +20,6 @@ from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
@@ -42,6 +41,7 @@ from robrain.protocol.reasons.tasks import (
     RobotOut,
     TaskReason,
 )
+from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import ROBOT_OFFER
 from robrain.protocol.wire.endpoint import Endpoint
 

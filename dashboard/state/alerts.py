@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from robrain.dashboard.state.robot_view import RecorderView, RobotContact, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import COORDINATOR_STATE
 
 LOW_SOC = 0.2

@@ -9,7 +9,6 @@ from robrain.dashboard.state.robot_view import MoteView, RecorderView, RobotView
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
-from robrain.protocol.border.refusals import Refusal
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.maps.patch_cells import cells_of
@@ -23,6 +22,7 @@ from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.refusals import Refusal
 from robrain.protocol.table import topics
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.wire.presence import Change

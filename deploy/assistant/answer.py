@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.protocol.border.safe_text import safe_lines, safe_text
 from robrain.protocol.model.ranges import cut
+from robrain.protocol.safe_text import safe_lines, safe_text
 
 WORDS_MAX = 12_000
 """Longest answer, characters; a model reads every one of them."""

@@ -12,11 +12,11 @@ from msgspec import Meta
 from robrain.client.submission import COMMON, RELATIVE
 from robrain.deploy.assistant.errors import CallRefused
 from robrain.deploy.assistant.policy import PRIORITY_MAX, Ban
-from robrain.protocol.border.safe_text import safe_text
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name, is_name
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.safe_text import safe_text
 
 BYTES_MAX = 8192
 """Of all arguments of a call as JSON."""

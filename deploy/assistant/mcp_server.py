@@ -17,8 +17,8 @@ from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.assistant import Assistant, Tool, ToolCall
 from robrain.deploy.assistant.policy import Ban, Order
 from robrain.deploy.assistant.words import refusal
-from robrain.protocol.border.safe_text import safe_text
 from robrain.protocol.model.ranges import cut
+from robrain.protocol.safe_text import safe_text
 
 HOST = "127.0.0.1"
 WAITING_MAX = 16

@@ -36,7 +36,7 @@ def print_json(value: object) -> None:
     """Anything that has a place on the wire, as one line of JSON."""
     import msgspec
 
-    from robrain.protocol.border.safe_text import safe_json
+    from robrain.protocol.safe_text import safe_json
 
     sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
     sys.stdout.flush()
@@ -44,7 +44,7 @@ def print_json(value: object) -> None:
 
 def say(text: str) -> None:
     """One line on stdout, at once; the lines of a longer text are indented."""
-    from robrain.protocol.border.safe_text import safe_lines
+    from robrain.protocol.safe_text import safe_lines
 
     sys.stdout.write(safe_lines(text, "  ") + "\n")
     sys.stdout.flush()

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import TextColumn
 
 from robrain.deploy.processes.live_process import tell
-from robrain.protocol.border.safe_text import safe_lines
+from robrain.protocol.safe_text import safe_lines
 
 PLAIN_WIDTH = 200
 """Width of a table written to a file or pipe, in columns."""

@@ -9,9 +9,9 @@ from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.client.team import Team
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
-from robrain.protocol.border.safe_text import safe_json
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.action_messages import Outcome
+from robrain.protocol.safe_text import safe_json
 
 EXIT_NOT_DONE = 1
 

@@ -47,8 +47,8 @@ def backup(
         _print(found, f"{output}: {_words(found)}", as_json=as_json)
         return
     from robrain.deploy.processes.live_process import client_session, live_endpoint
-    from robrain.protocol.border.safe_text import safe_text
     from robrain.protocol.errors import NobodyThere
+    from robrain.protocol.safe_text import safe_text
     from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
     from robrain.protocol.wire.hub import wrong_team
 

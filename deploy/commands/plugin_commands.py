@@ -146,7 +146,7 @@ def _show(infos: "list[PluginInfo]") -> None:
     from rich.table import Table
 
     from robrain.deploy.command_line.terminal import results
-    from robrain.protocol.border.safe_text import safe_lines
+    from robrain.protocol.safe_text import safe_lines
 
     headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
     rows = [

@@ -13,7 +13,7 @@ from typing import NoReturn
 import msgspec
 
 from robrain.deploy.errors import UsageError
-from robrain.protocol.border.safe_text import safe_json, safe_lines
+from robrain.protocol.safe_text import safe_json, safe_lines
 
 FORMAT_VARIABLE = "ROBRAIN_LOG_FORMAT"
 OPTION = "--log-format"

@@ -13,7 +13,6 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
-from robrain.protocol.border.refusals import Refusal
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere, PortTaken
 from robrain.protocol.links.inbox import Inbox
@@ -23,6 +22,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.refusals import Refusal
 from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,

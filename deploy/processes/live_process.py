@@ -15,9 +15,9 @@ from robrain.client.transport import open_client_session
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.lifeline import Lifeline
 from robrain.deploy.processes.secured_start import warn_of_listening
-from robrain.protocol.border.safe_text import safe_json, safe_lines
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, PortTaken
+from robrain.protocol.safe_text import safe_json, safe_lines
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import given_endpoints, hub_endpoint
 from robrain.protocol.wire.session import check_endpoint, is_secured, may_answer, open_session

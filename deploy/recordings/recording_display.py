@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from robrain.deploy.command_line.terminal import console, results, text_column
-from robrain.protocol.border.safe_text import safe_text
+from robrain.protocol.safe_text import safe_text
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.comparing import Difference
 from robrain.recording.reader.contents import KeyContents, RecordingContents

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from robrain.deploy.supervision.part import PartView
 from robrain.deploy.supervision.restarts import Phase
-from robrain.protocol.border.safe_text import safe_text
+from robrain.protocol.safe_text import safe_text
 
 COLOURS = {Phase.UP: "green", Phase.GIVEN_UP: "red", Phase.KILLED: "red"}
 UNKNOWN = "–"

@@ -10,8 +10,6 @@ from rich.table import Table
 from robrain.client.members import team_found
 from robrain.deploy.command_line.terminal import print_line, results
 from robrain.deploy.processes.live_process import client_session, live_endpoint
-from robrain.protocol.border.refusals import Refusal
-from robrain.protocol.border.safe_text import safe_lines
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -19,6 +17,8 @@ from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.refusals import Refusal
+from robrain.protocol.safe_text import safe_lines
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team

@@ -24,7 +24,7 @@ def show_table(records: list[Any]) -> None:
     from rich.table import Table
 
     from robrain.deploy.command_line.terminal import results
-    from robrain.protocol.border.safe_text import safe_lines
+    from robrain.protocol.safe_text import safe_lines
 
     table = Table(box=None, pad_edge=False)
     for heading in ("task", "kind", "state", "robot", "priority", "by", "why"):

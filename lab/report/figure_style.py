@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from robrain.protocol.border.safe_text import safe_text
+from robrain.protocol.safe_text import safe_text
 from robrain.recording.drawing.palette import ROBOT_COLORS, css
 
 YELLOW = 5

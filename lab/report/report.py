@@ -29,8 +29,8 @@ from robrain.lab.report.figure_style import (
 from robrain.lab.report.figures import accuracy_figure, explored_curves
 from robrain.lab.report.interval_drawing import draw_groups, draw_mean_curves, label_rows, panels
 from robrain.lab.report.mean_interval import MeanInterval, mean_interval
-from robrain.protocol.border.safe_text import safe_html
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.safe_text import safe_html
 from robrain.recording.drawing.natural_order import natural_key
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.run_data import RobotRun, RunData, read_run

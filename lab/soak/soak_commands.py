@@ -8,7 +8,7 @@ import msgspec
 import typer
 
 from robrain.deploy.command_line.team_options import JsonOption
-from robrain.protocol.border.safe_text import safe_json
+from robrain.protocol.safe_text import safe_json
 
 soak_app = typer.Typer(rich_markup_mode=None)
 

@@ -16,7 +16,7 @@ from robrain.deploy.command_line.scenario_options import (
     UntilOption,
 )
 from robrain.deploy.command_line.team_options import JsonOption
-from robrain.protocol.border.safe_text import safe_json
+from robrain.protocol.safe_text import safe_json
 
 sweep_app = typer.Typer(rich_markup_mode=None)
 

@@ -17,9 +17,9 @@ from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Unit, external, unlocked
 from robrain.plugins.device.command.conversation import Conversation, as_line
 from robrain.plugins.device.command.interface import CommandInterface
-from robrain.protocol.border.safe_text import safe_text
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.model.ranges import check_positive, check_within
+from robrain.protocol.safe_text import safe_text
 from robrain.protocol.wire.endpoint import Drive
 
 logger = logging.getLogger(__name__)

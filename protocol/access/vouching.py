@@ -10,9 +10,9 @@ import msgspec
 from robrain.protocol.access.member import Member
 from robrain.protocol.access.permissions import AccessAction, roles
 from robrain.protocol.access.signed_keys import read_signed, sender_field
-from robrain.protocol.border.refusals import RefusalCode, Refusals
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.refusals import RefusalCode, Refusals
 from robrain.protocol.table.host_queries import HOST_VERB
 from robrain.protocol.table.topic import Query, Topic
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from robrain.protocol.border.refusals import RefusalCode, Refusals
 from robrain.protocol.clock import Clock, clock_difference_ns
 from robrain.protocol.codec import BAD_PAYLOAD, Codec
+from robrain.protocol.refusals import RefusalCode, Refusals
 from robrain.protocol.table.topic import Query, Topic
 
 Heard = Topic[Any] | Query[Any, Any]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import ParamSpec, TypeVar
 
 from robrain.protocol.border.border import Received
-from robrain.protocol.border.refusals import Refusals
+from robrain.protocol.refusals import Refusals
 from robrain.protocol.registry import failure_text
 
 logger = logging.getLogger(__name__)

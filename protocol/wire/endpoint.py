@@ -28,7 +28,6 @@ from robrain.protocol.answers.replying import reply_deferred
 from robrain.protocol.answers.trace import Traces
 from robrain.protocol.answers.waiting_queries import WaitingQueries
 from robrain.protocol.border.border import Border, Heard
-from robrain.protocol.border.refusals import RefusalCode, Refusals
 from robrain.protocol.clock import Clock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
@@ -45,6 +44,7 @@ from robrain.protocol.links.radio_link import LocalRadioLink
 from robrain.protocol.links.radio_network import EVERYWHERE
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.links.zenoh_link import ZenohLink
+from robrain.protocol.refusals import RefusalCode, Refusals
 from robrain.protocol.table.topic import JSON, Q, Query, R, Token, Topic
 from robrain.protocol.wire.presence import Presence
 

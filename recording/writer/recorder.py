@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robrain.protocol.border.border import Border
-from robrain.protocol.border.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.clock import Clock, to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox, Sample
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -11,12 +11,12 @@ from enum import StrEnum
 import msgspec
 
 from robrain.protocol.border.border import Border
-from robrain.protocol.border.refusals import RefusalCode, Refused
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
+from robrain.protocol.refusals import RefusalCode, Refused
 from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.recording.invariants import findings as recorded
 from robrain.recording.invariants.judging import Judging
@@ -210,9 +210,7 @@ class Judge:
             return
         if event.task != asked:
             self._break(
-                TeamRule.CHANGED,
-                task_id,
-                f"{task_id} is not as it was submitted: {_difference(asked, event.task)}",
+                TeamRule.CHANGED, task_id, f"{task_id} is not as it was submitted: {_difference(asked, event.task)}"
             )
         if event.state.ended:
             known = self._ends.get(task_id)

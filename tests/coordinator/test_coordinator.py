@@ -12,7 +12,6 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.answers.trace import trace_of
-from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
@@ -22,6 +21,7 @@ from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons.idle import PlanPending, TaskSoon
 from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.standing_topics import COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_STATE, TASK_CANCEL, TASK_WHY
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -14,7 +14,6 @@ from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.border.border import Received
-from robrain.protocol.border.refusals import Refusal
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
@@ -28,6 +27,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons.reason import TopicStale
 from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.refusals import Refusal
 from robrain.protocol.table.topics import RECORDER_STATE
 from robrain.recording.drawing.robot_history import RobotHistory
 

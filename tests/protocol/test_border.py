@@ -9,7 +9,6 @@ import pytest
 
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.border.refusals import KINDS_MAX, RefusalCode, Refusals
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
@@ -21,6 +20,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.refusals import KINDS_MAX, RefusalCode, Refusals
 from robrain.protocol.table.topics import (
     HALT,
     MOTE_READING,
@@ -34,7 +34,7 @@ from robrain.protocol.table.topics import (
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 
-LOGGER = "robrain.protocol.border.refusals"
+LOGGER = "robrain.protocol.refusals"
 
 
 @pytest.fixture

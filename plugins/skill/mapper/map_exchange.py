@@ -25,12 +25,12 @@ from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.own_submaps import OwnPatch, OwnSubmaps
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.border.refusals import RefusalCode
 from robrain.protocol.clock import AHEAD_S, BEHIND_S, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import Closures, MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
 

@@ -5,7 +5,6 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.border.refusals import Refused
 from robrain.protocol.messages.message import COVARIANCE_LENGTHS, Covariance, Message, Result, SharedMessage
 from robrain.protocol.messages.robots.witness_messages import Led
 from robrain.protocol.model.claim import Claim
@@ -30,6 +29,7 @@ from robrain.protocol.model.ranges import (
 )
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import OfferRefusal
+from robrain.protocol.refusals import Refused
 
 
 class BatteryState(msgspec.Struct, frozen=True, kw_only=True):

@@ -5,9 +5,9 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.border.refusals import Refused
 from robrain.protocol.messages.message import Message
 from robrain.protocol.model.ranges import Count, Name, Text
+from robrain.protocol.refusals import Refused
 
 
 class LostMessages(msgspec.Struct, frozen=True):

@@ -5,7 +5,6 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.border.refusals import Refused
 from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import Faults
@@ -16,6 +15,7 @@ from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Qu
 from robrain.protocol.reasons import IdleReason, Unavailable
 from robrain.protocol.reasons.reason import TopicStale, told
 from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.refusals import Refused
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,7 +10,6 @@ from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from robrain.deploy.observability.metrics_process import COUNTERS, METRICS, TeamMetrics
-from robrain.protocol.border.refusals import Refusal
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
@@ -19,6 +18,7 @@ from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.refusals import Refusal
 from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,

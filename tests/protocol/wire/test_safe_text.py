@@ -3,7 +3,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.border.safe_text import safe_html, safe_json, safe_lines, safe_text
+from robrain.protocol.safe_text import safe_html, safe_json, safe_lines, safe_text
 
 ANY = st.text(st.characters(codec=None), max_size=40)
 

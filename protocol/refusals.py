@@ -8,9 +8,9 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.border.safe_text import safe_text
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.model.ranges import Count, Name, Text
+from robrain.protocol.safe_text import safe_text
 
 logger = logging.getLogger(__name__)
 
