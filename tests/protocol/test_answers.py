@@ -10,7 +10,7 @@ from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
 from robrain.protocol.table.topic import Urgency
 from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
-from tests.protocol.wire.lockstep_wire import Wire
+from tests.protocol.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S
 
 FOO = {"robot": "r1", "plugin": "p", "function": "foo"}

@@ -207,7 +207,7 @@ def test_a_record_that_cannot_be_handled_is_set_aside_and_the_others_are_handled
     assert handled == ["a", "b"]
     (one,) = found.counts()
     assert (one.topic, one.key, one.code) == ("task", "bad", "failed")
-    assert re.fullmatch(r"wire/test_border.py:\d+ in \w+: OverflowError: too large", one.why)
+    assert re.fullmatch(r"protocol/test_border.py:\d+ in \w+: OverflowError: too large", one.why)
 
 
 @pytest.mark.sets_aside

@@ -104,8 +104,8 @@ def test_charge_beyond_all_is_none(tmp_path: Path) -> None:
 
 
 def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> None:
-    frames = BatteryFrame(frame="Pack2", signals={"kelvin": PackValue.TEMPERATURE_K, "soc": PackValue.VOLTAGE_V})
-    pack = Pack(tmp_path, frames=frames, checksum=Checksum.SUM8)
+    frame = BatteryFrame(frame="Pack2", signals={"kelvin": PackValue.TEMPERATURE_K, "soc": PackValue.VOLTAGE_V})
+    pack = Pack(tmp_path, frames=(frame,), checksum=Checksum.SUM8)
     assert pack.hear("Pack2", soc=20.0, kelvin=300.0).voltage_v == pytest.approx(20.0)
     pack.put(850, b"\x01\x02\x03\x07", is_extended=False)
     pack.put(850, b"\x01\x02\x03", is_extended=False)

@@ -29,7 +29,7 @@ from robrain.protocol.table.topics import (
 )
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
-from tests.protocol.wire.lockstep_wire import Wire
+from tests.protocol.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S, until
 
 SLOW_S = 0.2

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.wire.session import open_lockstep_session
-from tests.protocol.wire.lockstep_wire import Wire
+from tests.protocol.lockstep_wire import Wire
 
 
 @pytest.fixture(scope="module")
