@@ -120,7 +120,7 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
 
 
 def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArrays:
-    windows = windows_of(problem, arrays, plan, 0.5, plan.makespan_s)
+    windows = windows_of(problem, arrays, plan, 0.0, plan.makespan_s)
     for full, narrow in (
         (arrays.visits.earliest_s, windows.visits.earliest_s),
         (arrays.visits.latest_s, windows.visits.latest_s),

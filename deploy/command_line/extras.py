@@ -39,7 +39,7 @@ def missing_extra(error: ModuleNotFoundError, words: Sequence[str]) -> UsageErro
     missing = missing_package(error)
     if missing is None or not missing.extra:
         return None
-    if missing.extra == "navigation" and words:
+    if missing.extra in ("navigation", "team") and words:
         known = OF_COMMANDS.get(" ".join(words[:2])) or OF_COMMANDS.get(words[0], missing.extra)
         missing = missing._replace(extra=known)
     return UsageError(f"{missing.package} is not installed: pip install '{missing.needed}'")

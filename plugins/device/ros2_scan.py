@@ -3,10 +3,13 @@
 import math
 from typing import NamedTuple, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan as LaserScanMessage
+
+# isort: split
+# numpy comes after rclpy: the extra ros2 has both, and an agent that lacks both names this extra.
+import numpy as np
+from numpy.typing import NDArray
 
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.link import open_link

@@ -155,3 +155,19 @@ def test_who_does_a_job_never_is_out_and_who_is_out_has_a_reason(problem):
             ), (decision, plan)
         if not decision.robots:
             assert decision.reason is not None
+
+
+def test_a_robot_that_waits_for_another_is_explained_with_the_wait_of_the_plan():
+    # The plan could wait longer than it does, at 1 W, as the arm is busy until 30 s.
+    camera = frozenset({"camera"})
+    jobs = [
+        job("first", 1, needs=frozenset({"arm"})),
+        job("late", 1, needs=frozenset({"arm"}), earliest_s=30.0),
+        job("then", 1, needs=camera, after=("first",)),
+        job("last", 2, needs=camera, after=("then",)),
+    ]
+    arm = worker("arm", start=1, ready_s=5.0, usable_j=10.0, offers=frozenset({"arm"}))
+    waits = worker("waits", wait_w=1.0, usable_j=8.5, offers=camera)
+    problem = line(jobs, [arm, waits])
+    for decision in explain(problem, AuctionAllocator().plan(problem)):
+        assert all(option.why_not is None for option in decision.options if option.worker in decision.robots)

@@ -9,7 +9,7 @@ from robrain.lab.bench import agents
 from robrain.lab.bench.allocation import consensus
 from robrain.lab.bench.mapping import live_mapping
 
-R101 = Path(__file__).parents[2] / "coordinator" / "allocation" / "data" / "R101_25.txt"
+R101 = Path(__file__).parents[2] / "algorithms" / "allocation" / "data" / "R101_25.txt"
 pytestmark = pytest.mark.system
 
 
