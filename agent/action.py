@@ -48,7 +48,7 @@ class Action:
         self.end: ActionEnd | None = None
         """None while it is running."""
         self._desk = desk
-        self._tell_ns = now_ns + PROGRESS_PERIOD_NS
+        self._publish_ns = now_ns + PROGRESS_PERIOD_NS
 
     @property
     def is_running(self) -> bool:
@@ -58,8 +58,8 @@ class Action:
     def progress(self, share: float) -> None:
         """Report progress, 0 to 1; may be called at any rate, and is notified at most twice a second."""
         now_ns = self._desk.now_ns()
-        if self.is_running and now_ns >= self._tell_ns:
-            self._tell_ns = now_ns + PROGRESS_PERIOD_NS
+        if self.is_running and now_ns >= self._publish_ns:
+            self._publish_ns = now_ns + PROGRESS_PERIOD_NS
             self._desk.told_progress(ActionProgress(action=self.id, share=min(max(share, 0.0), 1.0)))
 
     def done(self, result: Any = None) -> None:

@@ -41,7 +41,7 @@ class Board:
         mocdevice writes it, at each look, if somebody wants it."""
         self.wants_odometry = False
         """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
-        self.told_odometry: tuple[Pose2D, int] | None = None
+        self.published_odometry: tuple[Pose2D, int] | None = None
         """Of a base that adds up its own odometry: the pose that it reported last, and that message's number."""
         self.yaw_rates: deque[YawRate] = deque(maxlen=256)
         """Measurements of a gyroscope, which the device of an IMU leaves here for the odometry of mocdevice."""
@@ -71,7 +71,7 @@ class Board:
         """The robot's own recent map, against which scans are matched; mapper writes it."""
         self.local_pose: LocalPose | None = None
         """Pose of the odometry frame in the frame of that map; localisation writes it."""
-        self.mate_places: Floats | None = None
+        self.robot_places: Floats | None = None
         """(K, 3) published places and radii of other robots: x, y, radius in metres, arena frame; mapper writes it."""
         self.map_of_others: OccupancyGrid | None = None
         """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""

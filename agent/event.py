@@ -162,7 +162,7 @@ class EventsOutside:
         self._wire = wire
         self._robot = robot
         self._plugin = plugin
-        self._ways_out: list[_WayOut] = []
+        self._exits: list[_WayOut] = []
 
     def open(self, events: Mapping[str, Event[Any]]) -> None:
         """Let the marked ones of these leave the robot until `close`."""
@@ -170,11 +170,11 @@ class EventsOutside:
             if event.outside:
                 names = {"robot": self._robot, "plugin": self._plugin, "event": name}
                 publisher = self._wire.publisher(ROBOT_EVENT, **names)
-                self._ways_out.append(_WayOut(event, publisher, self._robot, self._plugin, name))
+                self._exits.append(_WayOut(event, publisher, self._robot, self._plugin, name))
 
     def close(self) -> None:
         """Undeclare all; what is notified from now on stays in the robot."""
-        ways_out, self._ways_out = self._ways_out, []
+        ways_out, self._exits = self._exits, []
         for way_out in ways_out:
             way_out.close(declared=not self._wire.is_closed)
 

@@ -123,7 +123,7 @@ def _manifest(name: str, path: Path, text: str) -> Manifest:
     try:
         tables = msgspec.convert(raw, ManifestTables)
     except msgspec.ValidationError as error:
-        raise ManifestError(path, *where_and_what(error, raw, ManifestTables)) from error
+        raise ManifestError(path, *key_and_problem(error, raw, ManifestTables)) from error
     role = tables.plugin.role
     if role:
         try:
@@ -157,7 +157,7 @@ def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
         except FileNotFoundError:
             continue  # deleted meanwhile, or a dangling link
         except BadToml:
-            if _looks_like_one(path):
+            if _resembles_manifest(path):
                 found.append(path)
     return found
 
@@ -183,17 +183,17 @@ def _has_plugin_table(text: str) -> bool:
 
 
 def _toml_files(place: Path, most_files: int | None) -> Iterator[Path]:
-    looked_at = 0
+    camera_target = 0
     for folder, folders, files in os.walk(place):
-        looked_at += len(folders) + len(files)
-        if most_files is not None and looked_at > most_files:
+        camera_target += len(folders) + len(files)
+        if most_files is not None and camera_target > most_files:
             raise PluginMissing(
                 place.name, f"more than {most_files} files are in that folder: name the plugin's own folder"
             )
         yield from (Path(folder, name) for name in files if name.endswith(".toml"))
 
 
-def _looks_like_one(path: Path) -> bool:
+def _resembles_manifest(path: Path) -> bool:
     try:
         if not path.is_file():
             return False
@@ -204,12 +204,12 @@ def _looks_like_one(path: Path) -> bool:
     return len(data) < _LOOKED_AT_BYTES or _PLUGIN_TABLE.search(data) is not None
 
 
-def where_and_what(
+def key_and_problem(
     error: msgspec.ValidationError, document: dict[str, Any], struct: type[msgspec.Struct], path: str = ""
 ) -> tuple[str, str]:
     """A validation error as the key that it is about and what was expected there; an unknown name with the nearest one.
 
-    >>> where_and_what(msgspec.ValidationError("Expected `int`, got `str` - at `$.tag.shared`"), {}, ManifestTables)
+    >>> key_and_problem(msgspec.ValidationError("Expected `int`, got `str` - at `$.tag.shared`"), {}, ManifestTables)
     ('tag.shared', 'Expected `int`, got `str`')
     """
     if mistake := unknown_name(document, struct, path):

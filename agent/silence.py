@@ -22,13 +22,13 @@ class Silence:
         self.limit_ns = limit_ns
         self.begins_ns = limit_ns // 4
         """Before this there is nothing to count: plugins whose source speaks do not ask."""
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
         self._silent_ns = self._asked_ns = 0
 
     def since(self, heard_ns: int, now_ns: int) -> int:
         """Silence so far, in nanoseconds, of a source that was last heard at `heard_ns`."""
-        if heard_ns != self._heard_ns:
-            self._heard_ns, self._asked_ns, self._silent_ns = heard_ns, heard_ns, 0
+        if heard_ns != self._received_ns:
+            self._received_ns, self._asked_ns, self._silent_ns = heard_ns, heard_ns, 0
         self._silent_ns += min(max(0, now_ns - self._asked_ns), self.limit_ns // 2)
         self._asked_ns = now_ns
         return self._silent_ns

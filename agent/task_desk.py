@@ -117,7 +117,7 @@ class TaskDesk:
         self._done: deque[tuple[str, int]] = deque(maxlen=DONE_KEPT)
         """Tasks that were done, with the time."""
         self._said: deque[_Said] = deque()
-        self.coordinator_heard_ns: int | None = None
+        self.coordinator_seen_ns: int | None = None
         self.goes_on_ns = 0
         """A task goes on without its coordinator for so long, if that is longer than the lease."""
         self.trusted_ns: int | None = None
@@ -131,7 +131,7 @@ class TaskDesk:
         self._begun = ""
         self._own: _Own | None = None
         self._recalled = ""
-        self.on_said: Callable[[], None] | None = None
+        self.on_line: Callable[[], None] | None = None
         """Called, on any thread, when a behavior has said how its task ended: `status` is about to change."""
 
     @property
@@ -163,7 +163,7 @@ class TaskDesk:
         left_s = round(max(0.0, to_seconds(foreseen[1] - now_ns)), 2)
         return facts._replace(task=msgspec.structs.replace(status, left_s=left_s))
 
-    def hear_coordinator(self, summary: TeamState, robot: str, now_ns: int) -> None:
+    def renew_lease(self, summary: TeamState, robot: str, now_ns: int) -> None:
         """Renew the lease by the coordinator's summary: it counts from the state of this robot that was heard last.
 
         A coordinator gives a silent robot's task to another, also when that robot hears it. One that has not heard the
@@ -172,11 +172,11 @@ class TaskDesk:
         for mine in summary.robots:
             if mine.name == robot:
                 if not isinstance(mine.out, NotHeard):
-                    self.coordinator_heard_ns = now_ns - to_ns(mine.age_s)
+                    self.coordinator_seen_ns = now_ns - to_ns(mine.age_s)
                 elif summary.seq < FIRST_SUMMARIES:
-                    self.coordinator_heard_ns = now_ns
+                    self.coordinator_seen_ns = now_ns
                 return
-        self.coordinator_heard_ns = now_ns
+        self.coordinator_seen_ns = now_ns
 
     def foresee(self, task_id: str, end_ns: int | None) -> None:
         """A behavior says when its task will end, as well as it knows, if it does; on any thread."""
@@ -283,7 +283,7 @@ class TaskDesk:
             return TaskAnswer.refused(reason)
         waiting = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.OFFERED)
         self.held = _Held(offer, waiting, now_ns)
-        self.coordinator_heard_ns = now_ns
+        self.coordinator_seen_ns = now_ns
         return TaskAnswer(accepted=True)
 
     def can(self, task: Task) -> bool:
@@ -340,7 +340,7 @@ class TaskDesk:
     def _begin_as_asked(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         answer = self._begin(offer)
         if answer.accepted:
-            self.coordinator_heard_ns = now_ns
+            self.coordinator_seen_ns = now_ns
         return answer
 
     def _begin(self, offer: TaskOffer) -> TaskAnswer:
@@ -404,8 +404,8 @@ class TaskDesk:
         if len(result) > RESULT_FIELDS_MAX:
             raise ValueError(f"expected a result of {task_id} of at most {RESULT_FIELDS_MAX} fields, got {len(result)}")
         self._said.append(_Said(task_id, state, why, result))
-        if self.on_said is not None:
-            self.on_said()
+        if self.on_line is not None:
+            self.on_line()
 
     def halted(self) -> None:
         """The robot is halted: return its task; the behavior has dropped it in `emergency_halt`."""
@@ -431,7 +431,7 @@ class TaskDesk:
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
         held = self.held
-        heard_ns = self.coordinator_heard_ns if self.trusted_ns is None else self._vouched_ns
+        heard_ns = self.coordinator_seen_ns if self.trusted_ns is None else self._vouched_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)
             silent_ns = now_ns - (heard_ns if heard_ns is not None else held.since_ns)
@@ -450,7 +450,7 @@ class TaskDesk:
     @property
     def _vouched_ns(self) -> int | None:
         """When the coordinator was heard, or another vouched for the robot's tasks; None if never."""
-        heard_ns, trusted_ns = self.coordinator_heard_ns, self.trusted_ns
+        heard_ns, trusted_ns = self.coordinator_seen_ns, self.trusted_ns
         return heard_ns if trusted_ns is None else max(trusted_ns, heard_ns or 0)
 
     def _go_back(self, status: TaskStatus | None, current: _Executor | None) -> None:

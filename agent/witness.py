@@ -81,7 +81,7 @@ class Witness:
 
     def __init__(self, memory: WitnessMemory, now_ns: int) -> None:
         self._memory = memory
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._obeyed = ""
         """Journal of the coordinator that was heard or elected last."""
         self._heard = Led(election=0, stamp_ns=0)
@@ -97,7 +97,7 @@ class Witness:
         except (OSError, ValueError) as error:
             logger.warning("what the robot has answered as a witness cannot be read, so it answers nothing: %s", error)
             self._kept, self._is_readable = Kept(), False
-        self._note_led()
+        self._update_led()
 
     def follows(self, said: TeamState) -> bool:
         """Whether a summary is of a coordinator that leads, as far as this robot knows."""
@@ -112,9 +112,9 @@ class Witness:
             return True  # of a team without witnesses
         if not self.follows(said):
             return False
-        self._obeyed, self._heard_ns = said.lead.journal, now_ns
+        self._obeyed, self._received_ns = said.lead.journal, now_ns
         self._heard = Led(election=said.lead.election, stamp_ns=said.stamp_ns)
-        self._note_led()
+        self._update_led()
         return True
 
     def answer(self, asked: WitnessRequest, now_ns: int) -> WitnessReply:
@@ -123,12 +123,12 @@ class Witness:
         if refusal is None:
             refusal = self._store(asked)
         if refusal is None and asked.wish is WitnessWish.ELECT:
-            self._obeyed, self._heard_ns = asked.journal, now_ns
+            self._obeyed, self._received_ns = asked.journal, now_ns
         return WitnessReply(refusal=refusal, election=self._greatest, before=self._kept.before)
 
-    def note_pause(self, now_ns: int) -> None:
+    def restart_silence(self, now_ns: int) -> None:
         """Start the time of silence again: the process was stopped."""
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
 
     @property
     def _greatest(self) -> int:
@@ -147,7 +147,7 @@ class Witness:
             return None if (asked.journal, asked.began_ns) == (kept.journal, kept.began_ns) else WitnessRefusal.OUTVOTED
         if asked.election == self._heard.election:
             return WitnessRefusal.OUTVOTED
-        if now_ns - self._heard_ns <= SILENT_NS and self._obeyed != asked.journal:
+        if now_ns - self._received_ns <= SILENT_NS and self._obeyed != asked.journal:
             return WitnessRefusal.LEADER_HEARD
         if asked.forced:
             return None
@@ -178,10 +178,10 @@ class Witness:
             logger.warning("what the robot answers as a witness cannot be stored: %s", error)
             return WitnessRefusal.UNWRITABLE
         self._kept = wanted
-        self._note_led()
+        self._update_led()
         return None
 
-    def _note_led(self) -> None:
+    def _update_led(self) -> None:
         newest = self._heard
         if self._kept.election > newest.election:
             newest = Led(election=self._kept.election, stamp_ns=0)

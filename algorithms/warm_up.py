@@ -49,13 +49,13 @@ from robrain.algorithms.navigation.right_of_way import (
     meet,
     pass_on,
     release,
-    sample_way,
+    sample_path,
 )
 from robrain.algorithms.numeric.elementary_functions import arctan2, exp, log, log10
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
 from robrain.algorithms.slam.map_overlap import MapMatcher
-from robrain.algorithms.slam.mates_in_scan import mate_circles, wall_ends
+from robrain.algorithms.slam.mates_in_scan import robot_circles, wall_ends
 from robrain.algorithms.slam.place_search import search_places
 from robrain.algorithms.slam.pose_graph import Edge, solve
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
@@ -100,7 +100,7 @@ def _walls() -> NDArray[np.bool_]:
 def _scans() -> None:
     angles_rad = np.array([0.0, 1.0])
     ranges_m = cast_rays(_walls(), GEOMETRY, SENSOR, angles_rad, 1.0, CIRCLES)
-    _seen_grid(angles_rad, ranges_m).take_patch()
+    _seen_grid(angles_rad, ranges_m).pop_patch()
 
 
 def _seen_grid(angles_rad: Floats, ranges_m: Floats) -> OccupancyGrid:
@@ -138,14 +138,14 @@ def _paths() -> None:
 def _navigation_grid() -> None:
     free = np.zeros(GEOMETRY.shape, np.int8)
     navigation = NavigationGrid(free, GEOMETRY, 0.1)
-    positions = sample_way(np.array([[0.35, 0.35], [0.35, 0.6]]), 10.0)
+    positions = sample_path(np.array([[0.35, 0.35], [0.35, 0.6]]), 10.0)
     standpoint(free, navigation.traversable, (3, 3), 2)
     navigation.path(Point2D(0.15, 0.15), Point2D(0.65, 0.45), snap_m=0.5, dear=[Zone(positions, 0.1)])
     navigation.clear_positions(free, positions)
 
 
 def _mate() -> Track:
-    positions = sample_way(np.array([[0.35, 0.35], [0.35, 0.6]]), 10.0)
+    positions = sample_path(np.array([[0.35, 0.35], [0.35, 0.6]]), 10.0)
     return Track(positions, 0.6, positions.shape[0] - 1, 0.1, goes_first=True)
 
 
@@ -204,7 +204,7 @@ def _map_overlap() -> None:
 def _room() -> tuple[Floats, Floats, Floats]:
     angles_rad = np.linspace(-3.0, 3.0, 30)
     ranges_m = 0.25 / np.maximum(np.abs(np.cos(angles_rad)), np.abs(np.sin(angles_rad)))
-    return angles_rad, ranges_m, mate_circles(angles_rad, ranges_m, 1.0, SENSOR, CIRCLES)
+    return angles_rad, ranges_m, robot_circles(angles_rad, ranges_m, 1.0, SENSOR, CIRCLES)
 
 
 def _surface_match() -> None:
@@ -220,7 +220,7 @@ def _submaps() -> None:
     own = OccupancyGrid(GEOMETRY, surfaces=True)
     own.integrate_scan(SENSOR, angles_rad, ranges_m, 1.0, 0, circles)
     own.contradict(np.zeros((2, 2), np.int8), 3, 3)
-    patch = own.take_patch()
+    patch = own.pop_patch()
     if patch is not None:
         atlas = SubmapAtlas(GEOMETRY)
         for number, place in enumerate((IDENTITY, Pose2D(0.1, 0.0, 0.0), Pose2D(0.4, 0.4, 0.1))):  # shifted, turned

@@ -88,7 +88,7 @@ class TeamOrder:
         repeat_s = began_s + REPEAT_S
         while (now_s := transport.elapsed_s()) < began_s + WAIT_S:
             transport.pass_time(POLL_S)
-            coordinator_is_silent = self._hear()
+            coordinator_is_silent = self._receive()
             if now_s >= began_s + transport.gather_s and not coordinator_is_silent:
                 if not self._disobedient() and self._robots:
                     break
@@ -102,7 +102,7 @@ class TeamOrder:
             raise wrong_team(text, self._wire)
         return _report(self._wanted, {name: self._why(name) for name in self._robots})
 
-    def _hear(self) -> bool:
+    def _receive(self) -> bool:
         """Process replies; returns whether a coordinator is present that has not listed its robots yet."""
         self._robots |= {change.names["robot"] for change in self._presence.changes() if change.present}
         for received in self._states.drain():

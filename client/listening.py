@@ -31,7 +31,7 @@ class _NotedEndpoint(Endpoint):
         if not topic.reads_only:
             key = topic.key(self.team, **names)
             body = b"" if request is None else topic.requests.write(request)
-            self._transport.note_asked(f"{key}?{BY}={by}" if by else key, body)
+            self._transport.record_query(f"{key}?{BY}={by}" if by else key, body)
         return super().ask(topic, request, timeout_s=timeout_s, by=by, **names)
 
 

@@ -39,7 +39,7 @@ class LastStates:
     def robot(self, name: str) -> RobotState:
         """The last state of a robot (NobodyThere if none came)."""
         check_name("robot", name)
-        self._hear_until(lambda: name in self._robots)
+        self._receive_until(lambda: name in self._robots)
         if name not in self._robots:
             if name in team_found(self._wire).robots:
                 raise NobodyThere(f"{name} has sent no state yet: let some time pass")
@@ -48,17 +48,17 @@ class LastStates:
 
     def team(self) -> TeamState:
         """The last summary of the coordinator (NobodyThere if none came)."""
-        self._hear_until(lambda: self._team is not None)
+        self._receive_until(lambda: self._team is not None)
         if self._team is None:
             raise wrong_team(f"no coordinator of team {self._wire.team} has sent a summary yet", self._wire)
         return self._team
 
-    def _hear_until(self, is_there: Callable[[], bool]) -> None:
-        self._hear()
+    def _receive_until(self, is_there: Callable[[], bool]) -> None:
+        self._receive()
         ends_s = self._transport.elapsed_s() + WAIT_S
         while self._transport.drive is Drive.LIVE and not is_there() and self._transport.elapsed_s() < ends_s:
             self._transport.pass_time(POLL_S)
-            self._hear()
+            self._receive()
 
     def _listen(self) -> Inbox:
         inbox = self._inbox = Inbox()
@@ -66,7 +66,7 @@ class LastStates:
         self._wire.subscribe(inbox, COORDINATOR_STATE)
         return inbox
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         inbox = self._inbox if self._inbox is not None else self._listen()
         for received in inbox.drain():
             message = received.message

@@ -63,7 +63,7 @@ class Transport(Protocol):
     def open_folder(self, robot: str, folder: Path) -> None:
         """Let a robot that runs in this process load plugins from a folder; others have that in their own file."""
 
-    def note_asked(self, key: str, request: bytes) -> None:
+    def record_query(self, key: str, request: bytes) -> None:
         """Told of each query that may change something; in lockstep it is recorded, so that the run can be repeated."""
 
     def close(self) -> None:
@@ -107,7 +107,7 @@ class LiveTransport:
     def open_folder(self, robot: str, folder: Path) -> None:
         """Does nothing: `loadable` in the robot's own file says where it may load from."""
 
-    def note_asked(self, key: str, request: bytes) -> None:
+    def record_query(self, key: str, request: bytes) -> None:
         """Does nothing: what is asked of a live team is not repeated."""
 
     def close(self) -> None:

@@ -110,7 +110,7 @@ class Coordinator:
         self.stale = StaleWatch(self.roster)
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
-        self.explorer = Explorer(self.team_map, strategy_of(policy.exploration, self._note_strategy))
+        self.explorer = Explorer(self.team_map, strategy_of(policy.exploration, self._record_strategy))
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities)
         lifecycle = self.lifecycle
@@ -127,7 +127,7 @@ class Coordinator:
         self._frontiers = FrontierDesk(
             self.explorer, self.team_map, self.tasks, self.roster, self.planning, lifecycle.backoff, wire.clock.now_ns()
         )
-        lifecycle.on_refused = self._note_refusal
+        lifecycle.on_refused = self._record_refusal
         self.motes = MoteDesk(wire, self.tasks, self.roster, lifecycle.reasons)
         self.mote_field = FieldKeeper(wire, self.tasks, policy.mote_field, self._new_id)
         self._following = PlanExecutor(self.planning, lifecycle, self.tasks)
@@ -146,7 +146,7 @@ class Coordinator:
         self.feed: JournalFeed | None = None
         """Sends the journal's changes to a coordinator that stands by, since one was heard."""
         self.fence = OfferFence(self.roster)
-        lifecycle.reasons.held_back = self._why_held_back
+        lifecycle.reasons.held_back = self._hold_reason
         wire.answer(COORDINATOR_LEAD, self._lead, serve=Serve.IN_STEP)
         wire.answer(COORDINATOR_REMOVE_ROBOT, self._remove_robot, serve=Serve.IN_STEP)
         self._term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
@@ -155,7 +155,7 @@ class Coordinator:
         self._summary = wire.publisher(COORDINATOR_STATE)
         wire.token(COORDINATOR_ALIVE)
         self._decide_due_ns = 0
-        self._look_due_ns = 0
+        self._check_due_ns = 0
         self._summary_due_ns = 0
         self._own_tasks = self._term
         reasons = lifecycle.reasons
@@ -172,17 +172,17 @@ class Coordinator:
         if self.tasks.journal.copied_by or self.mandate is not None:
             self._begin_feed()  # the process that has a copy may be leading: offers are held back as before
         if self.mandate is not None:
-            self._requests.why_not_leading = self._why_not_leading
+            self._requests.not_leading_reason = self._not_leading_reason
         self.rules: RuleDesk | None = None
         if rules:
             self.rules = RuleDesk(wire, rules, self.tasks, self.roster, self._requests, self._new_id)
         with self.lifecycle.as_far_as_written(wire.clock.now_ns()):
-            self.tasks.end_what_cannot_be_read()
-        self.tasks.tell_again(RETOLD_TASKS)
+            self.tasks.fail_unreadable()
+        self.tasks.republish(RETOLD_TASKS)
 
     def set_policy(self, policy: PlanningPolicy) -> None:
         """Plan and explore with other parameters from now on."""
-        self.explorer.strategy = strategy_of(policy.exploration, self._note_strategy)
+        self.explorer.strategy = strategy_of(policy.exploration, self._record_strategy)
         self.planning.set_policy(policy, "the planning policy has changed")
         self.mote_field.set_policy(policy.mote_field)
 
@@ -190,14 +190,14 @@ class Coordinator:
         """Hear, decide, act."""
         now_ns = self._wire.clock.now_ns()
         if now_ns - self._now_ns > PAUSE_NS:
-            self.roster.note_pause(now_ns - self._now_ns)
-            self.lifecycle.note_pause(now_ns)
+            self.roster.restart_silence(now_ns - self._now_ns)
+            self.lifecycle.restart_silence(now_ns)
         if self._wire.has_waiting:
             self._wire.serve()
-        has_heard = self._inbox.has_some
-        self._hear(now_ns)
+        has_received = self._inbox.has_some
+        self._receive(now_ns)
         stage = self._guard.stage
-        if stage("answers", False, self.lifecycle.hear_answers, now_ns):
+        if stage("answers", False, self.lifecycle.process_answers, now_ns):
             self._decide_due_ns = now_ns
         if stage("halts", True, self.halts.hear):
             self._summary_due_ns = now_ns
@@ -207,10 +207,10 @@ class Coordinator:
             copy = "" if self.feed is None else self.feed.copy
             if stage("mandate", True, self.mandate.step, copy, now_ns):
                 self._summary_due_ns = now_ns
-        looks = has_heard or self._requests.has_changed or now_ns >= self._look_due_ns
+        looks = has_received or self._requests.has_changed or now_ns >= self._check_due_ns
         if looks:
-            self._look_due_ns = now_ns + LOOK_PERIOD_NS
-            stage("fence", None, self._look_who_is_heard, now_ns)
+            self._check_due_ns = now_ns + LOOK_PERIOD_NS
+            stage("fence", None, self._update_contacts, now_ns)
             stage("tasks", None, self._look, now_ns)
             stage("robots", None, self.roster.write, now_ns)
         if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written):
@@ -229,23 +229,23 @@ class Coordinator:
             self._summary_due_ns = now_ns
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
-            stage("summary", None, self._tell_summary, now_ns)
+            stage("summary", None, self._publish_summary, now_ns)
         if self.feed is not None:
             stage("stand-by", None, self.feed.step, now_ns)
 
-    def _look_who_is_heard(self, now_ns: int) -> None:
+    def _update_contacts(self, now_ns: int) -> None:
         was_fenced = self.fence.reason is not None
         # Witnesses know whether the one with a copy may lead.
         self.fence.step(self.feed if self.mandate is None else None, now_ns)
         reason = self.fence.reason
         if reason is not None and not was_fenced and not reason.stand_by:
-            self.lifecycle.take_back(self.fence.heard_by_most(now_ns), reason, now_ns)
+            self.lifecycle.take_back(self.fence.received_by_most(now_ns), reason, now_ns)
 
-    def _why_held_back(self) -> MinorityHeard | NotLeading | TakesOver | None:
+    def _hold_reason(self) -> MinorityHeard | NotLeading | TakesOver | None:
         why = None if self.mandate is None else self.mandate.why_not(self._wire.clock.now_ns())
         return why or self.fence.reason
 
-    def _why_not_leading(self) -> str:
+    def _not_leading_reason(self) -> str:
         now_ns = self._wire.clock.now_ns()
         if self.mandate is None or self.mandate.leads(now_ns):
             return ""
@@ -277,10 +277,10 @@ class Coordinator:
 
     # -- hearing --------------------------------------------------------------------------------------------
 
-    def _hear(self, now_ns: int) -> None:
+    def _receive(self, now_ns: int) -> None:
         gone = []
         for change in self._presence.changes() if self._presence.arrived else ():
-            robot = self.roster.note_presence(change)
+            robot = self.roster.record_presence(change)
             if not change.present:
                 gone.append(robot)
             if change.present:
@@ -289,7 +289,7 @@ class Coordinator:
                 self.capabilities.came(robot.name)
                 self.planning.chargers.came(robot.name)
         if gone:
-            self.fence.note_gone(gone, now_ns)
+            self.fence.record_gone(gone, now_ns)
         self._now_ns = now_ns
         if self._inbox.has_some:
             self._guard.messages(self._inbox.drain(), self._take)
@@ -297,23 +297,23 @@ class Coordinator:
     def _take(self, received: Received) -> None:
         now_ns = self._now_ns
         if received.topic is ROBOT_MAP:
-            self._take_patch(received)
+            self._handle_patch(received)
             return
         if received.topic is ROBOT_BALLOT:
             if why := self.roster.why_unknown(received.message.robot, now_ns):
                 self._wire.refusals.note(ROBOT_BALLOT.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
                 return
-            self.roster.note_contact(
+            self.roster.record_contact(
                 received.message.robot, now_ns, hears_coordinator=received.message.hears_coordinator
             )
             if any(not self.tasks.is_possible(one.epoch) for one in (*received.message.held, *received.message.done)):
                 why = "it reports an epoch that no coordinator gives out"
                 self._wire.refusals.note(ROBOT_BALLOT.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
             self.lifecycle.held_elsewhere.hear(received.message, now_ns)
-            is_secured, why_impossible = self._wire.member is not None, self._requests.why_impossible
+            is_secured, impossibility = self._wire.member is not None, self._requests.impossibility
             ahead_ns = clock_difference_ns(received.message.stamp_ns, now_ns)
             with self.lifecycle.as_far_as_written(now_ns):
-                if take_in(self.tasks, received.message, why_impossible, is_secured=is_secured, ahead_ns=ahead_ns):
+                if take_in(self.tasks, received.message, impossibility, is_secured=is_secured, ahead_ns=ahead_ns):
                     self._decide_due_ns = now_ns
             return
         if received.topic is COORDINATOR_STAND_BY:
@@ -327,18 +327,18 @@ class Coordinator:
         known = self.roster.robots.get(state.robot)
         before = known.state if known is not None else None
         self.planning.hear(before, state)
-        self.roster.note_state(state, now_ns)
-        self.halts.note_state(state)
+        self.roster.record_state(state, now_ns)
+        self.halts.record_state(state)
         for status in (state.task_before, state.task):  # oldest first
             if status is not None:
-                self._hear_task(state.robot, status, now_ns)
+                self._receive_task_status(state.robot, status, now_ns)
         self.planning.ends_soon(before, state, now_ns)
 
     def _begin_feed(self) -> JournalFeed:
         self.feed = self._requests.feed = JournalFeed(self._wire, self.tasks.journal, self._term, self.mandate)
         return self.feed
 
-    def _take_patch(self, received: Received) -> None:
+    def _handle_patch(self, received: Received) -> None:
         patch: MapPatch = received.message
         refusals = self._wire.refusals
         known = self.roster.robots.get(patch.robot)
@@ -348,32 +348,32 @@ class Coordinator:
         if why := self.team_map.merge(patch, self._now_ns):
             refusals.note(ROBOT_MAP.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
 
-    def _note_strategy(self, name: str, why: str) -> None:
-        self._wire.refusals.note_failure("exploration_strategy", name, why)
+    def _record_strategy(self, name: str, why: str) -> None:
+        self._wire.refusals.record_failure("exploration_strategy", name, why)
 
-    def take_held_map(self) -> None:
+    def merge_held_patches(self) -> None:
         """Merge the patches held back while the map's kernels were loading; hold none from now on."""
         for robot, why in self.team_map.release():
             key = ROBOT_MAP.key(self._wire.team, robot=robot)
             self._wire.refusals.note(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, why)
 
-    def _hear_task(self, robot: str, status: TaskStatus, now_ns: int) -> None:
+    def _receive_task_status(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         ended = self.lifecycle.hear(robot, status, now_ns)
         if ended is None:
             return
         if ended.task.kind == RECHARGE:
             self._charge_desk.ended(robot, status.state, now_ns)
         self._decide_due_ns = now_ns  # the next goal is there before the wheels stop
-        self._frontiers.note_end(robot, ended.task, status, now_ns)
+        self._frontiers.record_end(robot, ended.task, status, now_ns)
         if status.state is TaskState.FAILED:
             self.planning.blocked()
 
-    def _note_refusal(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+    def _record_refusal(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
         """A robot has refused a task of the coordinator's own."""
         if record.task.kind == RECHARGE:
             self._charge_desk.ended(robot, TaskState.FAILED, now_ns)
         elif record.task.kind == EXPLORE and not record.by and not isinstance(refusal, PositionLost):
-            self._frontiers.note_refusal(robot, record.task, now_ns)
+            self._frontiers.record_refusal(robot, record.task, now_ns)
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -400,7 +400,7 @@ class Coordinator:
             stage("exploration", None, self._explore, up, now_ns)
 
     def _offer_planned(self, now_ns: int) -> None:
-        self.lifecycle.tell_nobody_can(now_ns)
+        self.lifecycle.publish_unfit(now_ns)
         if not self.halts.is_halted:
             if self._following.step(now_ns):
                 self._decide_due_ns = now_ns
@@ -422,7 +422,7 @@ class Coordinator:
             task, known.state if known is not None else None, way_m, planning.number, planning.policy
         )
         if decision is not None:
-            planning.tell_own(decision)
+            planning.publish_own(decision)
         self.lifecycle.offer(task.id, robot, now_ns)
 
     def _idle(self, robots: list[Robot]) -> list[Robot]:
@@ -440,27 +440,27 @@ class Coordinator:
 
     # -- telling --------------------------------------------------------------------------------------------
 
-    def _why_idle(self, now_ns: int) -> dict[str, IdleReason]:
+    def _idle_reason(self, now_ns: int) -> dict[str, IdleReason]:
         """Why each idle robot that is up has no task."""
-        known = self._frontiers.why_idle()
+        known = self._frontiers.idle_reasons()
         idle = self._idle(self.roster.up(now_ns))
         if self.halts.is_halted:
             return {robot.name: TeamHalted() for robot in idle}
         return {robot.name: known[robot.name] for robot in idle if robot.name in known}
 
-    def _stand_by_status(self) -> StandByStatus | UnsetType:
+    def _standby_status(self) -> StandByStatus | UnsetType:
         reason = self.fence.reason
         if self.feed is not None and (self.feed.process or self.mandate is None):
             return self.feed.status(reason)
         return UNSET if reason is None else StandByStatus(process="", in_step=False, held_back=reason)
 
-    def _tell_summary(self, now_ns: int) -> None:
+    def _publish_summary(self, now_ns: int) -> None:
         frontiers = self.explorer.candidates[:SHOWN_FRONTIERS]
         has_ended = self._frontiers.is_settled(now_ns)
         self.roster.forget_unseen(now_ns)
         self._summary.put(
             TeamState(
-                robots=self.roster.summaries(now_ns, self._why_idle(now_ns)),
+                robots=self.roster.summaries(now_ns, self._idle_reason(now_ns)),
                 known_area_m2=round(self.team_map.known_area_m2, 3),
                 frontiers=[FrontierSummary(place=found.place, length_m=found.length_m) for found in frontiers],
                 all_explored=has_ended,
@@ -472,7 +472,7 @@ class Coordinator:
                 stale=self.stale.found or UNSET,
                 rules=UNSET if self.rules is None else self.rules.status(),
                 mote_field=self.mote_field.state or UNSET,
-                stand_by=self._stand_by_status(),
+                stand_by=self._standby_status(),
                 unwritable=self.tasks.journal.failing or UNSET,
                 lead=UNSET if self.mandate is None else self.mandate.lead(now_ns),
                 last_change=self.tasks.last_change,

@@ -75,7 +75,7 @@ class FrontierDesk:
         self._kept_idle = {robot.name: why for robot in idle if robot.name not in names}
         paused = {robot.name for robot in free if pauses.why(robot.name, now_ns)}
         scouts = [self._scout(robot) for robot in free if robot.name not in paused]
-        under_way = self._under_way(up, now_ns)
+        under_way = self._active_goals(up, now_ns)
         scouts += [self._scout(self._roster.robots[name], goal) for name, goal in under_way.items()]
         bound = [record for record in self._tasks.open if record.robot and record.robot not in under_way]
         busy = [Busy(self._place_of(record), record.task.place) for record in bound]
@@ -92,7 +92,7 @@ class FrontierDesk:
         """Robots that get no frontier for lack of energy."""
         return {name for name, why in self._explorer.idle.items() if isinstance(why, LacksRange)}
 
-    def why_idle(self) -> dict[str, IdleReason]:
+    def idle_reasons(self) -> dict[str, IdleReason]:
         """Why each robot that was looked at got no frontier."""
         return {**self._explorer.idle, **self._kept_idle}
 
@@ -100,17 +100,17 @@ class FrontierDesk:
         """Whether nothing is left to explore: for a while no robot could be given a frontier."""
         return self._team_map.version > 0 and now_ns - self._busy_ns > SETTLED_NS
 
-    def note_end(self, robot: str, task: Task, status: TaskStatus, now_ns: int) -> None:
+    def record_end(self, robot: str, task: Task, status: TaskStatus, now_ns: int) -> None:
         """A robot's task has ended: its place counts as visited, or as one that cannot be reached for a while."""
         if status.state is TaskState.FAILED:
-            self._explorer.note_failure(robot, task.place, now_ns)
-            self._note_gap(robot, status, now_ns)
+            self._explorer.record_failure(robot, task.place, now_ns)
+            self._record_gap(robot, status, now_ns)
         elif task.kind == EXPLORE:
-            self._explorer.note_visit(task.place)
+            self._explorer.record_visit(task.place)
 
-    def note_refusal(self, robot: str, task: Task, now_ns: int) -> None:
+    def record_refusal(self, robot: str, task: Task, now_ns: int) -> None:
         """A robot has refused a frontier."""
-        self._explorer.note_failure(robot, task.place, now_ns)
+        self._explorer.record_failure(robot, task.place, now_ns)
 
     def _scout(self, robot: Robot, goal: Point2D | None = None) -> Scout:
         assert robot.state is not None
@@ -125,7 +125,7 @@ class FrontierDesk:
             homes,
         )
 
-    def _under_way(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
+    def _active_goals(self, up: list[Robot], now_ns: int) -> dict[str, Point2D]:
         """Goals of the robots that explore and may get another, by name, if it is time to revise goals.
 
         A robot that is alone keeps its goal, since no other robot can explore it first.
@@ -149,9 +149,9 @@ class FrontierDesk:
         pose = robot.state.pose if robot is not None and robot.state is not None else None
         return record.task.place if pose is None else Point2D(pose.x_m, pose.y_m)
 
-    def _note_gap(self, robot: str, status: TaskStatus, now_ns: int) -> None:
+    def _record_gap(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         """Record the gap that a robot failed to pass, if its result contains one."""
         known = self._roster.robots.get(robot)
         pose = known.state.pose if known is not None and known.state is not None else None
         if pose is not None and GAP in status.result:
-            self._explorer.note_gap(Point2D(pose.x_m, pose.y_m), status.result[GAP], now_ns)
+            self._explorer.record_gap(Point2D(pose.x_m, pose.y_m), status.result[GAP], now_ns)

@@ -37,7 +37,7 @@ def run_coordinator(
     the loop. Until it is there, the robots' patches wait.
     """
     arrived = threading.Event()
-    wire.on_heard = wire.on_waiting = arrived.set
+    wire.on_receive = wire.on_waiting = arrived.set
     coordinator = Coordinator(wire, journal, policy, rules, elected)
     mandate = coordinator.mandate
     coordinator.team_map.hold()
@@ -56,7 +56,7 @@ def run_coordinator(
             began_s = time.thread_time()  # of the CPU: to wait for the disk is no reason to rest
             if is_loading and not loading.is_alive():
                 is_loading = False
-                coordinator.take_held_map()
+                coordinator.merge_held_patches()
             coordinator.step()
             rest_s = min(max(REST * (time.thread_time() - began_s), LEAST_REST_S), PERIOD_S)
             time.sleep(rest_s)

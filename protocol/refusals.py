@@ -91,7 +91,7 @@ class Refusals:
         self._found: dict[tuple[str, str, str], Refusal] = {}
         self._told: dict[tuple[str, str, str], int] = {}
         """Counts at the time of the last log line."""
-        self._told_ns: int | None = None
+        self._reported_ns: int | None = None
         self._counting = threading.Lock()
 
     def note(self, topic: str, key: str, code: RefusalCode, why: str, count: int = 1) -> None:
@@ -123,7 +123,7 @@ class Refusals:
         if text:
             logger.warning("%s", text)
 
-    def note_failure(self, what: str, name: str, why: str) -> None:
+    def record_failure(self, what: str, name: str, why: str) -> None:
         """Count a failure of code that something else stands in for: of a replaceable part, or of a stage of a step.
 
         Args:
@@ -144,9 +144,9 @@ class Refusals:
 
     def _due(self, now_ns: int) -> str:
         """The line to log now; empty within a minute of the last one."""
-        if self._told_ns is not None and 0 <= now_ns - self._told_ns < TELL_NS:
+        if self._reported_ns is not None and 0 <= now_ns - self._reported_ns < TELL_NS:
             return ""
-        self._told_ns = now_ns
+        self._reported_ns = now_ns
         fresh = [
             (one.count - self._told.get(kind, 0), one)
             for kind, one in self._found.items()

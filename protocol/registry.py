@@ -60,7 +60,7 @@ class Registry(Generic[T]):
         self._points = {name: [metadata.EntryPoint(name, value, group)] for name, value in stock.items()}
         self._stock = frozenset(stock)
         self._loaded: dict[str, T] = {}
-        self._has_looked = False
+        self._has_checked = False
 
     @property
     def names(self) -> list[str]:
@@ -106,9 +106,9 @@ class Registry(Generic[T]):
             raise UnknownEntry(self.what, name, why)
 
     def _look(self) -> None:
-        if self._has_looked:
+        if self._has_checked:
             return
-        self._has_looked = True
+        self._has_checked = True
         for point in metadata.entry_points(group=self.group):
             if point.name in self._stock:
                 logger.warning("%s %s of %s is left out: robrain has one", self.what, point.name, _distribution(point))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.agents.agent_words import agent_words
+from robrain.deploy.agents.agent_arguments import agent_arguments
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bringup.command_line import bringup
 from robrain.deploy.command_line.command_group import CommandGroup
@@ -349,7 +349,7 @@ def main() -> None:
     limit_native_threads()
     with guarded_streams(), _said_in_words():
         sys.argv[1:] = set_up_logs(sys.argv[1:])
-        words = agent_words(sys.argv[1:])
+        words = agent_arguments(sys.argv[1:])
         if words is None:
             app(prog_name="robrain")
         else:

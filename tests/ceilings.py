@@ -40,7 +40,7 @@ def measure() -> dict[str, int]:
     packages: Counter[str] = Counter()
     for path, source in sources.items():
         packages[path.relative_to(ROOT).parts[0]] += lines_of_code(source)
-    imported = imports(trees)
+    imported, loaded = imports(trees), imports(trees, at_import=True)
     visit = path_of_a_visit()
     exploring, crowded, waiting = calls()
     return {
@@ -51,9 +51,7 @@ def measure() -> dict[str, int]:
         "test_lines": sum(lines_of_code(path.read_text()) for path in (ROOT / "tests").rglob("*.py")),
         "class_names_defined_twice": class_names_defined_twice(trees),
         "folders_that_import_each_other": folders_that_import_each_other(imported),
-        "files_that_fit_into_their_only_importer": files_that_fit_into_their_only_importer(
-            sources, imported, imports(trees, at_import=True)
-        ),
+        "files_that_fit_into_their_only_importer": files_that_fit_into_their_only_importer(sources, imported, loaded),
         "visit_files": len(visit),
         "visit_functions": sum(map(len, visit.values())),
         "calls_per_robot_second_of_4": exploring,

@@ -86,7 +86,7 @@ def task_handlers(plugin: Callee, accept: Accept, let_go: LetGo, work: TaskWork)
             plugin.blame(error)
             return TaskAnswer.refused(PluginOut(plugin.name, plugin.state, cut(plugin.why or str(error))))
 
-    def let_go_in_turn(why: str) -> None:
+    def release_in_turn(why: str) -> None:
         try:
             with plugin.turn:
                 let_go(why)
@@ -97,7 +97,7 @@ def task_handlers(plugin: Callee, accept: Accept, let_go: LetGo, work: TaskWork)
         with plugin.turn:
             return work(task)
 
-    return accept_in_turn, let_go_in_turn, work_in_turn
+    return accept_in_turn, release_in_turn, work_in_turn
 
 
 def query_handler(plugin: Callee, environment: Environment, handler: Handler[Any, Any]) -> Handler[Any, Any]:

@@ -68,12 +68,12 @@ class TaskClaim:
         self.task, self._numbers, self._heard_by = task, [], set()
         return bool(task)
 
-    def note_sent(self, number: int) -> None:
+    def record_sent(self, number: int) -> None:
         """A ballot with the claim was sent."""
         if self.task:
             self._numbers = [*self._numbers[1 - NUMBERS_MAX :], number]
 
-    def note_echo(self, mate: str, heard: Iterable[Heard]) -> None:
+    def record_echo(self, mate: str, heard: Iterable[Heard]) -> None:
         """A mate says whose ballots it has heard last."""
         if any(one.robot == self._robot and one.number in self._numbers for one in heard):
             self._heard_by.add(mate)
@@ -165,16 +165,16 @@ class ConsensusDesk:
         for topic in (COORDINATOR_STATE, TASK_EVENT, ROBOT_BALLOT):
             wire.subscribe(self._inbox, topic)
         self._tell = wire.publisher(ROBOT_BALLOT, robot=robot)
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._was_alone = False
-        self._fenced_until_ns = self._tell_until_ns = self._due_ns = 0
+        self._fenced_until_ns = self._publish_until_ns = self._due_ns = 0
         self._up_ns: dict[str, int] = {}
         """When each robot was last up, as coordinators said."""
         self._team: frozenset[str] = frozenset()
         """The robots that were up lately when a coordinator was heard last: also one that was just out of its reach."""
         self._is_new = True
         """Whether no coordinator has listed this robot as up since its start."""
-        self._mates: dict[str, _Mate] = {}
+        self._others: dict[str, _Mate] = {}
         nothing = task_scorer((), Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, 0, desk.work_of)
         self._negotiation = Negotiation(robot, nothing, rounds=ROUNDS, number=now_ns // NS_PER_MS, while_working=True)
         self._opened = _Opened(now_ns, 0, frozenset(), frozenset())
@@ -197,17 +197,17 @@ class ConsensusDesk:
             may_begin: whether the robot may begin tasks: it is not halted.
 
         """
-        self._hear(now_ns)
-        is_alone = now_ns - self._heard_ns > SILENT_NS
+        self._receive(now_ns)
+        is_alone = now_ns - self._received_ns > SILENT_NS
         if self._was_alone and not is_alone:
             self._fenced_until_ns = now_ns + TOLD_NS
-            self._tell_until_ns = now_ns + 2 * TOLD_NS
+            self._publish_until_ns = now_ns + 2 * TOLD_NS
         self._was_alone = is_alone
         if not is_alone:
             self._look.step(now_ns)
-        knows_of_one = any(mate.said.hears_coordinator for mate in self._mates.values())
+        knows_of_one = any(mate.said.hears_coordinator for mate in self._others.values())
         self.is_leaderless = is_alone and not knows_of_one and self._has_quorum()
-        self._note_own_ends(now_ns)
+        self._record_own_ends(now_ns)
         if is_alone:
             self._stop_dropped()
         wanted = ""
@@ -216,7 +216,7 @@ class ConsensusDesk:
             wanted = self._allocate(now_ns, may_begin=may_begin)
         if self._claim.want(wanted):
             self._due_ns = now_ns
-        has_to_tell = is_alone or now_ns < self._tell_until_ns or bool(self.known.asked)
+        has_to_tell = is_alone or now_ns < self._publish_until_ns or bool(self.known.asked)
         is_rare = not has_to_tell and bool(self.known.done) and now_ns < self._fenced_until_ns + TELL_DONE_NS
         if (has_to_tell or is_rare) and now_ns >= self._due_ns:
             is_busy = self.is_leaderless and bool(self._opened.tasks) and not self._negotiation.is_over
@@ -232,30 +232,30 @@ class ConsensusDesk:
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
         """Accept a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.task.id not in self.known.asked:
-            why = self._why_not_asked("submit")
+            why = self._query_refusal("submit")
             raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
         self._due_ns = now_ns  # the others must know at once
-        return self._intake.take(asked, now_ns, self._said_known(), len(self._everyone()))
+        return self._intake.take(asked, now_ns, self._published_known(), len(self._everyone()))
 
     def cancel(self, asked: TaskRequest, now_ns: int) -> DropTaken:
         """Accept the cancellation of a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.id not in self.known.dropped:
-            why = self._why_not_asked("cancel")
+            why = self._query_refusal("cancel")
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
         self._due_ns = now_ns  # the others must know at once
-        dropped = {name: {one.id for one in mate.said.dropped} for name, mate in self._mates.items()}
+        dropped = {name: {one.id for one in mate.said.dropped} for name, mate in self._others.items()}
         return self._intake.drop(asked, dropped, len(self._everyone()), self._holders.of(asked.id, now_ns))
 
-    def _why_not_asked(self, verb: str) -> str:
+    def _query_refusal(self, verb: str) -> str:
         if self._was_alone and not self._has_quorum():
-            return f"it hears {1 + len(self._mates)} of {len(self._everyone())} robots, which is not more than half"
+            return f"it hears {1 + len(self._others)} of {len(self._everyone())} robots, which is not more than half"
         return f"a coordinator is heard: {verb} it there"
 
     def is_telling(self, now_ns: int) -> bool:
         """Whether a coordinator has just returned, and may not know yet what was done without it."""
         return now_ns < self._fenced_until_ns
 
-    def why_not_now(self, task_id: str, now_ns: int) -> Occupied | None:
+    def offer_refusal(self, task_id: str, now_ns: int) -> Occupied | None:
         """Why a coordinator's offer of a task is refused; None if it need not be."""
         if self.known.is_done(task_id):
             return Occupied(NAME, f"{self.known.done[task_id].robot} has done it")
@@ -268,24 +268,24 @@ class ConsensusDesk:
 
     # -- hearing --------------------------------------------------------------------------------------------
 
-    def _hear(self, now_ns: int) -> None:
+    def _receive(self, now_ns: int) -> None:
         for received in self._inbox.drain() if self._inbox.has_some else ():
             message = received.message
             match message:
                 case TeamState() if self._follows(message):
-                    self._heard_ns = now_ns
-                    self._note_team(message, now_ns)
-                    self._look.hear_summary(message.last_change, now_ns)
+                    self._received_ns = now_ns
+                    self._record_team(message, now_ns)
+                    self._look.receive_summary(message.last_change, now_ns)
                 case TaskEvent():
                     self.known.hear(message, now_ns)
                     self._look.hear(message, now_ns)
                     if message.task.id in self.known.dropped:  # the coordinator does not know that yet
-                        self._tell_until_ns = max(self._tell_until_ns, now_ns + TOLD_NS)
+                        self._publish_until_ns = max(self._publish_until_ns, now_ns + TOLD_NS)
                 case TeamBallot() if message.robot != self._robot:
-                    self._hear_mate(message, now_ns)
-        self._mates = {name: mate for name, mate in self._mates.items() if now_ns - mate.heard_ns <= MATE_SILENT_NS}
+                    self._receive_ballot(message, now_ns)
+        self._others = {name: mate for name, mate in self._others.items() if now_ns - mate.heard_ns <= MATE_SILENT_NS}
 
-    def _note_team(self, said: TeamState, now_ns: int) -> None:
+    def _record_team(self, said: TeamState, now_ns: int) -> None:
         for robot in said.robots:
             if robot.up and robot.name == self._robot:
                 self._is_new = False
@@ -294,32 +294,32 @@ class ConsensusDesk:
         self._up_ns = {name: up_ns for name, up_ns in self._up_ns.items() if now_ns - up_ns <= GIVEN_UP_NS}
         self._team = frozenset(self._up_ns)
 
-    def _hear_mate(self, said: TeamBallot, now_ns: int) -> None:
-        self._mates[said.robot] = _Mate(now_ns, said)
-        self._claim.note_echo(said.robot, said.hears)
-        if self._holders.hear(said, self._mates, now_ns) and said.wants:
+    def _receive_ballot(self, said: TeamBallot, now_ns: int) -> None:
+        self._others[said.robot] = _Mate(now_ns, said)
+        self._claim.record_echo(said.robot, said.hears)
+        if self._holders.hear(said, self._others, now_ns) and said.wants:
             self._due_ns = now_ns  # it waits for an echo
-        if now_ns - self._heard_ns > SILENT_NS:  # otherwise the coordinator decides about them
+        if now_ns - self._received_ns > SILENT_NS:  # otherwise the coordinator decides about them
             ahead_ns = clock_difference_ns(said.stamp_ns, now_ns)
             for asked in said.asked:
                 self.known.ask(asked, ahead_ns)
-        self.known.note_ended(said.ended)
-        self.known.note_done(said.done)
-        if now_ns - self._heard_ns > SILENT_NS:  # see above
+        self.known.record_ended(said.ended)
+        self.known.record_done(said.done)
+        if now_ns - self._received_ns > SILENT_NS:  # see above
             self.known.drop(said.dropped)
         if not said.hears_coordinator:
-            self._tell_until_ns = max(self._tell_until_ns, now_ns + ANSWER_NS)
+            self._publish_until_ns = max(self._publish_until_ns, now_ns + ANSWER_NS)
         if not self._negotiation.hear(said.ballot):
             self._term = max(self._term, said.ballot.term)
             self._is_called = True
 
-    def _note_own_ends(self, now_ns: int) -> None:
+    def _record_own_ends(self, now_ns: int) -> None:
         facts = self._desk.facts
         for status in (facts.before, facts.task):
             if status is None or not status.state.ended:
                 continue
             if status.state is TaskState.DONE:
-                self.known.note_done([TaskDone(id=status.id, robot=self._robot, epoch=status.epoch)])
+                self.known.record_done([TaskDone(id=status.id, robot=self._robot, epoch=status.epoch)])
             elif self.is_leaderless and status.id not in self._not_mine:
                 self._not_mine[status.id] = now_ns + AGAIN_NS
                 self._is_called |= status.id in self._negotiation.bidder.begun  # the others take it to be cared for
@@ -339,24 +339,24 @@ class ConsensusDesk:
         A restarted robot does not count until a coordinator lists it as up, because that coordinator may be leading the
         others. It joins a majority of robots that do count. If no robot counts, there was no coordinator, and all do.
         """
-        there = [mate.said for mate in self._mates.values()]
+        there = [mate.said for mate in self._others.values()]
         if self._is_new and not all(said.is_new for said in there):
             return any(said.allocates and not said.is_new for said in there)
         counted = 1 + sum(self._is_new or not said.is_new for said in there)
         return 2 * counted > len(self._everyone())
 
     def _everyone(self) -> frozenset[str]:
-        return self._team | {self._robot, *self._mates}
+        return self._team | {self._robot, *self._others}
 
-    def _said_known(self) -> Known:
-        return {name: mate.said.known for name, mate in self._mates.items()}
+    def _published_known(self) -> Known:
+        return {name: mate.said.known for name, mate in self._others.items()}
 
     # -- deciding -------------------------------------------------------------------------------------------
 
     def _allocate(self, now_ns: int, *, may_begin: bool) -> str:
         """Negotiate, and begin what the others know of; the id of the task that the robot wants to begin."""
         tasks = {task.id: task for task in self._free(now_ns)}
-        mates, negotiation = frozenset(self._mates), self._negotiation
+        mates, negotiation = frozenset(self._others), self._negotiation
         if negotiation.round != self._opened.round:
             self._opened = self._opened._replace(at_ns=now_ns, round=negotiation.round)
         opened = self._opened
@@ -381,8 +381,8 @@ class ConsensusDesk:
     def _free(self, now_ns: int) -> list[Task]:
         """Open tasks that nobody does; of those that may have ended unheard none before others would be given them."""
         held = {one.id for one in self._held()}
-        there = {self._robot, *self._mates}
-        lost = now_ns - self._heard_ns > GIVEN_UP_NS
+        there = {self._robot, *self._others}
+        lost = now_ns - self._received_ns > GIVEN_UP_NS
         free = [
             task
             for task in self.known.ready(now_ns)
@@ -448,18 +448,18 @@ class ConsensusDesk:
             if status is not None and not status.state.ended
         ]
 
-    def _ended_to_tell(self) -> list[str]:
+    def _ended_tasks_to_publish(self) -> list[str]:
         """Tasks that mates bid for or do as they have not heard of the end: they were cut off then, or began later."""
-        said = [mate.said for mate in self._mates.values()]
+        said = [mate.said for mate in self._others.values()]
         wanted = {bid.task for one in said for bid in one.ballot.bids} | {held.id for one in said for held in one.held}
         return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_TOLD]
 
-    def _absent_to_tell(self, now_ns: int) -> list[TaskHeldBy]:
+    def _absent_tasks_to_publish(self, now_ns: int) -> list[TaskHeldBy]:
         """Tasks of silent robots: what ballots told of them, and what a coordinator gave them."""
-        there = {self._robot, *self._mates}
+        there = {self._robot, *self._others}
         told = self._holders.to_tell(there, now_ns)
-        left_s, names = to_seconds(self._heard_ns + GIVEN_UP_NS - now_ns), {one.id for one in told}
-        if left_s <= 0.0 or now_ns - self._heard_ns <= SILENT_NS:  # a coordinator knows itself what it gave
+        left_s, names = to_seconds(self._received_ns + GIVEN_UP_NS - now_ns), {one.id for one in told}
+        if left_s <= 0.0 or now_ns - self._received_ns <= SILENT_NS:  # a coordinator knows itself what it gave
             return told
         told += [
             TaskHeldBy(id=name, robot=one.robot, left_s=left_s)
@@ -469,7 +469,7 @@ class ConsensusDesk:
         return told[:ABSENT_MAX]
 
     def _send(self, now_ns: int, *, is_alone: bool) -> None:
-        mates = sorted(self._mates.items())
+        mates = sorted(self._others.items())
         said = TeamBallot(
             robot=self._robot,
             ballot=self._negotiation.ballot(),
@@ -479,14 +479,14 @@ class ConsensusDesk:
             held=self._held(),
             done=list(self.known.done.values()),
             known=self.known.known(),
-            asked=self._intake.to_tell(self._said_known(), everything=not is_alone),
+            asked=self._intake.to_tell(self._published_known(), everything=not is_alone),
             dropped=list(self.known.dropped.values()),
-            ended=self._ended_to_tell(),
+            ended=self._ended_tasks_to_publish(),
             wants=self._claim.task,
             hears=tuple(Heard(robot=name, number=mate.said.ballot.number) for name, mate in mates),
-            absent=self._absent_to_tell(now_ns),
+            absent=self._absent_tasks_to_publish(now_ns),
         )
-        self._claim.note_sent(said.ballot.number)
+        self._claim.record_sent(said.ballot.number)
         self._tell.put(said)
 
 

@@ -40,10 +40,10 @@ class Holders:
         mine = {held.id for held in said.held} | ({said.wants} if said.wants else set())
         self._until = {task: one for task, one in before.items() if one[0] != said.robot and one[1] > now_ns}
         for task in mine:
-            self._note(task, said.robot, now_ns + GIVEN_UP_NS)
+            self._record(task, said.robot, now_ns + GIVEN_UP_NS)
         for other in said.absent:
             if other.robot not in (self._robot, said.robot) and other.robot not in present:
-                self._note(other.id, other.robot, now_ns + min(to_ns(other.left_s), GIVEN_UP_NS))
+                self._record(other.id, other.robot, now_ns + min(to_ns(other.left_s), GIVEN_UP_NS))
         return not self._until.keys() <= before.keys()
 
     def of(self, task_id: str, now_ns: int) -> str:
@@ -60,7 +60,7 @@ class Holders:
         ]
         return told[:ABSENT_MAX]
 
-    def _note(self, task: str, robot: str, until_ns: int) -> None:
+    def _record(self, task: str, robot: str, until_ns: int) -> None:
         known = self._until.get(task)
         if known is None and len(self._until) >= HOLDERS_MAX:
             return

@@ -73,7 +73,7 @@ class KnownTasks:
         task = event.task
         self.asked.pop(task.id, None)
         if event.state.ended:
-            self.note_ended([task.id])
+            self.record_ended([task.id])
             self._ended[task.id] = event.state is not TaskState.DONE
             self.done.pop(task.id, None)
             self.dropped.pop(task.id, None)
@@ -82,7 +82,7 @@ class KnownTasks:
             robot = "" if event.state is TaskState.QUEUED else event.robot
             self.open[task.id] = KnownTask(task, robot, now_ns)
 
-    def take_open(self, events: Iterable[TaskEvent], asked_ns: int, now_ns: int) -> None:
+    def adopt_open_tasks(self, events: Iterable[TaskEvent], asked_ns: int, now_ns: int) -> None:
         """Take in all tasks that a coordinator has open; of the others those have ended that were heard of before.
 
         Args:
@@ -95,7 +95,7 @@ class KnownTasks:
         ended = [name for name, one in self.open.items() if name not in there and one.heard_ns < asked_ns]
         for name in ended if len(there) < TASKS_MAX else ():
             if name not in self.asked:  # it may not know yet what robots have accepted
-                self.note_ended([name])
+                self.record_ended([name])
                 self.done.pop(name, None)
                 self.dropped.pop(name, None)
         for name, event in there.items():
@@ -125,13 +125,13 @@ class KnownTasks:
         """Names of the tasks that robots have accepted."""
         return [TaskKnown(id=task_id, at_ns=one.at_ns) for task_id, one in self.asked.items()]
 
-    def note_done(self, done: Iterable[TaskDone]) -> None:
+    def record_done(self, done: Iterable[TaskDone]) -> None:
         """Tasks were done; of two robots that did one the first heard counts."""
         for one in done:
             if one.id in self.open and one.id not in self.done and not self.is_full:
                 self.done[one.id] = one
 
-    def note_ended(self, tasks: Iterable[str]) -> None:
+    def record_ended(self, tasks: Iterable[str]) -> None:
         """A coordinator has said that tasks have ended, to this robot or to a mate."""
         for task_id in tasks:
             self.open.pop(task_id, None)
@@ -199,29 +199,29 @@ class TaskLook:
         self._said = 0
         self._ahead: set[int] = set()
         self._asked: Later[list[TaskRecord]] | None = None
-        self._asked_ns = self._due_ns = self._said_then = 0
+        self._asked_ns = self._due_ns = self._published_then = 0
 
     def hear(self, event: TaskEvent, now_ns: int) -> None:
         """Take in a change."""
         if event.change > self.last and len(self._ahead) < AHEAD_MAX:
             self._ahead.add(event.change)
             self._count()
-        self._note(max(event.change, self._said), now_ns)
+        self._record(max(event.change, self._said), now_ns)
 
-    def hear_summary(self, last_change: int, now_ns: int) -> None:
+    def receive_summary(self, last_change: int, now_ns: int) -> None:
         """Take in the number of the last change; a smaller one than before is that of another journal."""
         if last_change < self._said:
             self.last = 0
             self._ahead.clear()
         self._said = last_change
-        self._note(last_change, now_ns)
+        self._record(last_change, now_ns)
 
     def step(self, now_ns: int) -> None:
         """Ask for what is missing, and take it in."""
         if self._asked is None:
             if self.behind_since_ns is None or now_ns < max(self._due_ns, self.behind_since_ns + GRACE_NS):
                 return
-            self._asked_ns, self._due_ns, self._said_then = now_ns, now_ns + ASK_AGAIN_NS, self._said
+            self._asked_ns, self._due_ns, self._published_then = now_ns, now_ns + ASK_AGAIN_NS, self._said
             wanted = TaskFilter(states=OPEN, limit=TASKS_MAX)
             self._asked = self._wire.ask_later(TASK_LIST, wanted, timeout_s=TIMEOUT_S)
         try:
@@ -232,17 +232,17 @@ class TaskLook:
         if records is None:
             return
         self._asked = None
-        self._known.take_open([record.event for record in records], self._asked_ns, now_ns)
-        self.last = max(self.last, self._said_then)
+        self._known.adopt_open_tasks([record.event for record in records], self._asked_ns, now_ns)
+        self.last = max(self.last, self._published_then)
         self._count()
-        self._note(self._said, now_ns)
+        self._record(self._said, now_ns)
 
     def _count(self) -> None:
         while self.last + 1 in self._ahead:
             self.last += 1
         self._ahead = {number for number in self._ahead if number > self.last}
 
-    def _note(self, last_change: int, now_ns: int) -> None:
+    def _record(self, last_change: int, now_ns: int) -> None:
         if last_change <= self.last:
             self.behind_since_ns = None
         elif self.behind_since_ns is None:

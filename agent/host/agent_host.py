@@ -233,7 +233,7 @@ class AgentHost:
         self._down: set[str] = set()
         self._telling = threading.Lock()
         self._told = RobotState(robot=self.name)
-        self._told_facts = self.desk.facts
+        self._published_facts = self.desk.facts
         self.halting = HaltDesk(self.manager, self._wire, self.log, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
         self._manifests = manifests
@@ -260,7 +260,7 @@ class AgentHost:
     def on_wanted(self, wake: Callable[[], None]) -> None:
         """Have `wake` called, on any thread, whenever the next `step()` should not wait: in live, by its own loop."""
         self._wire.on_waiting = wake
-        self.desk.on_said = wake
+        self.desk.on_line = wake
 
     def start(self) -> None:
         """Find, load and start the plugins, then say that the robot is there.
@@ -282,7 +282,7 @@ class AgentHost:
         self.halting.started()
         wire, robot = self._wire, self.name
         wire.subscribe(self._inbox, COORDINATOR_STATE)
-        wire.answer(ROBOT_PLUGINS, self._tell_plugins, serve=Serve.SHARED, at_once=("plugins",), robot=robot)
+        wire.answer(ROBOT_PLUGINS, self._reply_plugins, serve=Serve.SHARED, at_once=("plugins",), robot=robot)
         wire.answer(ROBOT_LOG_KEPT, self.log.kept, serve=Serve.SHARED, robot=robot)
         wire.answer(ROBOT_CALL, self._call, serve=Serve.POOL, robot=robot)
         wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.SHARED, at_once=AT_ONCE, robot=robot)
@@ -302,14 +302,14 @@ class AgentHost:
             halting.hear()
         if now_ns - self._stepped_ns > STOOD_STILL_NS:
             self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
-            self.witness.note_pause(now_ns)
+            self.witness.restart_silence(now_ns)
         if self._inbox.has_some:
             # A process that was stopped finds summaries of any age: they may have come right after its last step.
             heard_ns = self._slept_ns if now_ns < self._awake_ns else now_ns
             for received in self._inbox.drain():
                 self.desk.coordinator_ahead_ns = clock_difference_ns(received.message.stamp_ns, now_ns)
                 if self.witness.hear(received.message, now_ns):
-                    self.desk.hear_coordinator(received.message, self.name, heard_ns)
+                    self.desk.renew_lease(received.message, self.name, heard_ns)
         self._stepped_ns = now_ns
         for wire in self._wires:
             if wire.has_waiting:
@@ -336,7 +336,7 @@ class AgentHost:
         if now_ns >= self._state_due_ns:
             self._state_due_ns = max(self._state_due_ns + STATE_PERIOD_NS, now_ns)
             self._publish_state()
-        elif self.desk.differs_from(self._told_facts):  # the next task must not wait for the period
+        elif self.desk.differs_from(self._published_facts):  # the next task must not wait for the period
             self._publish_state()
 
     def task_and_trace(self) -> tuple[str, str]:
@@ -355,8 +355,8 @@ class AgentHost:
 
     def _publish_state(self) -> None:
         board = self.board
-        self._tell_faults()
-        self._told_facts = self.desk.facts
+        self._report_faults()
+        self._published_facts = self.desk.facts
         standing = self.desk.standing(self.clock.now_ns())
         with self._telling:
             self._told = RobotState(
@@ -388,7 +388,7 @@ class AgentHost:
         names = [*self._registry.plugins, *(self._registry.foreign or ())]
         return zlib.crc32(" ".join(names).encode(), 1)
 
-    def _tell_faults(self) -> None:
+    def _report_faults(self) -> None:
         plugins, before, were_down = self._registry.plugins, self._faults, self._down
         down = [plugin for plugin in plugins.values() if plugin.lacks or plugin.state is PluginState.FAULTED]
         if not (down or before):
@@ -411,7 +411,7 @@ class AgentHost:
         with self._telling:
             self._state.put(self.halting.mark(self._told))
 
-    def _tell_plugins(self, _request: Request[None]) -> list[PluginInfo]:
+    def _reply_plugins(self, _request: Request[None]) -> list[PluginInfo]:
         return [*map(self.info, self._registry.plugins.values()), *self._registry.foreign_infos()]
 
     def info(self, plugin: ManagedPlugin) -> PluginInfo:
@@ -446,7 +446,7 @@ class AgentHost:
             # The coordinator may have given the offer up, or have ended.
             return TaskAnswer.refused(StoodStill())
         self._wire.traces.note(request.asked.task.id, request.trace)
-        reason = None if self._consensus is None else self._consensus.why_not_now(request.asked.task.id, now_ns)
+        reason = None if self._consensus is None else self._consensus.offer_refusal(request.asked.task.id, now_ns)
         return self.desk.offer(request.asked, now_ns) if reason is None else TaskAnswer.refused(reason)
 
     def _submitted(self, request: Request[TaskSubmission]) -> TaskTaken:

@@ -61,7 +61,7 @@ class HaltDesk:
         self._robot = manager.robot
         self._wire = wire
         self._guard = RecordGuard(wire.refusals)
-        self._tell_state = tell_state
+        self._publish_state = tell_state
         self._log = log
         self._latch = HaltLatch()
         self._team_halt_ns = 0
@@ -83,7 +83,7 @@ class HaltDesk:
         except (CallError, NobodyThere) as error:
             logger.debug("%s: the coordinator does not say whether the team is halted: %s", self._robot, error)
         else:
-            self._note_team(status)
+            self._record_team(status)
 
     def started(self) -> None:
         """The plugins have been started, and nothing has called them yet: see to what was heard meanwhile."""
@@ -115,7 +115,7 @@ class HaltDesk:
     def _take(self, received: Received) -> None:
         message = received.message
         if isinstance(message, TeamState):
-            self._note_team(message.halt)
+            self._record_team(message.halt)
         elif message.halted:
             self._team_halt_ns = message.stamp_ns
             self._halt([message.by], message.reason, message.stamp_ns)
@@ -166,7 +166,7 @@ class HaltDesk:
         if self._pool is not None:
             self._pool.close()
 
-    def _note_team(self, status: HaltStatus | None) -> None:
+    def _record_team(self, status: HaltStatus | None) -> None:
         if status is None or not status.halted or status.stamp_ns <= self._latch.stamp_ns:
             return
         self._team_halt_ns = status.stamp_ns
@@ -188,10 +188,10 @@ class HaltDesk:
             self._not_halted = self._manager.halt(self._pool)
         finally:
             self._stopping = False
-        self._tell_state()
+        self._publish_state()
 
     def _resume(self, by: str, stamp_ns: int = 0) -> str:
-        why = self._why_kept() or self._latch.release(by, stamp_ns)
+        why = self._halt_guard_reason() or self._latch.release(by, stamp_ns)
         if why:
             self._say(f"{by or 'nobody named'} tried to resume it, and it stays halted: {why}")
             return why
@@ -199,24 +199,24 @@ class HaltDesk:
             self._team_halt_ns = 0
             self._not_halted = []
             self._manager.resume()
-            self._tell_state()
+            self._publish_state()
             self._say(f"resumed by {by or 'nobody named'}")
         return ""
 
-    def _why_kept(self) -> str:
+    def _halt_guard_reason(self) -> str:
         """Why nobody may end the halt yet; the plugin that says so holds the halt from now on."""
         if not self._latch.is_held:
             return ""
         for name, plugin in self._manager.plugins.items():
-            why = self._why_kept_by(plugin)
+            why = self._halt_guard_reason_of(plugin)
             if why:
                 if name not in self._latch.holders:
                     self._latch.hold(name, why)
-                    self._tell_state()
+                    self._publish_state()
                 return why
         return ""
 
-    def _why_kept_by(self, plugin: ManagedPlugin) -> str:
+    def _halt_guard_reason_of(self, plugin: ManagedPlugin) -> str:
         tag, guard = plugin.manifest.tag, self._guards.get(plugin.name)
         # One that has faulted is started again after the halt, and its guard knows whether it can be.
         if tag.essential and not plugin.state.is_running and (guard is None or tag.restart == "no"):

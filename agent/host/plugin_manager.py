@@ -73,8 +73,8 @@ class FaultDesk:
         self._later = later
         self._cases: dict[str, _Case] = {}
         self._drops: dict[str, int] = {}
-        self._looked_ns = 0
-        self._looked_hung_ns = 0
+        self._checked_ns = 0
+        self._checked_hung_ns = 0
         self.look_ns = 0
         """When the next `look` has something to do, unless a plugin faults before."""
 
@@ -119,13 +119,13 @@ class FaultDesk:
                 self._later(partial(self._restart, case, now_ns))
             elif case.started_ns and now_ns - case.started_ns > to_ns(STEADY_S):
                 case.attempts = 0
-        if now_ns - self._looked_hung_ns >= HUNG_PERIOD_NS:
-            self._looked_hung_ns = now_ns
-            self._look_for_hung(now_ns)
-        if now_ns - self._looked_ns >= NS_PER_S:
-            self._look_for_floods(now_ns)
+        if now_ns - self._checked_hung_ns >= HUNG_PERIOD_NS:
+            self._checked_hung_ns = now_ns
+            self._check_hung(now_ns)
+        if now_ns - self._checked_ns >= NS_PER_S:
+            self._check_floods(now_ns)
         restarts_ns = [case.again_ns for case in self._cases.values() if case.again_ns is not None]
-        self.look_ns = min([self._looked_hung_ns + HUNG_PERIOD_NS, *restarts_ns])
+        self.look_ns = min([self._checked_hung_ns + HUNG_PERIOD_NS, *restarts_ns])
 
     def _restart(self, case: _Case, now_ns: int) -> None:
         plugin = case.plugin
@@ -135,11 +135,11 @@ class FaultDesk:
         case.started_ns = now_ns
         self._begin(plugin)
         if not plugin.state.is_running:
-            self._registry.note_fault(plugin)
+            self._registry.record_fault(plugin)
             return
         logger.warning("%s: plugin %s is restarted (%d)", self._registry.robot, plugin.name, plugin.restarts)
 
-    def _look_for_hung(self, now_ns: int) -> None:
+    def _check_hung(self, now_ns: int) -> None:
         overdue = [
             plugin for plugin in self._registry.plugins.values() if plugin.turn.depth and plugin.turn.is_overdue(now_ns)
         ]
@@ -149,9 +149,9 @@ class FaultDesk:
             error = PluginHung(plugin.name, f"{plugin.name} has not come back for {plugin.turn.limit_s:g} s")
             plugin.fault(error.with_traceback(plugin.stuck_at()))
 
-    def _look_for_floods(self, now_ns: int) -> None:
-        elapsed_s = (now_ns - self._looked_ns) / NS_PER_S
-        self._looked_ns = now_ns
+    def _check_floods(self, now_ns: int) -> None:
+        elapsed_s = (now_ns - self._checked_ns) / NS_PER_S
+        self._checked_ns = now_ns
         for plugin in self._registry.plugins.values():
             dropped = 0
             for event in plugin.events().values():
@@ -186,7 +186,7 @@ class PluginManager:
         self._folders = PluginFolders([])
         self._changing = threading.Lock()
         """Held by a load, unload, reload or restart."""
-        self._under_way = threading.Lock()
+        self._active_goals = threading.Lock()
         """Held by these as well, and by `settle`."""
         self._begins_lacking = False
         """Whether plugins that lacked another are about to be started: one thread waits for that, not one a fault."""
@@ -348,7 +348,7 @@ class PluginManager:
 
     def settle(self, now_ns: int) -> None:
         """See to faults: their dependants, restarts, plugins that hang or flood. The host does this in its step."""
-        if not self._under_way.acquire(blocking=False):
+        if not self._active_goals.acquire(blocking=False):
             return
         try:
             self._see_to_faults(now_ns)
@@ -359,7 +359,7 @@ class PluginManager:
                 if self._begins_lacking:
                     self.later(self._begin_lacking)
         finally:
-            self._under_way.release()
+            self._active_goals.release()
 
     def later(self, do: Callable[[], object]) -> None:
         """Have something done alone that may take its time; in live not on the host's own thread."""
@@ -419,18 +419,18 @@ class PluginManager:
             raise busy
         try:
             # In lockstep it is this thread that settles, and then waiting would not help.
-            if not self._under_way.acquire(timeout=LOOK_TIMEOUT_S if self.registry.is_live else 0.0):
+            if not self._active_goals.acquire(timeout=LOOK_TIMEOUT_S if self.registry.is_live else 0.0):
                 raise busy
             try:
                 self._see_to_faults(self.registry.clock.now_ns())
                 yield
             finally:
-                self._under_way.release()
+                self._active_goals.release()
         finally:
             self._changing.release()
 
     def _do_alone(self, do: Callable[[], object]) -> None:
-        with self._changing, self._under_way:
+        with self._changing, self._active_goals:
             if not self._stopped:
                 do()
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from robrain.agent.errors import RobotFileError
-from robrain.agent.manifest import where_and_what
+from robrain.agent.manifest import key_and_problem
 from robrain.protocol.errors import BadName, BadToml, WireError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.toml_text import read_toml
@@ -111,7 +111,7 @@ def read_robot_file(path: Path) -> RobotFile:
     try:
         robot_file = msgspec.convert(raw, RobotFile)
     except msgspec.ValidationError as error:
-        where, what = where_and_what(error, raw, RobotFile)
+        where, what = key_and_problem(error, raw, RobotFile)
         raise RobotFileError(f"{path}: {where}: {what}") from error
     tls = robot_file.zenoh.tls
     for key, folders in (("places", robot_file.robot.places), ("loadable", robot_file.robot.loadable)):

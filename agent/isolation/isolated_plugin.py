@@ -183,7 +183,7 @@ class IsolatedPlugin(Plugin):
     def __init__(self, env: Environment, parameters: Any) -> None:
         super().__init__(env, parameters)
         self._child: ChildProcess | None = None
-        self._why_gone = "has not been started"
+        self._gone_reason = "has not been started"
         self._lost: Event[ChildProcess] = Event()
         self._forget: weakref.finalize[..., Any] | None = None
 
@@ -255,7 +255,7 @@ class IsolatedPlugin(Plugin):
     def _start(self) -> None:
         self._end("is restarted")
         own_module = self._plugin_class.__module__
-        desk = ParentDesk(self.env, self, self._contract, own_module, weakref.WeakMethod(self._hear))
+        desk = ParentDesk(self.env, self, self._contract, own_module, weakref.WeakMethod(self._receive))
         try:
             child = ChildProcess(self.env.plugin, desk.serve, weakref.WeakMethod(self._on_lost))
         except OSError as error:
@@ -291,7 +291,7 @@ class IsolatedPlugin(Plugin):
     def _ask(self, request: Request, limit_s: float) -> bytes:
         child = self._child
         if child is None:
-            raise PluginCrashed(self.env.plugin, f"{self.env.plugin} {self._why_gone}")
+            raise PluginCrashed(self.env.plugin, f"{self.env.plugin} {self._gone_reason}")
         try:
             return child.calls.ask(request, limit_s)
         except PeerLost as error:
@@ -302,14 +302,14 @@ class IsolatedPlugin(Plugin):
             why = f"did not come back from {_what(request)} within {limit_s:g} s, and its process was killed"
             raise raised_elsewhere(self._crashed(child, why), where) from error
 
-    def _hear(self, subscription: int, value: Any) -> None:
+    def _receive(self, subscription: int, value: Any) -> None:
         """An event that the plugin observes has happened; in its turn."""
         self._ask(ObservedEvent(subscription, encode(value)), self._limits.call_s)
 
     def _end(self, why: str) -> None:
         child, self._child = self._child, None
         if child is not None:
-            self._why_gone = why
+            self._gone_reason = why
             child.end()
         if self._forget is not None:
             self._forget.detach()
@@ -318,19 +318,19 @@ class IsolatedPlugin(Plugin):
     def _crashed(self, child: ChildProcess, why: str) -> PluginCrashed:
         if self._child is child:
             self._child = None
-            self._why_gone = why
+            self._gone_reason = why
         return PluginCrashed(self.env.plugin, f"{self.env.plugin} {why}")
 
     def _on_lost(self, why: str) -> None:
         """On the thread that watches the process: it has ended while nobody was calling."""
         child = self._child
         if child is not None:
-            self._why_gone = why
+            self._gone_reason = why
             self._lost.notify(child)
 
     def _raise_lost(self, child: ChildProcess) -> None:
         if self._child is child:  # else somebody's call has run into it already, or another one has been started
-            raise self._crashed(child, self._why_gone)
+            raise self._crashed(child, self._gone_reason)
 
 
 def isolated_class(plugin_class: type[Plugin], manifest: Manifest, limits: Limits | None = None) -> type[Plugin]:

@@ -28,7 +28,7 @@ BOARD_TYPES: dict[str, Any] = {field.name: field.type for field in msgspec.struc
     "T_odom_robot": Pose2D | None,
     "wheel_ticks": tuple[int, ...] | None,
     "odometry": tuple[tuple[int, Pose2D], ...],
-    "told_odometry": tuple[Pose2D, int] | None,
+    "published_odometry": tuple[Pose2D, int] | None,
     "wants_odometry": bool,
     "gyro_contradiction": float | None,
     "has_scanned": bool,
@@ -61,7 +61,7 @@ class ParentDesk:
         self._plugin = weakref.ref(plugin)
         self._contract = contract
         self._own_module = own_module
-        self._hear = hear
+        self._receive = hear
         self._held: list[_Held] = []
 
     def serve(self, request: Request) -> bytes:
@@ -101,7 +101,7 @@ class ParentDesk:
         return self._held[number - 1]
 
     def _observe(self, event: Any, subscription: int) -> None:
-        hear = self._hear()
+        hear = self._receive()
         if hear is not None:
             self._env.observe(event, partial(hear, subscription))
 

@@ -219,7 +219,7 @@ class ManagedPlugin:
             to, steps = transition(self.name, self.state, trigger)
             if to is not self.state or (steps and why):
                 self.state, self.why, self.raised, self.lacks, self.needs = to, why, where, lacks, needs
-            self._note_callable()
+            self._update_callable()
         if trigger in (Trigger.ACTIVATED, Trigger.RESUME):
             self._context.newly_running = True
             self.holdings.mailbox.ring()  # its runner sleeps while there is nothing to step
@@ -246,7 +246,7 @@ class ManagedPlugin:
                     instance.close()
                 case Effect.REPORT:
                     logger.error("%s: plugin %s faulted: %s", self._context.robot, self.name, error, exc_info=error)
-                    self._context.note_fault(self)
+                    self._context.record_fault(self)
         if failure is not None:
             raise failure
 
@@ -282,7 +282,7 @@ class ManagedPlugin:
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
         self.instance = self.create(self.manifest, self.code)
-        self._note_callable()
+        self._update_callable()
         self.apply(Trigger.INITIALISED)
 
     def create(self, manifest: Manifest, code: PluginCode, *, replaces: Instance | None = None) -> Instance:
@@ -320,7 +320,7 @@ class ManagedPlugin:
         self.manifest, self._code, self.instance = manifest, code, instance
         self.environment = instance.environment if instance is not None else None
         self.turn.set_limit(manifest.tag.hang_s)
-        self._note_callable()
+        self._update_callable()
 
     def activate(self) -> None:
         """Call the plugin's `activate`; it is callable from then on (PluginHung if it was abandoned meanwhile)."""
@@ -368,7 +368,7 @@ class ManagedPlugin:
         finally:
             self.why = "it was unloaded"
 
-    def _note_callable(self) -> None:
+    def _update_callable(self) -> None:
         instance = self.instance if self.state is PluginState.ACTIVE else None
         self.callable = instance.plugin if instance is not None else None
 

@@ -10,7 +10,7 @@ from robrain.agent.class_import import import_class, module_file
 from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import isolated_class, try_import
-from robrain.agent.manifest import Manifest, where_and_what
+from robrain.agent.manifest import Manifest, key_and_problem
 from robrain.agent.plugin import Behavior, Plugin
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.plugin_messages import TaskKind
@@ -85,7 +85,7 @@ def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[st
     try:
         return msgspec.convert(values, struct)
     except msgspec.ValidationError as error:
-        where, what = where_and_what(error, values, struct, "parameters")
+        where, what = key_and_problem(error, values, struct, "parameters")
         key = "[parameters]" if where in ("file", "parameters") else f"[parameters] {where}"
         if overrides:
             what = f"{what} (the robot's file sets {', '.join(sorted(overrides))})"

@@ -157,7 +157,7 @@ class PluginRegistry:
             if plugin.exclusive.inside == name:
                 plugin.exclusive.inside = ""
 
-    def note_fault(self, plugin: ManagedPlugin) -> None:
+    def record_fault(self, plugin: ManagedPlugin) -> None:
         """A plugin has faulted; its users' locks must not be taken from below, so this is seen to later."""
         if plugin not in self.new_faults:
             self.new_faults.append(plugin)

@@ -40,7 +40,7 @@ class RobotContext(Protocol):
     newly_running: bool
     """Whether a plugin runs that did not; the host resets it when it has started the plugins that lacked one."""
 
-    def note_fault(self, plugin: Any) -> None:
+    def record_fault(self, plugin: Any) -> None:
         """A plugin has faulted; to be seen to in the host's own step."""
 
     def excuses(self, plugin: Callee, error: BaseException) -> bool:

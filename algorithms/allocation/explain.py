@@ -106,7 +106,7 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
             start_s = done_by[0][1].start_s if done_by else None
             decisions.append(Decision(name, robots, start_s, left_out.get(name) or IsAtIt(job.pinned_to)))
             continue
-        taken = _take_out(problem, arrays, routes, index)
+        taken = _remove_job(problem, arrays, routes, index)
         options = tuple(
             _option(problem, arrays, routes, worker, job, visit_of[index]) for worker in range(len(problem.workers))
         )
@@ -114,7 +114,7 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
             routes.order[worker, : len(order)] = order
             routes.length[worker] = len(order)
             refresh(arrays.team, arrays.visits, routes, worker)
-        reason = _why_these(robots, options) if robots else left_out.get(name)
+        reason = _choice_reason(robots, options) if robots else left_out.get(name)
         decisions.append(Decision(name, robots, done_by[0][1].start_s if done_by else None, reason, options))
     return decisions
 
@@ -129,7 +129,7 @@ def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArr
     return arrays
 
 
-def _take_out(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int) -> dict[int, list[int]]:
+def _remove_job(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int) -> dict[int, list[int]]:
     """Remove a job's visits from their routes; returns the former routes."""
     taken: dict[int, list[int]] = {}
     for worker in range(len(problem.workers)):
@@ -150,7 +150,7 @@ def _option(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: 
     return Option(worker.name, round(judged.more_j, 3), round(judged.more_s, 3), round(judged.start_s, 3))
 
 
-def _why_these(robots: tuple[str, ...], options: Sequence[Option]) -> Chosen:
+def _choice_reason(robots: tuple[str, ...], options: Sequence[Option]) -> Chosen:
     """Whether they are the cheapest robots, or the plan as a whole is cheaper this way."""
     costs = sorted((option.energy_j, option.worker) for option in options if option.energy_j is not None)
     cheapest = {worker for _, worker in costs[: len(robots)]}

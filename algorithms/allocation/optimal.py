@@ -153,31 +153,31 @@ class _Watch(IteratedLocalSearchCallbacks):
     ) -> None:
         self._search = search
         self._effort = effort
-        self._end_left_s = end_left_s
+        self._end_remaining_s = end_left_s
         self._iterations = iterations
         self._patience = patience
-        self._patience_left = patience
+        self._patience_remaining = patience
         self._is_enough = is_enough
         self._found_enough = False
-        self._last_left_s = effort.left_s
+        self._last_remaining_s = effort.left_s
 
     def __call__(self, best_cost: float) -> bool:
         left_s = self._effort.left_s
-        if left_s < self._last_left_s:
-            self._search.longest_s = max(self._search.longest_s, self._last_left_s - left_s)
-            self._last_left_s = left_s
-        if self._found_enough or min(self._iterations, self._patience_left, self._effort.left_iterations) <= 0:
+        if left_s < self._last_remaining_s:
+            self._search.longest_s = max(self._search.longest_s, self._last_remaining_s - left_s)
+            self._last_remaining_s = left_s
+        if self._found_enough or min(self._iterations, self._patience_remaining, self._effort.left_iterations) <= 0:
             return True
-        if left_s <= self._end_left_s + 1.5 * self._search.longest_s:
+        if left_s <= self._end_remaining_s + 1.5 * self._search.longest_s:
             return True
         self._iterations -= 1
-        self._patience_left -= 1
+        self._patience_remaining -= 1
         self._effort.spend()
         return False
 
     def on_best(self, best: Solution) -> None:
         """See PyVRP."""
-        self._patience_left = self._patience
+        self._patience_remaining = self._patience
         if self._is_enough is not None and best.is_feasible():
             self._found_enough = self._is_enough(best)
 

@@ -250,7 +250,7 @@ def make_arrays(problem: Problem) -> ProblemArrays:
         np.array([time for _, time, _ in ends]).reshape(len(ends), problem.energy_j.shape[1]),
         float(problem.horizon_s),
     )
-    pinned, refused = _finish_what_is_running(problem, team)
+    pinned, refused = _finish_running(problem, team)
     running = {index for index, job in enumerate(problem.jobs) if job.pinned_to}
     jobs = [index for index, job in enumerate(problem.jobs) if index not in running for _ in range(job.robots)]
     chosen = [problem.jobs[index] for index in jobs]
@@ -287,7 +287,7 @@ def nearest_ends(problem: Problem, worker_index: int) -> tuple[Floats, Floats, I
     return energy[rows, best], problem.time_s[worker.profile][rows, ends[best]], ends[best]
 
 
-def _finish_what_is_running(
+def _finish_running(
     problem: Problem, team: TeamArrays
 ) -> tuple[tuple[tuple[int, ...], ...], dict[int, HolderLacks | HolderLacksEnergy | HolderLate]]:
     """Advance each worker to the end of its pinned jobs; changes `team` in place."""

@@ -152,7 +152,7 @@ class Negotiation:
         """Bid, and say what to tell the others now."""
         if not self.is_over:
             self.bidder.build()
-            self._note_own()
+            self._record_own()
             self._conclude()
         said = self.bidder.ballot()
         return Ballot(
@@ -181,18 +181,18 @@ class Negotiation:
                 return False
         elif ballot.round == self.round and self.round and ballot.base != self._base_digest:
             return False
-        self._note_standings(ballot.standings)
+        self._record_standings(ballot.standings)
         if ballot.round == self.round and not self.is_over:
             self.bidder.hear(ballot)
         return True
 
-    def _note_standings(self, standings: Iterable[Standing]) -> None:
+    def _record_standings(self, standings: Iterable[Standing]) -> None:
         for standing in standings:
             known = self._standings.get(standing.robot)
             if standing.robot != self.bidder.robot and (known is None or standing.number > known.number):
                 self._standings[standing.robot] = standing
 
-    def _note_own(self) -> None:
+    def _record_own(self) -> None:
         bidder = self.bidder
         winners = {task: bid.robot for task, bid in bidder.winning.items()}
         kept = self._kept()

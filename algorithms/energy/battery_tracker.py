@@ -188,7 +188,7 @@ class BatteryTracker:
         """Of the time since the last measurement, what has been counted on already."""
 
     @property
-    def why_doubted(self) -> str:
+    def doubt_reason(self) -> str:
         """What is wrong with the measurements, in words; empty while they are believed."""
         return self._check.why
 
@@ -197,7 +197,7 @@ class BatteryTracker:
         self._check.judge(*measured, 0.0, measured.voltage_v, 0.0, compares=report.is_plain)
         if self._soc_at_start is not None:
             self.filter.start_at(self._soc_at_start, KNOWN_START_SD)
-        elif self.why_doubted:
+        elif self.doubt_reason:
             self.filter.start_at(0.5, 0.3)
         elif report.soc is not None:
             self.filter.start_at(report.soc, report.soc_sd)
@@ -213,7 +213,7 @@ class BatteryTracker:
         expected_v = self.filter.expected_v(measured.current_a)
         resistance_ohm = self.filter.resistance_ohm
         if not self._check.judge(*measured, elapsed_s, expected_v, resistance_ohm, compares=report.is_plain):
-            self._go_on_blindly(max(0.0, elapsed_s - blind_s))
+            self._extrapolate(max(0.0, elapsed_s - blind_s))
             return
         self._was_believed = True
         self._keep(elapsed_s)
@@ -235,13 +235,13 @@ class BatteryTracker:
         else:
             believed.fuse_at_guess(measured.voltage_v, mean_a, unsure_a, elapsed_s)
 
-    def hear_nothing(self, since_s: float, elapsed_s: float) -> None:
+    def no_reading(self, since_s: float, elapsed_s: float) -> None:
         """No measurement has come for `since_s`; `elapsed_s` have passed since the last call of this or `follow`."""
         if not self._check.silent(since_s, elapsed_s):
-            self._go_on_blindly(elapsed_s)
+            self._extrapolate(elapsed_s)
             self._blind_s += elapsed_s
 
-    def _go_on_blindly(self, elapsed_s: float) -> None:
+    def _extrapolate(self, elapsed_s: float) -> None:
         if self._was_believed:
             self._was_believed = False
             self.filter.restore(self._older)

@@ -119,7 +119,7 @@ class Consumption:
         self._terms = MotionTerms()
         self._begun: Drawn | None = None
         self._last: Drawn | None = None
-        self._way_ratio = 1.0
+        self._path_ratio = 1.0
         self._relative_variance = relative_sd * relative_sd
         self._outcomes = PRIOR_OUTCOMES
 
@@ -163,7 +163,7 @@ class Consumption:
         known = max(0.0, planned.sigma_j**2 - by_way_j**2) / on_the_way_j**2
         error = min(OUTCOME_MOST, max(-OUTCOME_MOST, (cost_j - planned.mean_j) / on_the_way_j))
         self._outcomes = min(OUTCOMES, self._outcomes + 1)
-        self._way_ratio *= 1.0 + error / self._outcomes
+        self._path_ratio *= 1.0 + error / self._outcomes
         # What the power alone explains is not held against the way.
         self._relative_variance += (max(0.0, error * error - known) - self._relative_variance) / self._outcomes
 
@@ -176,7 +176,7 @@ class Consumption:
             residual_w2_s=round(learner.residual_w2_s, 4),
             drift_w2_per_s=learner.drift_w2_per_s,
             relative_sd=round(max(RELATIVE_SD_LEAST, math.sqrt(self._relative_variance)), 4),
-            way_ratio=round(self._way_ratio, 4),
+            way_ratio=round(self._path_ratio, 4),
             pace_m_s=round(learner.pace_m_s, 4),
             turn_rate_rad_s=round(learner.turn_rate_rad_s, 4),
             packet_j=self._packet_j,

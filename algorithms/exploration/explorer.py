@@ -76,7 +76,7 @@ class Trials:
         """Places where robots were, arena frame."""
         return list(self._been.values())
 
-    def note_failure(self, place: Point2D) -> None:
+    def record_failure(self, place: Point2D) -> None:
         """Record that a robot failed to get to a place."""
         tries = 0
         for known in list(self._failures):
@@ -85,7 +85,7 @@ class Trials:
                 tries = max(tries, known[1])
         self._failures.append((place, tries + 1))
 
-    def note_been(self, place: Point2D) -> None:
+    def record_place(self, place: Point2D) -> None:
         """Record that a robot was at a place."""
         cell = round(place.x_m / PITCH_M), round(place.y_m / PITCH_M)
         self._been.pop(cell, None)
@@ -113,17 +113,17 @@ class Attempts:
         self._places: deque[_Attempts] = deque(maxlen=KEPT)
         self._in_vain: list[_Attempts] = []
 
-    def note_visit(self, place: Point2D, grid: "OccupancyGrid") -> None:
+    def record_visit(self, place: Point2D, grid: "OccupancyGrid") -> None:
         """Record that a robot was at a frontier."""
         self._visited = {known: self._visited[known] for known in self.visited(grid)}
         self._visited[place] = unknown_around(grid, place)
-        self._note(place, grid, VISIT)
+        self._record(place, grid, VISIT)
 
-    def note_failure(self, place: Point2D, grid: "OccupancyGrid") -> None:
+    def record_failure(self, place: Point2D, grid: "OccupancyGrid") -> None:
         """Record that a robot failed to get to a frontier."""
-        self._note(place, grid, FAILURE)
+        self._record(place, grid, FAILURE)
 
-    def _note(self, place: Point2D, grid: "OccupancyGrid", weight: int) -> None:
+    def _record(self, place: Point2D, grid: "OccupancyGrid", weight: int) -> None:
         known = next((one for one in self._places if one.place.distance_m(place) < SAME_M), None)
         if known is not None:
             self._places.remove(known)
@@ -244,28 +244,28 @@ class Explorer:
         self._seen_again: set[Point2D] = set()
         """Frontiers to which robots were sent when nothing else was left."""
 
-    def note_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
+    def record_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
         self._failures.append(_Failure(robot, place, now_ns + AVOID_NS))
-        self._trials.note_failure(place)
+        self._trials.record_failure(place)
         if self._map.grid is not None:
-            self._attempts.note_failure(place, self._map.grid)
+            self._attempts.record_failure(place, self._map.grid)
         if place in self._narrow_goals:
             self._narrow_goals.remove(place)
-            self._narrow.note_failure(place)
+            self._narrow.record_failure(place)
 
-    def note_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
+    def record_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
         """A robot at `place` does not fit through a gap of this width; implausible widths are ignored."""
         if isinstance(gap_m, float | int) and GAP_M[0] < gap_m < GAP_M[1]:
-            self._narrow.note_gap(place, float(gap_m), now_ns + AVOID_NS)
+            self._narrow.record_gap(place, float(gap_m), now_ns + AVOID_NS)
             self._vain = None
 
-    def note_visit(self, place: Point2D) -> None:
+    def record_visit(self, place: Point2D) -> None:
         """A robot has been at a place: what it has not seen of the unknown there, nobody will, as the map stands."""
         self._narrow_goals.discard(place)
         grid = self._map.grid
         if grid is not None:
-            self._attempts.note_visit(place, grid)
+            self._attempts.record_visit(place, grid)
             self._vain = None
 
     @property
@@ -319,7 +319,7 @@ class Explorer:
             choices += self._squeeze(candidates, left, [*busy, *bound], radius_m, now_ns)
         for choice in choices:
             self.idle.pop(choice.robot, None)
-            self._trials.note_been(next(seeker.place for seeker in seekers if seeker.name == choice.robot))
+            self._trials.record_place(next(seeker.place for seeker in seekers if seeker.name == choice.robot))
         self._vain = None if choices or not is_narrow_due else question
         return choices
 
@@ -369,7 +369,7 @@ class Explorer:
             if too_far.any() and too_far.sum() == len(within):
                 self.idle[seeker.name] = LacksRange(frontiers=len(within), reach_m=seeker.reach_m)
             else:
-                self.idle[seeker.name] = self._why_idle(seeker, candidates, within, radius_m)
+                self.idle[seeker.name] = self._idle_reason(seeker, candidates, within, radius_m)
         return choices
 
     def _along_narrow(
@@ -406,7 +406,7 @@ class Explorer:
             and not (one.place in self._seen_again and self._attempts.is_spent(one.place, grid))
         ]
 
-    def _why_idle(
+    def _idle_reason(
         self, seeker: Seeker, candidates: list[FrontierCandidate], within: list[FrontierCandidate], radius_m: float
     ) -> IdleReason:
         """Why a robot has nothing to explore, given the frontiers that it has some path to."""

@@ -80,7 +80,7 @@ class FrontierFields:
 
         def costs_m(place: Point2D) -> NDArray[np.float64]:
             if place not in used:
-                used[place] = now_ns, navigation.way_field(place, snap_m=SNAP_M)
+                used[place] = now_ns, navigation.cost_field(place, snap_m=SNAP_M)
             field = used[place][1]
             return paths.costs_along(field) if field is not None else np.full(paths.count, np.inf)
 

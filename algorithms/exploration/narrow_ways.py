@@ -42,7 +42,7 @@ class NarrowWays:
         self._version: int
         """Of the map that `_navigation` was made from."""
 
-    def note_gap(self, place: Point2D, gap_m: float, again_ns: int) -> None:
+    def record_gap(self, place: Point2D, gap_m: float, again_ns: int) -> None:
         """Record that a robot at `place` does not fit through the gap in front of it."""
         tries = 0
         for known in list(self.gaps):
@@ -51,7 +51,7 @@ class NarrowWays:
                 tries = max(tries, known.tries)
         self.gaps.append(Gap(place, gap_m, tries + 1, again_ns))
 
-    def note_failure(self, goal: Point2D) -> None:
+    def record_failure(self, goal: Point2D) -> None:
         """Record that a robot sent along a narrow path did not reach its goal, for whatever reason."""
         tries = 0
         for known in list(self._failures):

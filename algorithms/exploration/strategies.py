@@ -85,7 +85,7 @@ def _checked(name: str, strategy: Strategy, on_failure: Callable[[str, str], Non
             made: object = strategy(situation)
             if not isinstance(made, list):
                 raise TypeError(f"expected a list of Choice, got {type(made).__name__}")
-            if why := _why_bad(made, situation):
+            if why := _choices_refusal(made, situation):
                 raise ValueError(why)
         except Exception as error:  # noqa: BLE001 - foreign code
             on_failure(name, failure_text(strategy, error))
@@ -95,7 +95,7 @@ def _checked(name: str, strategy: Strategy, on_failure: Callable[[str, str], Non
     return choose
 
 
-def _why_bad(made: Sequence[object], situation: Situation) -> str:
+def _choices_refusal(made: Sequence[object], situation: Situation) -> str:
     """What is wrong with some choices, in words; empty if nothing is."""
     rows = {seeker.name: row for row, seeker in enumerate(situation.seekers)}
     columns = {candidate.place: column for column, candidate in enumerate(situation.candidates)}

@@ -135,8 +135,8 @@ class Localiser:
         """Variances of the place in the arena of the walls that hold the robot; none while no walls do."""
         self._share = spec.least_share
         """Share of doubts and floors that counts, as the innovations of scans have it."""
-        self._matched_way_m = 0.0
-        self._seen_way_m = 0.0
+        self._matched_path_m = 0.0
+        self._seen_path_m = 0.0
         self.way_m = 0.0
         """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
         self._fitted_sigma_m = 0.0
@@ -227,13 +227,13 @@ class Localiser:
         misfits = self.watch.misfits
         if not misfits:
             self._fitted_sigma_m = self.filter.sigma_m
-        way_m = min(self.way_m - self._seen_way_m, DOUBT_WAY_M)
-        self._seen_way_m = self.way_m
+        way_m = min(self.way_m - self._seen_path_m, DOUBT_WAY_M)
+        self._seen_path_m = self.way_m
         doubt_m2, doubt_rad2 = (
             (self._share * each * way_m) ** 2 for each in (self.spec.doubt_m_per_m, self.spec.doubt_rad_per_m)
         )
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
-        is_new = self.way_m - self._matched_way_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
+        is_new = self.way_m - self._matched_path_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
         if fit.directions and is_new:
             self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
@@ -320,7 +320,7 @@ class Localiser:
     def may_be_at(self, pose: Pose2D) -> bool:
         """Whether the signals of motes, if any are heard, allow the robot to be at a pose of the arena frame."""
         signals = self._signals
-        if not signals.has_heard:
+        if not signals.has_received:
             return True
         return len(signals) >= SIGNALS_TO_AGREE and signals.nis(pose, self.spec.path_loss) < SIGNALS_NIS_MAX
 
@@ -371,7 +371,7 @@ class Localiser:
         self._adapt(innovation_squared(along, before, off_m, noise) / len(rows))
         self.filter.correct_along(along, off_m, noise)
         self.filter.at_least(tuple(np.clip(before.diagonal(), self._share**2 * np.array(floors), floors).tolist()))
-        self._matched_way_m = self.way_m
+        self._matched_path_m = self.way_m
         return True
 
     def _adapt(self, nis: float) -> None:
@@ -388,7 +388,7 @@ class Localiser:
 
         A robot that maps begins a frame of its own in which it is where it was believed to be.
         """
-        self._begin_anew(why)
+        self._restart(why)
         if self.spec.maps:
             sigmas = np.array((OWN_SIGMA_M, OWN_SIGMA_M, OWN_SIGMA_RAD))
             self.filter.place(self.pose, np.diag(sigmas * sigmas))
@@ -397,7 +397,7 @@ class Localiser:
             self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
         self._of_map = NONE
         self._signals.forget()
-        self.way_m = self._matched_way_m = self._seen_way_m = 0.0
+        self.way_m = self._matched_path_m = self._seen_path_m = 0.0
         self._since_tried = 0
 
     def join(self) -> None:
@@ -425,11 +425,11 @@ class Localiser:
 
     def place(self, pose: Pose2D, covariance: Floats) -> None:
         """The robot is here in the arena: m², m·rad, rad²."""
-        self._begin_anew("")
+        self._restart("")
         self._of_map = NONE
         self.filter.place(pose, covariance)
 
-    def _begin_anew(self, lost: str) -> None:
+    def _restart(self, lost: str) -> None:
         self.lost = lost
         self.beginnings += 1
         self.fits = True

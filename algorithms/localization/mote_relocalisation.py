@@ -211,7 +211,7 @@ class RecentSignals:
     """Follows the way by odometry, in a frame of its own, and remembers the last `RECORDS` signals on it."""
 
     def __init__(self) -> None:
-        self.has_heard = False
+        self.has_received = False
         """Whether there ever was one."""
         self._records: deque[tuple[RssiSample, Pose2D]] = deque(maxlen=RECORDS)
         self._reckoned = Pose2D(0.0, 0.0, 0.0)
@@ -226,7 +226,7 @@ class RecentSignals:
     def hear(self, sample: RssiSample) -> None:
         """A mote was heard."""
         self._records.append((sample, self._reckoned))
-        self.has_heard = True
+        self.has_received = True
 
     def forget(self) -> None:
         """What was heard before may have been heard elsewhere."""

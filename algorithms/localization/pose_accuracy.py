@@ -63,7 +63,7 @@ class PoseAccuracyMeter:
             self._squares_m2 += error_m * error_m
             self._yaw_squares_rad2 += yaw_error_rad * yaw_error_rad
             self._max_error_m = max(self._max_error_m, error_m)
-            self._note_nees(covariance, dx_m, dy_m, yaw_error_rad)
+            self._record_nees(covariance, dx_m, dy_m, yaw_error_rad)
         says_so = bool(lost) or SIGMAS * position_sigma_m(covariance) >= error_m  # False without a covariance
         if error_m > FAR_OFF_M and not says_so:
             self._silent_s += passed_s
@@ -92,7 +92,7 @@ class PoseAccuracyMeter:
             is_lost=self._is_lost,
         )
 
-    def _note_nees(self, covariance: Sequence[float], dx_m: float, dy_m: float, yaw_error_rad: float) -> None:
+    def _record_nees(self, covariance: Sequence[float], dx_m: float, dy_m: float, yaw_error_rad: float) -> None:
         found = nees(covariance, dx_m, dy_m, yaw_error_rad)
         if found is None:
             return

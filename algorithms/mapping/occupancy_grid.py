@@ -66,7 +66,7 @@ class OccupancyGrid:
         # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self._scans = 0
-        self._first_scan = self._told_scan = 0
+        self._first_scan = self._published_scan = 0
         """Numbers of the first scan since `begin_stretch` and since `contradict`."""
 
     def classes(self) -> NDArray[np.int8]:
@@ -140,7 +140,7 @@ class OccupancyGrid:
         self._count(changed, discovered)
         return changed
 
-    def take_patch(self) -> PatchCells | None:
+    def pop_patch(self) -> PatchCells | None:
         """The classes that own sensing changed since the last call, or None; they count as told from now on.
 
         The patch is stamped with the latest observation of its cells.
@@ -196,9 +196,9 @@ class OccupancyGrid:
         Only floor with no wall in the neighbouring cells counts, because two maps of a wall may differ by a cell.
         """
         kernels.contradict(
-            self.log_odds, self.dirty, self._seen_by, 2 * self._told_scan, others, first_row, first_column
+            self.log_odds, self.dirty, self._seen_by, 2 * self._published_scan, others, first_row, first_column
         )
-        self._told_scan = self._scans + 1
+        self._published_scan = self._scans + 1
 
     def recent_surfaces(self) -> NDArray[np.int64]:
         """Rows and columns (n, 2) of the walls seen since `begin_stretch`; needs `surfaces`."""

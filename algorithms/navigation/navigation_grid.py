@@ -231,10 +231,10 @@ class NavigationGrid:
         grid with narrow places is used at its full resolution, because the coarse one would connect across walls.
         Narrow cells within the circles `shut` (x, y, radius in metres) count as blocked.
         """
-        field = self.way_field(place, snap_m=snap_m, shut=shut)
+        field = self.cost_field(place, snap_m=snap_m, shut=shut)
         return [math.inf] * len(cells) if field is None else field.to(cells)
 
-    def way_field(
+    def cost_field(
         self, place: Point2D, *, snap_m: float, shut: Sequence[tuple[float, float, float]] = ()
     ) -> WayField | None:
         """Costs of the paths from a place to everywhere, as of `ways_m`; None if the robot cannot stand near there."""

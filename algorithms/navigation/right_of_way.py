@@ -75,7 +75,7 @@ class Margins(msgspec.Struct, frozen=True, kw_only=True):
     """How far ahead in time the guard looks; beyond that, what is foreseen of a mate is not to be relied on."""
 
 
-def sample_way(points: Floats, limit_m: float) -> Floats:
+def sample_path(points: Floats, limit_m: float) -> Floats:
     """Positions `STEP_M` apart along a polyline (N, 2), for `limit_m` or to its end; both its ends are among them."""
     return _sample(kernel_array(points, FLOAT64), STEP_M, float(limit_m))
 
@@ -157,7 +157,7 @@ class DrivenPath:
 
     def __init__(self, points: Floats) -> None:
         self._points = points
-        self._positions = sample_way(points, LONGEST_M)
+        self._positions = sample_path(points, LONGEST_M)
         self._passed = 0
 
     @cached_property

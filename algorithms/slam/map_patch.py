@@ -143,7 +143,7 @@ def _moved_in_time(patch: MapPatch, by_ms: int) -> MapPatch:
     return msgspec.structs.replace(patch, observed_ms=observed_ms, tiles_ms=tiles_ms, parts=parts)
 
 
-def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
+def merge_message(atlas: SubmapAtlas, message: MapPatch) -> int:
     """Merge a patch and its parts into an atlas of the same geometry.
 
     Parts of other robots' submaps are merged only if the atlas did not know these submaps before.
@@ -162,11 +162,11 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
     if not (is_same_place and is_same_size and message.resolution_m == geometry.resolution_m):
         raise ValueError(f"{message.robot} maps {geometry_of(message)}, expected {geometry}")
     if not message.parts:
-        return _take_one(atlas, message)
+        return _merge_one(atlas, message)
     cells = sum(part.rows * part.columns for part in message.parts)
     if cells > MESSAGE_CELLS_MAX:
         raise ValueError(f"{message.robot}: expected at most {MESSAGE_CELLS_MAX} cells in a message, got {cells}")
-    changed = _take_one(atlas, message) if message.withdrawn or message.cells else 0
+    changed = _merge_one(atlas, message) if message.withdrawn or message.cells else 0
     known = {key for part in message.parts if (key := (part.robot, part.submap)) in atlas.submaps}
     moves: dict[SubmapKey, tuple[Pose2D, MapFrame]] = {}
     atlas.hold()
@@ -179,7 +179,7 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
                 continue
             if part.withdrawn or part.surfaces or part.rows or part.columns or part.cells:
                 moves.pop(key, None)
-                changed += _take_one(atlas, part)
+                changed += _merge_one(atlas, part)
             else:
                 moves[key] = part.T_arena_local, part.frame
     finally:
@@ -189,7 +189,7 @@ def take_message(atlas: SubmapAtlas, message: MapPatch) -> int:
     return changed
 
 
-def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
+def _merge_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     key = (patch.robot, patch.submap)
     if patch.withdrawn:
         atlas.withdraw(key)
@@ -200,9 +200,9 @@ def _take_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
     atlas.check(key, box, surfaces, TOLD_SHARE)
     atlas.move(key, patch.T_arena_local, patch.frame)
-    changed = 0 if statements is None else atlas.take_step(key, step_of(patch, atlas, key, *statements))
+    changed = 0 if statements is None else atlas.apply_step(key, step_of(patch, atlas, key, *statements))
     if surfaces is not None:
-        atlas.take_surfaces(key, surfaces)
+        atlas.set_surfaces(key, surfaces)
     return changed
 
 

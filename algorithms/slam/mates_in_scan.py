@@ -26,7 +26,7 @@ ROUND_M = 0.06
 """Largest distance, metres, of the beams' ends from a circle of the mate's radius."""
 
 
-def mate_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, told: Floats) -> Floats:
+def robot_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, told: Floats) -> Floats:
     """Circles (at most 2 K, 3) x, y, radius in metres, arena frame; a beam that ends in one did not end at a wall.
 
     Args:
@@ -39,7 +39,7 @@ def mate_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, senso
     """
     if not len(told):
         return np.empty((0, 3))
-    return _mate_circles(
+    return _robot_circles(
         kernel_array(angles_rad, FLOAT64),
         kernel_array(ranges_m, FLOAT64),
         float(range_max_m),
@@ -72,7 +72,7 @@ def wall_ends(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: 
 def sees_through(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, told: Floats) -> bool:
     """Whether a mate is not where it says that it is: beams go clear through the middle of the place.
 
-    Arguments are those of `mate_circles`. Where walls or others hide the place nothing is said.
+    Arguments are those of `robot_circles`. Where walls or others hide the place nothing is said.
     """
     for x_m, y_m, radius_m in told.tolist():
         away_m = math.hypot(x_m - sensor.x_m, y_m - sensor.y_m)
@@ -110,7 +110,7 @@ def _wall_ends(
 
 
 @njit(cache=True, nogil=True)
-def _mate_circles(
+def _robot_circles(
     angles_rad: Floats, ranges_m: Floats, range_max_m: float, x_m: float, y_m: float, yaw_rad: float, told: Floats
 ) -> Floats:
     beams = angles_rad.shape[0]

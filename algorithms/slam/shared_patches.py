@@ -72,10 +72,10 @@ class SharedSteps:
         """Bytes by which they grow."""
 
     def take(self, patch: MapPatch) -> bool:
-        """Take a patch without parts as `take_message` would, if what it does to its submap has been computed already.
+        """Take a patch without parts as `merge_message` would, if what it does to its submap has been computed already.
 
         That is so for cells of a known submap that has not moved, newer than what was known there.
-        Others are left alone: `flush`, then `take_message`.
+        Others are left alone: `flush`, then `merge_message`.
         """
         key, kept = (patch.robot, patch.submap), patch.derived(_Kept)
         submap, geometry = self._atlas.submaps.get(key), self._atlas.grid.geometry
@@ -102,7 +102,7 @@ class SharedSteps:
     def flush(self) -> None:
         """Have the atlas draw what was taken."""
         if self._steps:
-            self._atlas.take_steps(self._steps)
+            self._atlas.apply_steps(self._steps)
             self._steps = []
             self._evidence.clear()
             self._more = 0

@@ -119,7 +119,7 @@ class Submap:
         latest_ms = latest(self.stamp_ms, row - self.row, column - self.column, height, width)
         stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)
         first_row, first_column, evidence, tiles_ms = self._covering(row, column, height, width)
-        more, at, told_ms, told = take_cells(
+        more, at, told_ms, told = add_cells(
             evidence, tiles_ms, row - first_row, column - first_column, kernel_array(cells, INT8), stamps_ms
         )
         return SubmapStep(
@@ -283,7 +283,7 @@ def latest(stamps_ms: NDArray[np.int32], row: int, column: int, height: int, wid
 
 
 @njit(cache=True, nogil=True)
-def take_cells(
+def add_cells(
     evidence: NDArray[np.int8],
     stamps_ms: NDArray[np.int32],
     first_row: int,

@@ -240,24 +240,24 @@ class SubmapAtlas:
 
         """
         self.check(key, (row, column, cells.shape, stamp_ms), None, share)
-        return self.take_step(key, self.shaped(key).after(row, column, cells, stamp_ms))
+        return self.apply_step(key, self.shaped(key).after(row, column, cells, stamp_ms))
 
     def shaped(self, key: SubmapKey) -> Submap:
         """The submap as it is; where there is none yet, an empty one at the pose that was told of it."""
         submap = self.submaps.get(key)
         return Submap(*self._poses.get(key, (IDENTITY, ARENA))) if submap is None else submap
 
-    def take_step(self, key: SubmapKey, step: SubmapStep) -> int:
+    def apply_step(self, key: SubmapKey, step: SubmapStep) -> int:
         """Take what a patch, which `check` has checked, makes of `shaped(key)`; returns as `take`."""
         if step.is_newest:
-            return self.take_steps([(key, step)])
+            return self.apply_steps([(key, step)])
         submap = self._begun(key)
         self._size += step.evidence.nbytes - submap.evidence.nbytes
         submap.become(step)
         return self._redraw_counted(self._moved(submap.T_arena_local, step.box)) if submap.frame == self.frame else 0
 
-    def take_steps(self, steps: Sequence[tuple[SubmapKey, SubmapStep]]) -> int:
-        """As `take_step` for one after the other, all of them newest: drawn by one kernel."""
+    def apply_steps(self, steps: Sequence[tuple[SubmapKey, SubmapStep]]) -> int:
+        """As `apply_step` for one after the other, all of them newest: drawn by one kernel."""
         begins, firsts, places, at, stamps_ms, cells = [0], [], [], [], [], []
         submaps = self.submaps
         for key, step in steps:
@@ -335,7 +335,7 @@ class SubmapAtlas:
         Args:
             key: the submap.
             box: row, column, shape and stamp of the cells, as for `take`; None for no cells.
-            surfaces: as for `take_surfaces`; None for none.
+            surfaces: as for `set_surfaces`; None for none.
             share: share of the limits that may be used, 0 to 1.
 
         Raises:
@@ -361,7 +361,7 @@ class SubmapAtlas:
         """Whether submaps may become so many bytes larger, if they may fill that share of the limit, 0 to 1."""
         return self._size + more <= share * CELLS_MAX
 
-    def take_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
+    def set_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:
         """Set the surfaces (n,) of `SURFACE` of a finished submap. Raises ValueError if there is no room for them."""
         self.check(key, None, surfaces)
         submap = self.submaps.get(key)

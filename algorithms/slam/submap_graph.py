@@ -177,7 +177,7 @@ class SubmapGraph:
         link = _Link(number, self.own[number].at(at_own), other, at_other, information, may_be_false=True)
         self._keep(link, lambda each: each.at_other.distance_m(at_other))
 
-    def close_with_mate(
+    def add_robot_closure(
         self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats
     ) -> None:
         """Add a loop closure that a mate found by matching its scan to an own submap.

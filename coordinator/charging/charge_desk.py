@@ -150,7 +150,7 @@ class ChargeWatch:
         bound_for = _bound_for(robot, at, here, chargers)
         if bound_for is None and (battery.soc >= below or not chargers or is_paused):
             return None
-        if bound_for is None and (planning.why_out(robot, now_ns) or planning.has_route(name)):
+        if bound_for is None and (planning.exclusion(robot, now_ns) or planning.has_route(name)):
             return None
         is_there = bound_for is not None and (battery.charging or is_same_charger(here, bound_for))
         if battery.charging and bound_for is not None:
@@ -194,7 +194,7 @@ class ChargeWatch:
         assert robot.state is not None
         model, battery, policy = robot.state.energy, robot.state.battery, self._planning.policy
         profile = profile_of(model, policy.time_margin)
-        known = self._planning.ways_to_chargers(robot.name)
+        known = self._planning.charger_distances_m(robot.name)
         is_still = known is not None and _away_m(known.start, here) < STILL_M
         known_m = dict(known.ways_m) if known is not None and is_still else {}
         ways_m = [(known_m.get(one.place, DETOUR * _away_m(here, one.place)), one.place) for one in chargers]

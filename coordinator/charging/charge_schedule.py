@@ -119,7 +119,7 @@ def _order(one: ChargeSeeker) -> tuple[int, float, float, str]:
     if one.is_there:
         return 0, 0.0, one.soc, one.name
     if one.bound_for is not None:
-        return 1, _way_to(one, one.bound_for), one.soc, one.name
+        return 1, _path_to(one, one.bound_for), one.soc, one.name
     return 2, one.soc, 0.0, one.name
 
 
@@ -131,7 +131,7 @@ def _distinct(found: list[Point2D]) -> list[Point2D]:
     return places
 
 
-def _way_to(one: ChargeSeeker, place: Point2D) -> float:
+def _path_to(one: ChargeSeeker, place: Point2D) -> float:
     ways_s = [way.way_s for way in one.ways if is_same_charger(way.charger, place)]
     return 0.0 if one.is_there else min(ways_s, default=0.0)
 
@@ -140,7 +140,7 @@ def _earliest(one: ChargeSeeker, places: Sequence[Point2D], free_s: dict[Point2D
     """The charger at which the robot can begin first, and its path length; of two equal ones the nearer."""
     wanted = [one.bound_for] if one.bound_for is not None else [way.charger for way in one.ways]
     known = [place for place in places if any(is_same_charger(place, other) for other in wanted)]
-    ways_s = {place: _way_to(one, place) for place in known}
+    ways_s = {place: _path_to(one, place) for place in known}
     place = min(known, key=lambda at: (max(free_s[at], ways_s[at]), ways_s[at], at.x_m, at.y_m))
     return place, ways_s[place]
 

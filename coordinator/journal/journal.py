@@ -38,12 +38,12 @@ from robrain.coordinator.journal.replica import (
 )
 from robrain.coordinator.journal.salvage import (
     Malformed,
-    anew_path,
     is_damage,
     move_aside,
-    read_what_can_be_read,
-    take_its_place,
-    write_anew,
+    new_path,
+    read_readable_rows,
+    replace_journal,
+    write_new_journal,
 )
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
@@ -225,7 +225,7 @@ class Journal(JournalReading):
                 logger.warning("%s", error)
         return written
 
-    def note_alarm(self, alarm: Alarm) -> None:
+    def record_alarm(self, alarm: Alarm) -> None:
         """A rule's source is from now on as `alarm` says.
 
         Raises:
@@ -283,7 +283,7 @@ class Journal(JournalReading):
         """The process that had a whole copy of this journal last; empty if none had."""
         return str(self._db.execute("SELECT copied_by FROM standing").fetchone()[0])
 
-    def note_copied_by(self, process: str) -> None:
+    def record_copied_by(self, process: str) -> None:
         """A process has a whole copy (JournalUnwritable)."""
         with self._transaction(durable=True):
             self._db.execute("UPDATE standing SET copied_by = ?", (process,))
@@ -315,7 +315,7 @@ class Journal(JournalReading):
             logger.warning("%s: the robots of the team cannot be read: %s", self.path, error)
             return {}
 
-    def note_robots(self, robots: Mapping[str, KnownRobot]) -> None:
+    def record_robots(self, robots: Mapping[str, KnownRobot]) -> None:
         """Store the robots of the team; all others are forgotten (JournalUnwritable)."""
         with self._transaction():
             put_robots(self._db, robots)
@@ -494,10 +494,10 @@ class Journal(JournalReading):
             if self.path is None or not is_damage(error):
                 raise JournalError(self.path, f"cannot be opened: {error}") from error
             why = str(error)
-        salvaged = read_what_can_be_read(self.path)
-        write_anew(salvaged, anew_path(self.path))
+        salvaged = read_readable_rows(self.path)
+        write_new_journal(salvaged, new_path(self.path))
         aside = move_aside(self.path)
-        take_its_place(self.path)
+        replace_journal(self.path)
         self.told.append(f"{self.path} was damaged ({why}) and is now {aside}; {salvaged.told()}")
         return self._open()
 
@@ -507,7 +507,7 @@ class Journal(JournalReading):
             if self.path is not None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 if not self.path.exists():
-                    take_its_place(self.path)
+                    replace_journal(self.path)
             connection = sqlite3.connect(
                 where,
                 timeout=self._lock_timeout_s,

@@ -65,7 +65,7 @@ def is_damage(error: sqlite3.DatabaseError) -> bool:
     return code is not None and code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
 
-def anew_path(path: Path) -> Path:
+def new_path(path: Path) -> Path:
     """Where the journal that is to take a damaged one's place is written first."""
     return path.with_name(f"{path.name}.salvaged")
 
@@ -78,7 +78,7 @@ def move_aside(path: Path) -> Path:
     return aside
 
 
-def take_its_place(path: Path) -> None:
+def replace_journal(path: Path) -> None:
     """There is no journal at `path`: put there what was salvaged of it, if anything was.
 
     Comes after `move_aside`, and after an end of the process at whatever instant between the two.
@@ -86,7 +86,7 @@ def take_its_place(path: Path) -> None:
     last = _last_aside(path)
     # A write-ahead log that was left behind would be played into whatever file stands beside it.
     _move_companions(path, path.with_name(f"{path.name}.damaged-{max(last, 1)}"))
-    anew = anew_path(path)
+    anew = new_path(path)
     if last and anew.exists():
         anew.rename(path)
 
@@ -105,7 +105,7 @@ def _move_companions(path: Path, aside: Path) -> None:
             companion.rename(aside.with_name(aside.name + ending))
 
 
-def read_what_can_be_read(path: Path) -> Salvaged:
+def read_readable_rows(path: Path) -> Salvaged:
     """Rows of a damaged journal. It is not written to: a copy is read (JournalError if there is no room for one)."""
     with journal_copy(path) as copy:
         connection = sqlite3.connect(copy, isolation_level=None)
@@ -200,7 +200,7 @@ def _rows(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[
             yield number, row
 
 
-def write_anew(salvaged: Salvaged, path: Path) -> None:
+def write_new_journal(salvaged: Salvaged, path: Path) -> None:
     """A new journal with what was salvaged, whole and closed, so that it may take the place of the old one."""
     path.unlink(missing_ok=True)
     connection = sqlite3.connect(path, isolation_level=None)

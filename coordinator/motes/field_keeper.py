@@ -167,7 +167,7 @@ class MoteLife:
         """Whether it has been silent for longer than a mote that is heard."""
         return self.silent_s(now_ns) > max(SILENT_S, PERIODS * self.period_s)
 
-    def is_told_of(self, now_ns: int) -> bool:
+    def is_reported(self, now_ns: int) -> bool:
         """Whether it, or a robot in its place, tells of the floor around it as often as is expected."""
         return self.age_s(now_ns) <= max(SILENT_S, PERIODS * self.period_s)
 
@@ -236,7 +236,7 @@ class FieldLedger:
         dead = sorted(mote.spoke_ns for mote in lives if mote.is_dead(now_ns))
         living = [mote for mote in lives if not mote.is_dead(now_ns)]
         ages_s = [mote.age_s(now_ns) for mote in living]
-        told = [index for index, mote in enumerate(self.placed()) if mote.is_told_of(now_ns)]
+        told = [index for index, mote in enumerate(self.placed()) if mote.is_reported(now_ns)]
         due = sum(mote.due(now_ns) for mote in lives)
         half = (len(lives) + 1) // 2
         return MoteFieldState(
@@ -359,7 +359,7 @@ class FieldKeeper:
         self._listens = False
         self._policy = MoteFieldPolicy()
         self._duties = FieldDuties(wire, self.ledger)
-        self._look_ns = 0
+        self._check_ns = 0
         self._made: dict[str, tuple[str, str]] = {}
         """Kind and mote of each own task that has not ended."""
         self._ended_ns: dict[tuple[str, str], int] = {}
@@ -394,9 +394,9 @@ class FieldKeeper:
         """
         if self._inbox.has_some:
             self._guard.messages(self._inbox.drain(), self._take)
-        if now_ns < self._look_ns:
+        if now_ns < self._check_ns:
             return False
-        self._look_ns = now_ns + LOOK_NS
+        self._check_ns = now_ns + LOOK_NS
         has_made = False
         with writing(now_ns):
             self._follow(now_ns)

@@ -76,7 +76,7 @@ def reading_j(hops: int = 1) -> float:
     return own_j + hops * send_j + (hops - 1) * HOP_RECEIVE_J
 
 
-def mote_left_j(voltage_v: float) -> float:
+def mote_remaining_j(voltage_v: float) -> float:
     """What a mote's cells still hold, as far as their voltage tells."""
     share = (voltage_v - FLAT_V) / (FRESH_V - FLAT_V)
     return max(LEAST_LEFT_J, min(1.0, share) * CAPACITY_J)
@@ -84,7 +84,7 @@ def mote_left_j(voltage_v: float) -> float:
 
 def mote_share(readings: int, voltage_v: float) -> float:
     """Share of a mote's energy that so many readings take; above 1 if it does not hold as much."""
-    return readings * reading_j() / mote_left_j(voltage_v)
+    return readings * reading_j() / mote_remaining_j(voltage_v)
 
 
 def robot_share(state: RobotState, place: Point2D, stay_s: float) -> float:
@@ -173,7 +173,7 @@ class MoteDesk:
         self._reasons = reasons
         self._inbox = Inbox(capacity=8192)
         self._guard = RecordGuard(wire.refusals)
-        self._look_ns = 0
+        self._check_ns = 0
         self._seen_version = -1
         self._errands: dict[str, MoteTask] = {}
         self._duties: dict[str, Publisher] = {}
@@ -193,10 +193,10 @@ class MoteDesk:
             Whether a task has come free that somebody else might do.
 
         """
-        if not self._inbox.has_some and now_ns < self._look_ns and self._seen_version == self._book.version:
+        if not self._inbox.has_some and now_ns < self._check_ns and self._seen_version == self._book.version:
             return False
-        self._look_ns = now_ns + LOOK_NS
-        self._hear(now_ns)
+        self._check_ns = now_ns + LOOK_NS
+        self._receive(now_ns)
         freed = False
         with writing(now_ns):
             for record in self._book.open:
@@ -210,7 +210,7 @@ class MoteDesk:
         self._seen_version = self._book.version
         return freed
 
-    def _hear(self, now_ns: int) -> None:
+    def _receive(self, now_ns: int) -> None:
         def take(received: Received) -> None:
             reading: MoteReading = received.message
             self.table.note(reading, now_ns)
@@ -314,7 +314,7 @@ class MoteDesk:
             return SensesOther(mote.latest.quantity, wanted.quantity)
         if isinstance(wanted, Sense) and mote.period_s > wanted.timeout_s:
             return SpeaksSeldom(mote.period_s, wanted.timeout_s)
-        if (out := mote.why_out_of_reach(self._roster, now_ns)) is not None:
+        if (out := mote.out_of_reach_reason(self._roster, now_ns)) is not None:
             return out
         if mote_share(_readings(wanted, mote), mote.latest.voltage_v) >= 1.0:
             return BatteryTooSmall()

@@ -47,14 +47,14 @@ class KnownMote:
         """Since when nothing new of it has come."""
         return to_seconds(now_ns - self.heard_ns)
 
-    def why_out_of_reach(self, roster: Roster, now_ns: int) -> RobotReason | None:
+    def out_of_reach_reason(self, roster: Roster, now_ns: int) -> RobotReason | None:
         """Why it cannot be counted on to be heard; None if it can."""
         silent_s = self.silent_s(now_ns)
         if silent_s > max(SILENT_S, PERIODS * self.period_s):
             return MoteSilent(round(silent_s, 3))
         via = roster.robots.get(self.latest.via)
         # Who is no robot is a gateway: its readings are its sign of life.
-        out = via.why_not_up(now_ns) if via is not None else None
+        out = via.down_reason(now_ns) if via is not None else None
         return None if via is None or out is None else CarrierOut(via.name, out)
 
 

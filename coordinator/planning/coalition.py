@@ -104,7 +104,7 @@ class Coalitions:
             at = self._book.of_robot(robot)
             if at is not None and at.task.kind == EXPLORE:
                 self._book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
-        self._lifecycle.note_decision(task_id, robots, now_ns)
+        self._lifecycle.record_decision(task_id, robots, now_ns)
         spots = self._spots(record.task, robots)
         self._book.begin_together(task_id, Gather(tuple(robots)))
         gathering = tuple(

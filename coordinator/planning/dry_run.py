@@ -39,7 +39,7 @@ class DryRuns:
 
         """
         record = TaskRecord(task=task, state=TaskState.QUEUED, by=by, submitted_ns=now_ns)
-        reason = self._reasons.standing_of_new(record, now_ns)
+        reason = self._reasons.new_task_state(record, now_ns)
         robots = [self._with_costs(one, task) for one in self._reasons.judge(record, now_ns)]
         waiting = [one for one in self._book.open if not one.own and one.state is TaskState.QUEUED]
         return TaskDryRun(

@@ -28,7 +28,7 @@ from robrain.coordinator.planning.worker_link import (
     Ready,
     RequestWriter,
     Said,
-    decode_said,
+    decode_reply,
     receive,
     send,
 )
@@ -53,10 +53,10 @@ class PlannerProcess:
 
     """
 
-    def __init__(self, on_said: Callable[[Said], None], on_lost: Callable[[], None]) -> None:
+    def __init__(self, on_line: Callable[[Said], None], on_lost: Callable[[], None]) -> None:
         self.is_lost = False
         """Whether the process has ended or sent an invalid message."""
-        self._on_said = on_said
+        self._on_line = on_line
         self._on_lost = on_lost
         self._writer = RequestWriter()
         self._questions, their_questions = socket.socketpair()
@@ -122,7 +122,7 @@ class PlannerProcess:
     def _read(self) -> None:
         try:
             while True:
-                self._on_said(decode_said(receive(self._said)))
+                self._on_line(decode_reply(receive(self._said)))
         except (EOFError, OSError):
             pass
         except msgspec.ValidationError:
@@ -170,7 +170,7 @@ class LivePlanner:
         self._on_made = on_made
         self._latest: PlanRequest | None = None
         self._made: deque[PlanInForce] = deque(maxlen=KEPT_PLANS)
-        self.why_failed = ""
+        self.failure_reason = ""
         """See `Planner`."""
         self._asked = 0
         self._answered = 0
@@ -178,7 +178,7 @@ class LivePlanner:
         self._lost = (0, 0)
         """The request that was running when a process was lost, and how many processes it has lost."""
         self._pause_s = FIRST_PAUSE_S
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._is_ready = False
         self._wake = threading.Event()
         self._has_ended = threading.Event()
@@ -233,15 +233,15 @@ class LivePlanner:
             pause_s = self._pause_s
             self._pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
             logger.warning("the planner's process %s; there is another in %g s", why, pause_s)
-            self._note_lost()
+            self._record_lost()
             self._has_ended.wait(pause_s)
 
     def _run_one(self) -> str:
         """Start a process and send it requests until it is lost; returns why it was lost."""
         self._is_ready = False
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         try:
-            process = self._process = PlannerProcess(self._hear, self._wake.set)
+            process = self._process = PlannerProcess(self._receive, self._wake.set)
         except OSError as error:
             return f"cannot be started: {error}"
         try:
@@ -264,7 +264,7 @@ class LivePlanner:
             question = self._latest
             if self._is_ready and question is not None and question.number > max(sent, self._answered):
                 if sent <= self._answered:  # it was idle
-                    self._heard_s = time.monotonic()
+                    self._received_s = time.monotonic()
                 sent = question.number
                 process.ask(question, GRACE_S)
             limit_s: float | None = None
@@ -272,13 +272,13 @@ class LivePlanner:
                 limit_s = START_S
             elif question is not None and sent > self._answered:
                 limit_s = question.policy.deadline_s + GRACE_S
-            left_s = None if limit_s is None else self._heard_s + limit_s - time.monotonic()
+            left_s = None if limit_s is None else self._received_s + limit_s - time.monotonic()
             if left_s is not None and left_s <= 0:
                 return f"has said nothing for {limit_s:g} s"
             self._wake.wait(left_s)
         return ""
 
-    def _note_lost(self) -> None:
+    def _record_lost(self) -> None:
         question = self._latest
         if question is None or question.number <= self._answered:
             return
@@ -291,17 +291,17 @@ class LivePlanner:
 
     # -- on the process' thread -----------------------------------------------------------------------------
 
-    def _hear(self, said: Said) -> None:
-        self._heard_s = time.monotonic()
+    def _receive(self, said: Said) -> None:
+        self._received_s = time.monotonic()
         match said:
             case Ready():
                 self._is_ready = True
             case Made(planned):
-                self.why_failed = ""
+                self.failure_reason = ""
                 self._made.append(planned)
                 self._on_made()
             case PlanFailed(why):
-                self.why_failed = why.rstrip().rpartition("\n")[2]
+                self.failure_reason = why.rstrip().rpartition("\n")[2]
                 logger.error("no plan could be made: %s", why)
             case Done(number):
                 self._answered = number

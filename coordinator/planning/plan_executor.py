@@ -32,8 +32,8 @@ class PlanExecutor:
         self._planning = planning
         self._lifecycle = lifecycle
         self._book = book
-        self._told_number = 0
-        self._tell_ns = 0
+        self._published_number = 0
+        self._publish_ns = 0
 
     def step(self, now_ns: int) -> bool:
         """Offer due tasks to robots that can take them now; a robot that explores gives that up.
@@ -44,7 +44,7 @@ class PlanExecutor:
         """
         book, lifecycle, planning = self._book, self._lifecycle, self._planning
         with lifecycle.as_far_as_written(now_ns):
-            self._tell_left_out(now_ns)
+            self._publish_left_out(now_ns)
             for count, (task_id, robot, after) in enumerate(planning.due(now_ns)):
                 if count == OFFERS_MAX:
                     return True
@@ -53,18 +53,18 @@ class PlanExecutor:
                 at = book.of_robot(robot)
                 if at is not None and not after:
                     book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
-                lifecycle.note_decision(task_id, [robot], now_ns)
+                lifecycle.record_decision(task_id, [robot], now_ns)
                 lifecycle.offer(task_id, robot, now_ns, after=after)
                 record = book.find(task_id)
                 if record is not None and record.state in (TaskState.OFFERED, TaskState.RUNNING):
                     planning.begun(task_id, robot)
         return False
 
-    def _tell_left_out(self, now_ns: int) -> None:
+    def _publish_left_out(self, now_ns: int) -> None:
         """Publish why a task is left out, once, and again when the reason's code changes."""
-        if self._planning.number == self._told_number and now_ns < self._tell_ns:
+        if self._planning.number == self._published_number and now_ns < self._publish_ns:
             return
-        self._told_number, self._tell_ns = self._planning.number, now_ns + TELL_NS
+        self._published_number, self._publish_ns = self._planning.number, now_ns + TELL_NS
         reasons = self._lifecycle.reasons
         is_anybody_out = self._planning.anybody_out(now_ns)
         paused = {task for task, _ in self._lifecycle.backoff.pauses(now_ns)}

@@ -161,7 +161,7 @@ class PlanMaker(Protocol):
         ...
 
     @property
-    def why_failed(self) -> str:
+    def failure_reason(self) -> str:
         """Why planning failed for the last request; empty if it has not failed."""
         ...
 

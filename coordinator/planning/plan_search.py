@@ -366,7 +366,7 @@ class LockstepPlanner:
     def __init__(self) -> None:
         self._search = PlanSearch()
         self._made: list[PlanInForce] = []
-        self.why_failed = ""
+        self.failure_reason = ""
         """See `Planner`."""
 
     def prepare(self) -> None:
@@ -381,10 +381,10 @@ class LockstepPlanner:
                 if draft.solver.rounds >= policy.rounds:
                     break
             self._made.append(draft.planned())
-            self.why_failed = ""
+            self.failure_reason = ""
         except Exception as error:  # as in live: a planning error must not end the coordinator
             logger.exception("no plan %d could be made", snapshot.number)
-            self.why_failed = f"{type(error).__name__}: {error}"
+            self.failure_reason = f"{type(error).__name__}: {error}"
 
     def take(self) -> list[PlanInForce]:
         """See `Planner`."""

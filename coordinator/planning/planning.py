@@ -21,9 +21,9 @@ from robrain.coordinator.planning.snapshot_builder import (
     HOMEWARD,
     LATEST_S,
     SnapshotBuilder,
+    exclusion,
     free_in_s,
     is_ending,
-    why_out,
 )
 from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -219,20 +219,20 @@ class Planning:
         self._roster = roster
         self._backoff = backoff
         self._watch = SnapshotBuilder(
-            book, roster, capabilities, team_map, self.chargers, self.why_out, self.after_charge
+            book, roster, capabilities, team_map, self.chargers, self.exclusion, self.after_charge
         )
         self._waits = waits
         self._costs = TaskCosts(wire, capabilities)
         self._trigger = ReplanTrigger()
         self._planner = _planner_of(wire)
-        self._why_failed = ""
+        self._failure_reason = ""
         self._plan: PlanInForce | None = None
         self._number = 0
         self._told: dict[str, tuple[str, ...]] = {}
         self._decisions: dict[str, tuple[int, TaskDecision]] = {}
         self._ending_ns: dict[str, int] = {}
         """Since when each robot is about to end its task."""
-        self._look_ns = 0
+        self._check_ns = 0
         self._not_before_ns = 0
         self._seen_version = -1
         self._asked_ns: int | None = None
@@ -262,7 +262,7 @@ class Planning:
         """Detect changes, request a plan if one is needed, and take finished plans; True if there is a new plan."""
         if not self.is_on:
             return False
-        if now_ns >= self._look_ns or self._seen_version != self._book.version or self._costs.is_waiting:
+        if now_ns >= self._check_ns or self._seen_version != self._book.version or self._costs.is_waiting:
             self._look(now_ns)
         if self._cause and now_ns >= self._not_before_ns:
             self._ask(now_ns)
@@ -271,7 +271,7 @@ class Planning:
     def hear(self, before: RobotState | None, state: RobotState) -> None:
         """Compare a robot's new state with its last, and plan without delay if a plan depends on the change."""
         if before is None or _standing(before) != _standing(state):
-            self._look_ns = 0
+            self._check_ns = 0
 
     def blocked(self) -> None:
         """A robot's path was blocked: read the map again."""
@@ -279,8 +279,8 @@ class Planning:
 
     def _look(self, now_ns: int) -> None:
         self._seen_version = self._book.version
-        if now_ns >= self._look_ns:
-            self._look_ns = now_ns + LOOK_NS
+        if now_ns >= self._check_ns:
+            self._check_ns = now_ns + LOOK_NS
             self.chargers.follow(self._watch.places(now_ns), now_ns)
         records = self._plannable(now_ns)
         if not records and not self._trigger.has_tasks:
@@ -332,14 +332,14 @@ class Planning:
 
     def _take(self, now_ns: int) -> bool:
         made = self._planner.take()
-        if self._planner.why_failed not in ("", self._why_failed):
-            self._wire.refusals.note_failure("planner", self.policy.method, self._planner.why_failed)
-        self._why_failed = self._planner.why_failed
+        if self._planner.failure_reason not in ("", self._failure_reason):
+            self._wire.refusals.record_failure("planner", self.policy.method, self._planner.failure_reason)
+        self._failure_reason = self._planner.failure_reason
         for plan in made:
             self._plan = plan
             self._say_problem.put(plan.problem)
             for failure in plan.failures:
-                self._wire.refusals.note_failure(failure.what, failure.name, failure.why)
+                self._wire.refusals.record_failure(failure.what, failure.name, failure.why)
             for decision in plan.decisions:
                 self._told.pop(decision.task, None)
                 self._told[decision.task] = decision.robots
@@ -366,7 +366,7 @@ class Planning:
             robot, bound = self._roster.robots.get(name), self._book.bound_to(name)
             left_s = math.inf if robot is None else free_in_s(robot, bound)
             step = self._next(name) if left_s < math.inf else None
-            if step is None or robot is None or self.why_out(robot, now_ns) is not None:
+            if step is None or robot is None or self.exclusion(robot, now_ns) is not None:
                 continue
             record = self._book.find(step.task)
             if record is None or record.task.robots > 1:
@@ -396,7 +396,7 @@ class Planning:
         for name in sorted(self._plan.steps) if self._plan is not None else ():
             step, robot, at = self._next(name), self._roster.robots.get(name), self._book.of_robot(name)
             is_free = at is None or (at.own and at.task.kind == EXPLORE)
-            if step is not None and robot is not None and is_free and self.why_out(robot, now_ns) is None:
+            if step is not None and robot is not None and is_free and self.exclusion(robot, now_ns) is None:
                 robots.setdefault(step.task, []).append(name)
         for task_id, names in robots.items():
             record = self._book.find(task_id)
@@ -440,7 +440,7 @@ class Planning:
                 return robot
         return ""
 
-    def ways_to_chargers(self, robot: str) -> ChargerWays | None:
+    def charger_distances_m(self, robot: str) -> ChargerWays | None:
         """Path lengths from a robot to its chargers, when it was last planned for."""
         return None if self._plan is None else self._plan.charger_ways.get(robot)
 
@@ -454,7 +454,7 @@ class Planning:
 
     # -- telling --------------------------------------------------------------------------------------------
 
-    def tell_own(self, decision: TaskDecision) -> None:
+    def publish_own(self, decision: TaskDecision) -> None:
         """Publish the predicted cost of a task of the coordinator's own that is about to be offered."""
         self._say_decision.put(decision)
 
@@ -462,9 +462,9 @@ class Planning:
         """Time and content of the last decision about a task."""
         return self._decisions.get(task_id)
 
-    def why_out(self, robot: Robot, now_ns: int) -> RobotReason | None:
+    def exclusion(self, robot: Robot, now_ns: int) -> RobotReason | None:
         """Why plans exclude a robot now; None if they do not."""
-        return why_out(robot, self._book.of_robot(robot.name), now_ns) or self.held.get(robot.name)
+        return exclusion(robot, self._book.of_robot(robot.name), now_ns) or self.held.get(robot.name)
 
     @property
     def number(self) -> int:
@@ -483,13 +483,13 @@ class Planning:
                     after = self.after_charge.get(robot)
                     in_s = max(0.0, to_seconds(step.start_ns - now_ns))
                     return ToBegin(robot, in_s, None if after is None else after.soc)
-        why = self._planner.why_failed
+        why = self._planner.failure_reason
         return NoPlan(cut(why)) if why else None
 
     def anybody_out(self, now_ns: int) -> bool:
         """Whether plans exclude a robot of the team now."""
         return any(
-            robot.has_token and self.why_out(robot, now_ns) is not None for robot in self._roster.robots.values()
+            robot.has_token and self.exclusion(robot, now_ns) is not None for robot in self._roster.robots.values()
         )
 
     def status(self) -> PlanningStatus:
@@ -551,5 +551,5 @@ def _planner_of(wire: Endpoint) -> PlanMaker:
 
 
 def _wake(wire: Endpoint) -> None:
-    if wire.on_heard is not None:
-        wire.on_heard()
+    if wire.on_receive is not None:
+        wire.on_receive()

@@ -8,7 +8,7 @@ from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M
 from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_of, profile_of
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.problem_codec import ProblemRecord, pack_ways
+from robrain.coordinator.planning.problem_codec import ProblemRecord, encode_lengths
 from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, PlanningRobot, Snapshot, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
 from robrain.protocol.clock import to_seconds
@@ -95,7 +95,7 @@ def ask(snapshot: Snapshot, ways: PathLengths, policy: PlanningPolicy) -> BuiltP
         workers=tuple(workers),
         profiles=tuple(profiles),
         places=len(goals) + len(starts),
-        ways_cm=pack_ways(length_m),
+        ways_cm=encode_lengths(length_m),
     )
     charger_ways = {
         name: ChargerWays(

@@ -74,7 +74,7 @@ def decode(encoded: bytes) -> ProblemRecord:
     return msgspec.structs.replace(question, ways_cm=cm.astype("<u4").tobytes(), ways_deltas=b"")
 
 
-def pack_ways(length_m: NDArray[np.float64]) -> bytes:
+def encode_lengths(length_m: NDArray[np.float64]) -> bytes:
     """Encode lengths (n, n), metres, symmetric, infinite where there is no path, as `ProblemRecord.ways_cm`."""
     upper = length_m[np.triu_indices(len(length_m), 1)]
     cm = np.where(np.isfinite(upper), np.ceil(np.where(np.isfinite(upper), upper, 0.0) / M_PER_CM), NO_WAY)

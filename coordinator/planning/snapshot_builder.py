@@ -1,6 +1,6 @@
 """Builds the snapshot for planning: open tasks, available robots, the map, the progress of running tasks.
 
-`why_out` returns why plans exclude a robot, `free_in_s` when a working robot can begin something else.
+`exclusion` returns why plans exclude a robot, `free_in_s` when a working robot can begin something else.
 """
 
 import math
@@ -46,7 +46,7 @@ class SnapshotBuilder:
         capabilities: plugins and kinds of task of the robots.
         team_map: the known map.
         chargers: known to the robots.
-        why_out: why plans exclude a robot now; None if they do not.
+        exclusion_reason: why plans exclude a robot now; None if they do not.
         after_charge: predicted states of charging robots after their charge, from `Planning`.
 
     """
@@ -58,7 +58,7 @@ class SnapshotBuilder:
         capabilities: Capabilities,
         team_map: TeamMap,
         chargers: KnownChargers,
-        why_out: Callable[[Robot, int], RobotReason | None],
+        exclusion: Callable[[Robot, int], RobotReason | None],
         after_charge: Mapping[str, AfterCharge],
     ) -> None:
         self.is_blocked = False
@@ -68,9 +68,9 @@ class SnapshotBuilder:
         self._capabilities = capabilities
         self._map = team_map
         self._chargers = chargers
-        self._why_out = why_out
+        self._exclusion = exclusion
         self._after_charge = after_charge
-        self._there_ns: dict[str, int] = {}
+        self._present_ns: dict[str, int] = {}
         self._floor: Floor | None = None
         self._floor_ns = 0
 
@@ -92,7 +92,7 @@ class SnapshotBuilder:
         members = {}
         for name, state in self._up(now_ns).items():
             free_ns = 0
-            if self._why_out(self._roster.robots[name], now_ns) is not None:
+            if self._exclusion(self._roster.robots[name], now_ns) is not None:
                 after = self._after_charge.get(name)
                 if after is None or not is_charging(self._roster.robots[name], self._book.of_robot(name)):
                     continue
@@ -137,8 +137,8 @@ class SnapshotBuilder:
             if self._book.of_robot(record.robot) is not record:  # it begins that later
                 continue
             if robot.state.pose.distance_m(record.task.place) <= AT_PLACE_M:
-                there[record.task.id] = self._there_ns.get(record.task.id, now_ns)
-        self._there_ns = there
+                there[record.task.id] = self._present_ns.get(record.task.id, now_ns)
+        self._present_ns = there
         return {task: to_seconds(now_ns - since_ns) for task, since_ns in there.items()}
 
     def floor(self, now_ns: int, *, wanted: bool) -> Floor | None:
@@ -172,7 +172,7 @@ def _here(state: RobotState) -> Point2D:
     return Point2D(state.pose.x_m, state.pose.y_m)
 
 
-def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason | None:
+def exclusion(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason | None:
     """Why plans exclude a robot now; None if they do not.
 
     Args:
@@ -181,7 +181,7 @@ def why_out(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason | N
         now_ns: the time.
 
     """
-    if (unavailable := robot.why_not_up(now_ns)) is not None:
+    if (unavailable := robot.down_reason(now_ns)) is not None:
         return unavailable
     state = robot.state
     if state is None or state.pose is None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.tasks.admission import needed_plugins, why_nobody_can
+from robrain.coordinator.tasks.admission import capability_refusal, needed_plugins
 from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.offers import verdicts
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -127,7 +127,7 @@ class TaskExplanation:
         if self.planning is None:
             return False
         return any(
-            robot.has_token and not self._lacks(record, robot) and self.planning.why_out(robot, now_ns) is not None
+            robot.has_token and not self._lacks(record, robot) and self.planning.exclusion(robot, now_ns) is not None
             for robot in self._roster.robots.values()
         )
 
@@ -135,13 +135,13 @@ class TaskExplanation:
         """As `not_for`, except that a robot that does another task is not excluded: it may do this one next."""
         if missing := self._lacks(record, robot):
             return LacksPlugins(missing)
-        if self.planning is not None and (out := self.planning.why_out(robot, now_ns)) is not None:
+        if self.planning is not None and (out := self.planning.exclusion(robot, now_ns)) is not None:
             return out
         return self._backoff.why(record.task.id, robot.name, now_ns)
 
     def nobody_can(self, record: TaskRecord) -> TaskReason | None:
         """Why no robot of the team can do the task; None if one can, or may."""
-        return why_nobody_can(record.task, self._capabilities.plugins)
+        return capability_refusal(record.task, self._capabilities.plugins)
 
     def hopeless(self, record: TaskRecord, now_ns: int) -> NobodyDoes | None:
         """The answers of all present and able robots, if none of them will be asked again; else None.
@@ -188,7 +188,7 @@ class TaskExplanation:
                 return AfterOpen(name, other.state)
         return None
 
-    def standing_of_new(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
+    def new_task_state(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
         """What a task that is not in the book would wait for before any robot could begin it; None if for nothing."""
         reason = self.waits(record, now_ns) or self.nobody_can(record)
         return reason or (None if self._roster.up(now_ns) else NobodyThere())
@@ -205,7 +205,7 @@ class TaskExplanation:
         """Why a task is not offered to a robot; None if it may be."""
         if missing := self._lacks(record, robot):
             return LacksPlugins(missing)
-        if (out := robot.why_not_up(now_ns)) is not None:
+        if (out := robot.down_reason(now_ns)) is not None:
             return out
         if robot.state is not None and robot.state.halted:
             return Halted()

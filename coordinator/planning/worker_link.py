@@ -85,12 +85,12 @@ class RequestReader:
         return question
 
 
-def encode_said(said: Said) -> bytes:
-    """Encode a message for `decode_said`."""
+def encode_reply(said: Said) -> bytes:
+    """Encode a message for `decode_reply`."""
     return msgspec.msgpack.encode(said)
 
 
-def decode_said(body: bytes) -> Said:
+def decode_reply(body: bytes) -> Said:
     """Decode a message of the process (msgspec.ValidationError if it is invalid)."""
     said: Said = msgspec.msgpack.decode(body, type=Said)
     return said

@@ -24,7 +24,7 @@ from robrain.coordinator.planning.worker_link import (
     Ready,
     RequestReader,
     Said,
-    encode_said,
+    encode_reply,
     receive,
     send,
 )
@@ -51,7 +51,7 @@ def _serve(questions: socket.socket, said: socket.socket) -> None:
     from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 
     def say(what: Said) -> None:
-        send(said, encode_said(what))
+        send(said, encode_reply(what))
 
     def is_asked() -> bool:
         return bool(select.select([questions], [], [], 0.0)[0])

@@ -145,11 +145,11 @@ class RuleDesk:
 
     def _take(self, received: Received) -> None:
         if received.topic is ROBOT_EVENT:
-            self._take_event(received.message)
+            self._handle_event(received.message)
         else:
-            self._take_reading(received.message)
+            self._handle_reading(received.message)
 
-    def _take_reading(self, reading: MoteReading) -> None:
+    def _handle_reading(self, reading: MoteReading) -> None:
         watches = self._of_quantity.get(reading.quantity)
         if watches is None or not self.sieve.is_new(reading):
             return
@@ -163,7 +163,7 @@ class RuleDesk:
             return
         gap_ns = to_ns(max(GAP_MIN_S, GAP_PERIODS * (reading.period_s or USUAL_PERIOD_S)))
         track.note(taken_at_ns(reading), reading.value, gap_ns)
-        watch.note_level(reading.mote, track, gap_ns, self._now_ns)
+        watch.record_level(reading.mote, track, gap_ns, self._now_ns)
         source = watch.source_of(reading.mote)
         alarm = watch.in_alarm(source)
         if alarm is not None:
@@ -200,7 +200,7 @@ class RuleDesk:
         }
         self._make(watch, TaskCause(source, track.newest_ns, place, values, reason))
 
-    def _take_event(self, event: Event) -> None:
+    def _handle_event(self, event: Event) -> None:
         state = self._roster.robots.get(event.robot)
         pose = None if state is None or state.state is None or state.state.frame != ARENA else state.state.pose
         place = None if pose is None else Point2D(pose.x_m, pose.y_m)
@@ -225,7 +225,7 @@ class RuleDesk:
     def _arm(self, watch: RuleWatch, alarm: Alarm) -> None:
         armed = alarm._replace(is_armed=True)
         try:
-            self._book.journal.note_alarm(armed)
+            self._book.journal.record_alarm(armed)
         except JournalUnwritable as error:  # it stays in alarm until that can be written down
             watch.refused(str(error), self._now_ns)
             return

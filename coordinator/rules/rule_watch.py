@@ -283,7 +283,7 @@ class RuleWatch:
         alarm = self.alarms.get(source)
         return None if alarm is None or alarm.is_armed else alarm
 
-    def note_level(self, mote: str, track: LevelTrack, gap_ns: int, now_ns: int) -> None:
+    def record_level(self, mote: str, track: LevelTrack, gap_ns: int, now_ns: int) -> None:
         """A reading of a mote has come; for what is in alarm as a whole."""
         if self.rule.per is not Per.TEAM:
             return

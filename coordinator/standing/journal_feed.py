@@ -78,14 +78,14 @@ class JournalFeed:
         self.process = ""
         """The process that stands by; empty if none does."""
         self._trouble = ""
-        self._heard_ns = self._put_ns = self._clock.now_ns()
+        self._received_ns = self._put_ns = self._clock.now_ns()
         self._sent = self._on_disk = 0
         self._joins_at: int | None = None
         """The number with which the process is in step; answers wait for it already."""
         self._pause_ns = self._clock.now_ns()
-        self._had_copy, self._copy_heard_ns = journal.copied_by, self._clock.now_ns()
+        self._had_copy, self._copy_received_ns = journal.copied_by, self._clock.now_ns()
         """The process that had a whole copy last, and when it was heard to follow this coordinator."""
-        self._noted_copy = self._had_copy
+        self._recorded_copy = self._had_copy
         self._waiting: deque[_Waiting] = deque()
         journal.on_written = self._written
         wire.answer(COORDINATOR_COPY, self._page, serve=Serve.IN_STEP)
@@ -102,20 +102,20 @@ class JournalFeed:
 
     def hear(self, said: StandByState, now_ns: int) -> None:
         """Take in how far a process that stands by is; only one is waited for at a time."""
-        if said.process != self.process and self.process and now_ns - self._heard_ns <= PATIENCE_NS:
+        if said.process != self.process and self.process and now_ns - self._received_ns <= PATIENCE_NS:
             return
         if said.process != self.process:
             self._leave(f"{said.process} stands by now")
             self.process, self._sent = said.process, 0
         if self._mandate is not None and said.journal is not msgspec.UNSET and said.led is not msgspec.UNSET:
-            self._mandate.hear_copy(said.journal, said.led)
+            self._mandate.record_copy(said.journal, said.led)
         if self.stand_by and (said.journal or "") != self.copy:
             self._leave("its journal has another name now")
-        self._heard_ns, self._trouble = now_ns, said.trouble
+        self._received_ns, self._trouble = now_ns, said.trouble
         is_of_here = said.term == self._term and said.on_disk <= self._last
         self._on_disk = said.on_disk if is_of_here else 0
         if is_of_here:
-            self._note_copy(said.process, now_ns)
+            self._record_copy(said.process, now_ns)
         if said.trouble or not is_of_here:
             self._leave(said.trouble or "it has no whole copy")
         elif self._joins_at is None and now_ns >= self._pause_ns:
@@ -123,11 +123,11 @@ class JournalFeed:
         if not self.stand_by and self._joins_at is not None and self._on_disk >= self._joins_at:
             self.stand_by, self.copy = said.process, said.journal or ""
             logger.warning("the coordinator that stands by, %s, is in step", said.process)
-        self._tell_kept()
+        self._publish_kept()
 
     def silent_copy(self, now_ns: int, silence_ns: int) -> str:
         """The process that has a copy of the journal and has not been heard to follow it for so long; empty if none."""
-        return self._had_copy if now_ns - self._copy_heard_ns > silence_ns else ""
+        return self._had_copy if now_ns - self._copy_received_ns > silence_ns else ""
 
     def when_kept(self, tell: Tell, fail: Fail) -> None:
         """Call `tell` in a step once all changes so far are on the other's disk; at once if none is in step.
@@ -136,17 +136,17 @@ class JournalFeed:
         another coordinator may lead, with a journal that lacks the changes.
         """
         self._waiting.append(_Waiting(self._last, self._clock.now_ns(), tell, fail))
-        self._tell_kept()
+        self._publish_kept()
 
     def step(self, now_ns: int) -> None:
         """Send what is new; give up on one that is silent or too slow."""
-        self._tell_kept()
+        self._publish_kept()
         while self._waiting and now_ns - self._waiting[0].since_ns > GIVE_UP_NS:
             self._waiting.popleft().fail("this coordinator is not heard by enough witnesses, and another may lead")
         is_slow = bool(self._waiting) and now_ns - self._waiting[0].since_ns > PATIENCE_NS
-        if self._joins_at is not None and (is_slow or now_ns - self._heard_ns > PATIENCE_NS):
+        if self._joins_at is not None and (is_slow or now_ns - self._received_ns > PATIENCE_NS):
             self._pause_ns = now_ns + PAUSE_NS
-            self._leave("it is too slow" if now_ns - self._heard_ns <= PATIENCE_NS else "it is silent")
+            self._leave("it is too slow" if now_ns - self._received_ns <= PATIENCE_NS else "it is silent")
         is_due = not 0 <= now_ns - self._put_ns < BEAT_NS
         if is_due:
             self._sent = self._on_disk  # what has not arrived by now is sent again
@@ -180,9 +180,9 @@ class JournalFeed:
             self.stand_by = self.copy = ""
         self._joins_at = None
         self._trouble = why
-        self._tell_kept()
+        self._publish_kept()
 
-    def _tell_kept(self) -> None:
+    def _publish_kept(self) -> None:
         """Tell those who wait for changes that are kept wherever they have to be."""
         while self._waiting and self._is_kept(self._waiting[0].number):
             self._waiting.popleft().tell()
@@ -195,12 +195,12 @@ class JournalFeed:
             return self._mandate.may_acknowledge("")
         return is_on_disk and self._mandate.may_acknowledge(self.copy)
 
-    def _note_copy(self, process: str, now_ns: int) -> None:
-        self._had_copy, self._copy_heard_ns = process, now_ns
-        if process != self._noted_copy:
+    def _record_copy(self, process: str, now_ns: int) -> None:
+        self._had_copy, self._copy_received_ns = process, now_ns
+        if process != self._recorded_copy:
             try:
-                self._journal.note_copied_by(process)  # a coordinator that starts again must know as well
-                self._noted_copy = process
+                self._journal.record_copied_by(process)  # a coordinator that starts again must know as well
+                self._recorded_copy = process
             except JournalUnwritable:
                 logger.debug("that %s has a copy is written down once the journal can be written", process)
 

@@ -80,7 +80,7 @@ class Mandate:
         if self.superseded:
             return False
         # No other journal may be elected, or only that of a stand-by that follows this coordinator.
-        is_only = self._possible is not None and self._possible <= {self.journal, self._followed_by(now_ns)}
+        is_only = self._possible is not None and self._possible <= {self.journal, self._standby_journal(now_ns)}
         return (is_only and not self._is_deserted) or self._is_backed(now_ns)
 
     @property
@@ -94,11 +94,11 @@ class Mandate:
         is_elected_now = 0 <= now_ns - self._won.asked_ns <= LEASE_NS
         return is_elected_now or 2 * self.heard(now_ns) > len(self.witnesses)
 
-    def _followed_by(self, now_ns: int) -> str:
+    def _standby_journal(self, now_ns: int) -> str:
         """The journal of a stand-by that has heard this coordinator recently; empty if there is none."""
         return self._copy if self._is_fresh(self._copy_led, now_ns) else ""
 
-    def hear_copy(self, journal: str, led: Led) -> None:
+    def record_copy(self, journal: str, led: Led) -> None:
         """Note which election a stand-by follows."""
         self._copy, self._copy_led = journal, led
 
@@ -146,7 +146,7 @@ class Mandate:
             Whether the summary must be sent at once.
 
         """
-        self._hear()
+        self._receive()
         if self.superseded:
             return False
         election = self._won.election
@@ -190,7 +190,7 @@ class Mandate:
         led = msgspec.UNSET if robot is None or robot.state is None else robot.state.led
         return NOBODY if led is msgspec.UNSET else led
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         for received in self._inbox.drain() if self._inbox.has_some else ():
             lead = received.message.lead
             if lead is msgspec.UNSET or lead.is_suspended:

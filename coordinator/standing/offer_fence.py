@@ -43,9 +43,9 @@ class OfferFence:
         """Robots that count while offers are held back."""
         self._apart_ns = 0
         self._held_since_ns: int | None = None
-        self._is_told = False
+        self._is_reported = False
 
-    def note_gone(self, gone: list[Robot], now_ns: int) -> None:
+    def record_gone(self, gone: list[Robot], now_ns: int) -> None:
         """The tokens of robots have gone; those that ended do not count, if others are still there.
 
         If all go at once the coordinator has lost its own connection.
@@ -79,7 +79,7 @@ class OfferFence:
         elif now_ns - self._apart_ns > REPORT_NS:
             self._end()
 
-    def heard_by_most(self, now_ns: int) -> int:
+    def received_by_most(self, now_ns: int) -> int:
         """Number of the latest task change that at least one robot of every possible majority has heard of.
 
         Call it only while offers are held back.
@@ -93,12 +93,12 @@ class OfferFence:
         """The operator says that robots which are not heard do no tasks: they count no more; returns their names."""
         silent = [robot for robot in self._roster.by_name if robot.name in self._counted and not robot.is_up(now_ns)]
         for robot in silent:
-            robot.left_ns = robot.last_heard_ns
+            robot.left_ns = robot.last_seen_ns
         self._end()
         return [robot.name for robot in silent]
 
     def _counts(self, robot: Robot, now_ns: int) -> bool:
-        heard_ns = robot.last_heard_ns
+        heard_ns = robot.last_seen_ns
         if not robot.was_there or robot.has_left or heard_ns is None:
             return False
         return robot.name in self._counted or now_ns - heard_ns <= HEARD_NS
@@ -107,9 +107,9 @@ class OfferFence:
         reason = self.reason
         if self._held_since_ns is None:
             self._held_since_ns = now_ns
-        if self._is_told or reason is None or now_ns - self._held_since_ns < REPORT_NS:
+        if self._is_reported or reason is None or now_ns - self._held_since_ns < REPORT_NS:
             return  # at the start, robots need a moment to hear the coordinator
-        self._is_told = True
+        self._is_reported = True
         others = "the others go on by themselves"
         if reason.stand_by:
             others = f"{reason.stand_by}, which has a copy of the journal, is not"
@@ -120,7 +120,7 @@ class OfferFence:
         )  # fmt: skip
 
     def _end(self) -> None:
-        if self._is_told:
+        if self._is_reported:
             logger.warning("tasks are offered again")
         self.reason, self._counted = None, frozenset()
-        self._held_since_ns, self._is_told = None, False
+        self._held_since_ns, self._is_reported = None, False

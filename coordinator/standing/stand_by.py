@@ -81,8 +81,8 @@ class StandBy:
         """Number of the last election that was heard of."""
         self._led: Led | UnsetType = UNSET
         self._is_kept_by = ""
-        self._heard_ns: int | None = None
-        self._tell_ns = 0
+        self._received_ns: int | None = None
+        self._publish_ns = 0
         self._trouble = ""
         self._copying_term = 0
         self._after = self._from = 0
@@ -91,18 +91,18 @@ class StandBy:
 
     def following(self, now_ns: int) -> Following:
         """How the copy stands."""
-        if self._heard_ns is None:
+        if self._received_ns is None:
             return Following.NOTHING
         if self._copying_term:
             return Following.COPYING
         is_in_step = self._is_kept_by == self._process and not self._trouble
-        if now_ns - self._heard_ns > SILENT_NS and is_in_step:
+        if now_ns - self._received_ns > SILENT_NS and is_in_step:
             return Following.ALONE
         return Following.IN_STEP if is_in_step else Following.BEHIND
 
     def is_silent(self, now_ns: int) -> bool:
         """Whether a coordinator was heard, and is not any more."""
-        return self._heard_ns is not None and now_ns - self._heard_ns > SILENT_NS
+        return self._received_ns is not None and now_ns - self._received_ns > SILENT_NS
 
     def step(self) -> None:
         """Hear and write what has changed, report progress, and ask for votes if needed."""
@@ -114,7 +114,7 @@ class StandBy:
         self._stepped_ns = now_ns
         try:
             for received in self._inbox.drain() if self._inbox.has_some else ():
-                self._hear(received.message, now_ns)
+                self._receive(received.message, now_ns)
             if self._copying_term:
                 self._copy()
             if self._written != self._on_disk and not self._disk_waits:
@@ -123,8 +123,8 @@ class StandBy:
                 self._wait_for_disk()
         except JournalUnwritable as error:  # it is sent again
             self._trouble = cut(str(error))
-        if self._on_disk != self._told or not 0 <= now_ns - self._tell_ns < TELL_NS:
-            self._tell_ns, self._told = now_ns, self._on_disk
+        if self._on_disk != self._told or not 0 <= now_ns - self._publish_ns < TELL_NS:
+            self._publish_ns, self._told = now_ns, self._on_disk
             self._tell.put(
                 StandByState(
                     process=self._process,
@@ -136,9 +136,9 @@ class StandBy:
                 )
             )
         if self._candidate is not None:
-            self._stand_for_election(self._candidate, now_ns)
+            self._run_for_election(self._candidate, now_ns)
 
-    def _stand_for_election(self, candidate: Candidate, now_ns: int) -> None:
+    def _run_for_election(self, candidate: Candidate, now_ns: int) -> None:
         if now_ns - self._quiet_since_ns <= STAND_NS or self._journal.copied == "partial" or self.unlike:
             candidate.rest()
             return
@@ -172,7 +172,7 @@ class StandBy:
             candidate.is_forced = False  # the operator's word was for a team without a coordinator
         return not candidate.is_asking and (not lead.is_suspended or changes.term == self._term)
 
-    def _hear(self, changes: JournalChanges, now_ns: int) -> None:
+    def _receive(self, changes: JournalChanges, now_ns: int) -> None:
         if self._candidate is not None and not self._is_heard(self._candidate, changes, now_ns):
             return
         if changes.lead is not UNSET and changes.lead.is_suspended:
@@ -180,7 +180,7 @@ class StandBy:
             return
         if self._candidate is None and changes.term < max(self._term, self._copying_term):
             return  # of a coordinator that was replaced
-        self._heard_ns, self._is_kept_by = now_ns, changes.stand_by
+        self._received_ns, self._is_kept_by = now_ns, changes.stand_by
         if changes.term != (self._copying_term or self._term):
             self._begin_copy(changes.term)
             return

@@ -44,7 +44,7 @@ GATHERING = "visit"
 """Plugin that robots need in addition, to gather for a task for several."""
 
 
-def why_impossible(
+def impossibility(
     task: Task,
     now_ns: int,
     *,
@@ -65,13 +65,13 @@ def why_impossible(
 
     """
     return (
-        _why_bad_name(task.id)
-        or _why_late(task, now_ns)
-        or _why_unknown_kind(task, plugins, schemas)
-        or _why_bad_parameters(task, schemas)
-        or _why_no_place(task, grid)
-        or told(why_nobody_can(task, plugins) or why_dependency_ended(task, others))
-        or _why_waits_for_itself(task, others)
+        _name_refusal(task.id)
+        or _deadline_refusal(task, now_ns)
+        or _kind_refusal(task, plugins, schemas)
+        or _parameters_refusal(task, schemas)
+        or _place_refusal(task, grid)
+        or told(capability_refusal(task, plugins) or dependency_refusal(task, others))
+        or _cycle_refusal(task, others)
     )
 
 
@@ -118,7 +118,7 @@ def needed_plugins(task: Task) -> tuple[str, ...]:
     return (task.kind, *task.needs)
 
 
-def why_nobody_can(
+def capability_refusal(
     task: Task, plugins: Mapping[str, Iterable[str] | None]
 ) -> TeamLacks | NobodyHasAll | TooFewRobots | None:
     """Why no robot of the team can do the task; None if one can, or may."""
@@ -136,7 +136,7 @@ def why_nobody_can(
     return TeamLacks(tuple(missing)) if missing else NobodyHasAll(needed)
 
 
-def why_dependency_ended(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnded | None:
+def dependency_refusal(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnded | None:
     """Why a predecessor of the task will never be done; None if all may be."""
     for name in task.after:
         other = others.get(name)
@@ -146,12 +146,12 @@ def why_dependency_ended(task: Task, others: Mapping[str, TaskRecord]) -> AfterE
     return None
 
 
-def standing_reason(record: TaskRecord) -> Standing | None:
+def reason_of(record: TaskRecord) -> Standing | None:
     """A record's reason, or its words if it has only these; None if it has none, or one about another task."""
     return said(record.why) if isinstance(record.reason, AfterEnded | DeadlinePassed | None) else record.reason
 
 
-def _why_bad_name(task_id: str) -> str:
+def _name_refusal(task_id: str) -> str:
     try:
         check_name("task", task_id)
     except BadName as error:
@@ -159,7 +159,7 @@ def _why_bad_name(task_id: str) -> str:
     return ""
 
 
-def _why_unknown_kind(
+def _kind_refusal(
     task: Task, plugins: Mapping[str, Iterable[str] | None], schemas: Mapping[str, Sequence[JsonSchema]]
 ) -> str:
     if not schemas or any(names is None or task.kind in names for names in plugins.values()):
@@ -169,7 +169,7 @@ def _why_unknown_kind(
     return f"no robot of the team does a task to {task.kind}: they do {', '.join(sorted(schemas))}{meant}"
 
 
-def _why_bad_parameters(task: Task, schemas: Mapping[str, Sequence[JsonSchema]]) -> str:
+def _parameters_refusal(task: Task, schemas: Mapping[str, Sequence[JsonSchema]]) -> str:
     try:
         if announced := schemas.get(task.kind):
             check_announced(task.kind, task.parameters, announced)
@@ -180,7 +180,7 @@ def _why_bad_parameters(task: Task, schemas: Mapping[str, Sequence[JsonSchema]])
     return ""
 
 
-def _why_late(task: Task, now_ns: int) -> str:
+def _deadline_refusal(task: Task, now_ns: int) -> str:
     if task.deadline_ns is None:
         return ""
     left_s = to_seconds(task.deadline_ns - max(now_ns, task.earliest_ns))
@@ -191,7 +191,7 @@ def _why_late(task: Task, now_ns: int) -> str:
     return ""
 
 
-def _why_no_place(task: Task, grid: "OccupancyGrid | None") -> str:
+def _place_refusal(task: Task, grid: "OccupancyGrid | None") -> str:
     place = task.place
     if grid is None:
         return ""
@@ -207,7 +207,7 @@ def _why_no_place(task: Task, grid: "OccupancyGrid | None") -> str:
     return ""
 
 
-def _why_waits_for_itself(task: Task, others: Mapping[str, TaskRecord]) -> str:
+def _cycle_refusal(task: Task, others: Mapping[str, TaskRecord]) -> str:
     came_from: dict[str, str] = {}
     waiting = [(name, task.id) for name in task.after]
     while waiting:

@@ -89,7 +89,7 @@ class TaskBackoff:
         avoided = self._avoided.get((task_id, robot))
         if avoided is not None and now_ns < avoided.until_ns:
             return avoided.reason
-        return self.robots.why_unreached(robot, now_ns)
+        return self.robots.backoff_reason(robot, now_ns)
 
     def pauses(self, now_ns: int) -> dict[tuple[str, str], RobotReason]:
         """Which task must not be offered to which robot now, and why."""
@@ -142,7 +142,7 @@ class RobotPauses:
         for kept in (self._unreached, self._tired, self._refusals):
             kept.pop(robot, None)
 
-    def why_unreached(self, robot: str, now_ns: int) -> RobotReason | None:
+    def backoff_reason(self, robot: str, now_ns: int) -> RobotReason | None:
         """Why a robot must not be offered anything now; None if it may."""
         return _why(self._unreached, robot, now_ns)
 

@@ -6,7 +6,7 @@ restarted meanwhile:
 
 | the book says | the robot | result |
 |---|---|---|
-| anything open | has ended it, same epoch | the robot's report counts (`TaskBook.note_status`) |
+| anything open | has ended it, same epoch | the robot's report counts (`TaskBook.record_status`) |
 | offered, lost contact | is doing it, same epoch | running |
 | offered | holds it, same epoch | offered |
 | running | silent for 1 s, or its token is gone | lost contact |
@@ -79,7 +79,7 @@ def reconcile(
     # A restarted coordinator must have listened for a while before silence counts.
     if record.state is not TaskState.RUNNING or now_ns - since_ns <= to_ns(LOST_AFTER_S):
         return None
-    return StateChange(TaskState.LOST_CONTACT, NotHeard() if robot is None else robot.why_not_up(now_ns))
+    return StateChange(TaskState.LOST_CONTACT, NotHeard() if robot is None else robot.down_reason(now_ns))
 
 
 def _confirmed(record: TaskRecord) -> StateChange | None:

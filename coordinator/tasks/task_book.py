@@ -105,14 +105,14 @@ class TaskBook:
         """Both of these."""
         return [self._open[task_id] for task_id in self._of_robot.get(robot, ())]
 
-    def end_what_cannot_be_read(self) -> None:
+    def fail_unreadable(self) -> None:
         """Fail the open tasks that the journal could only read in part."""
         for task_id, why in self.journal.wrong.items():
             if task_id in self._open:
                 self.move(task_id, TaskState.FAILED, Unreadable(cut(why)))
         self.journal.wrong.clear()
 
-    def tell_again(self, count: int) -> None:
+    def republish(self, count: int) -> None:
         """Publish the last change of the `count` most recently changed tasks; receivers recognise repeats by number.
 
         For a restarted coordinator, because the latest changes in its journal may not have been published.
@@ -210,7 +210,7 @@ class TaskBook:
             reason = msgspec.structs.replace(out, attempt=attempts, attempts=ATTEMPTS)
         return self._change(record, TaskState.QUEUED, reason, attempts=attempts)
 
-    def note_status(self, robot: str, status: TaskStatus) -> TaskRecord | None:
+    def record_status(self, robot: str, status: TaskStatus) -> TaskRecord | None:
         """Process a robot's report on a task; it counts only for how the task ended.
 
         A finished task counts, also with an older epoch, unless another robot has finished it: no task is done twice.
@@ -235,7 +235,7 @@ class TaskBook:
             self.give_back(status.id, refusal or said(status.why), failed=status.state is TaskState.FAILED)
         return record
 
-    def note_done_by_team(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
+    def record_done_by_team(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
         """A robot did a task that no coordinator had given it; nothing changes if it has ended, or is unknown."""
         if task_id in self._open:
             self._change(self._open[task_id], TaskState.DONE, reason, robot=robot, epoch=epoch)

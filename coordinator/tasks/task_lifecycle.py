@@ -12,7 +12,7 @@ import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.planning.task_explanation import TaskExplanation
-from robrain.coordinator.tasks.admission import standing_reason, why_dependency_ended
+from robrain.coordinator.tasks.admission import dependency_refusal, reason_of
 from robrain.coordinator.tasks.backoff import TaskBackoff
 from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
 from robrain.coordinator.tasks.reconcile import reconcile, strays
@@ -121,7 +121,7 @@ class TaskLifecycle:
         self._losses: dict[str, dict[str, Point2D]] = {}
         """For each task, the robots that released it out of contact, and where they were heard last."""
 
-    def note_pause(self, now_ns: int) -> None:
+    def restart_silence(self, now_ns: int) -> None:
         """The coordinator itself stood still: it listens to its robots anew."""
         self._since_ns = now_ns
 
@@ -130,7 +130,7 @@ class TaskLifecycle:
     def hear(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
         """Process a robot's report on its last task; returns the record before the change, None if nothing changed."""
         try:
-            record = self._book.note_status(robot, status)
+            record = self._book.record_status(robot, status)
         except JournalUnwritable as error:
             self._written.note(error, now_ns)
             return None
@@ -144,7 +144,7 @@ class TaskLifecycle:
     def _was_held(self, record: TaskRecord) -> bool:
         return record.state is TaskState.OFFERED and self._ahead.get(record.robot, ("", ""))[1] == record.task.id
 
-    def hear_answers(self, now_ns: int) -> bool:
+    def process_answers(self, now_ns: int) -> bool:
         """Process the answers to offers; True if one was refused."""
         if not self._offers.is_waiting:
             return False
@@ -153,12 +153,12 @@ class TaskLifecycle:
         def take(answered: Answered) -> None:
             nonlocal refused
             with self.as_far_as_written(now_ns):
-                refused |= self._take_answer(answered, now_ns)
+                refused |= self._handle_answer(answered, now_ns)
 
         self._guard.records(self._offers.answered(), take, _task_of, "answer")
         return refused
 
-    def _take_answer(self, answered: Answered, now_ns: int) -> bool:
+    def _handle_answer(self, answered: Answered, now_ns: int) -> bool:
         offered, after, answer, is_reached = answered
         task_id, robot = offered.task.id, offered.robot
         record = self._book.find(task_id)
@@ -248,21 +248,21 @@ class TaskLifecycle:
                 goes_on_s = self._roster.goes_on_s() if is_unheard else 0.0
                 move = reconcile(record, robot, now_ns, self._since_ns, goes_on_s)
                 if move is not None and move.state is TaskState.QUEUED:
-                    out = self._note_loss(record, robot) if isinstance(move.reason, LeaseRanOut) else None
+                    out = self._record_loss(record, robot) if isinstance(move.reason, LeaseRanOut) else None
                     self._book.give_back(task_id, out or move.reason)
                     freed = True
                 elif move is not None:
                     self._book.move(task_id, move.state, move.reason)
-            elif end := self._why_over(record, now_ns, others_changed=others_changed):
+            elif end := self._end_reason_of(record, now_ns, others_changed=others_changed):
                 self._book.move(task_id, *end)
 
         if self._unheard:
-            self._look_who_came_back(now_ns)
+            self._pause_lost_robots(now_ns)
         with self.as_far_as_written(now_ns):
             self._guard.records(self._book.open, settle, _task_id, "task")
         return freed
 
-    def _note_loss(self, record: TaskRecord, robot: Robot | None) -> RobotOut | None:
+    def _record_loss(self, record: TaskRecord, robot: Robot | None) -> RobotOut | None:
         """Remember that a robot is unheard with a task; why, if others released that task out of contact before."""
         if record.own or robot is None or robot.state is None or robot.state.pose is None:
             return None
@@ -270,7 +270,7 @@ class TaskLifecycle:
         self._unheard[robot.name] = (record.task.id, place)
         return RobotOut(robot.name, OutOfReach(place)) if record.task.id in self._losses else None
 
-    def _look_who_came_back(self, now_ns: int) -> None:
+    def _pause_lost_robots(self, now_ns: int) -> None:
         """Pause a task for the robots that lost contact on the way to it, from the second time on.
 
         Once may be a disturbance. A robot that was restarted does not report the task that it had.
@@ -291,18 +291,18 @@ class TaskLifecycle:
             if len(self._losses) > LOSSES_KEPT:
                 del self._losses[next(iter(self._losses))]
 
-    def _why_over(
+    def _end_reason_of(
         self, record: TaskRecord, now_ns: int, *, others_changed: bool
     ) -> tuple[TaskState, TaskReason] | None:
         task = record.task
         if record.own:  # it is offered in the step that makes it, or never
             return TaskState.CANCELLED, record.reason or NotOffered()
         if task.deadline_ns is not None and now_ns > task.deadline_ns:
-            return TaskState.FAILED, DeadlinePassed(standing_reason(record))
+            return TaskState.FAILED, DeadlinePassed(reason_of(record))
         if not others_changed or not task.after:
             return None
         others = {name: found for name in task.after if (found := self._book.find(name)) is not None}
-        ended = why_dependency_ended(task, others)
+        ended = dependency_refusal(task, others)
         return None if ended is None else (TaskState.CANCELLED, ended)
 
     def dispatch(self, idle: list[Robot], now_ns: int) -> None:
@@ -323,24 +323,24 @@ class TaskLifecycle:
             return reasons.not_for(record, robot, now_ns)
 
         with self.as_far_as_written(now_ns):
-            self._tell_nobody_can(ready)
+            self._publish_unfit(ready)
             by_id = {record.task.id: record for record in ready}
             for task_id, robot in dispatch(ready, idle, why_not):
                 reasons.note(task_id, verdicts(by_id[task_id], robots, why_not, robot), now_ns)
                 self.offer(task_id, robot, now_ns)
 
-    def tell_nobody_can(self, now_ns: int) -> None:
+    def publish_unfit(self, now_ns: int) -> None:
         """Publish for ready tasks that no robot of the team can do them."""
         with self.as_far_as_written(now_ns):
-            self._tell_nobody_can([record for record in self._book.open if self.reasons.waits(record, now_ns) is None])
+            self._publish_unfit([record for record in self._book.open if self.reasons.waits(record, now_ns) is None])
 
-    def _tell_nobody_can(self, ready: list[TaskRecord]) -> None:
+    def _publish_unfit(self, ready: list[TaskRecord]) -> None:
         for record in ready:
             reason = self.reasons.nobody_can(record)
             if reason is not None and reason != record.reason:  # published once, and at each change
                 self._book.move(record.task.id, TaskState.QUEUED, reason)
 
-    def note_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
+    def record_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
         """Keep each robot's verdict on a task that is about to be offered, for later queries."""
         record = self._book.find(task_id)
         if record is not None:
@@ -372,7 +372,7 @@ class TaskLifecycle:
         self._offers.offer(record, after)
         refusal: OfferRefusal | None = None
         for answered in self._offers.answered():
-            if self._take_answer(answered, now_ns) and answered.record is record:
+            if self._handle_answer(answered, now_ns) and answered.record is record:
                 refusal = answered.answer.reason or Said(cut(answered.answer.why) or "it does not say why")
         return refusal
 

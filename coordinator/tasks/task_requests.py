@@ -9,7 +9,7 @@ from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.planning.dry_run import DryRuns
 from robrain.coordinator.standing.journal_feed import JournalFeed
-from robrain.coordinator.tasks.admission import why_impossible, why_unknown
+from robrain.coordinator.tasks.admission import impossibility, why_unknown
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.team_map import TeamMap
@@ -74,7 +74,7 @@ class TaskRequests:
         """Whether a task was submitted or cancelled since the reader last set it to False."""
         self.feed: JournalFeed | None = None
         """To a coordinator that stands by, for whose disk answers wait as well."""
-        self.why_not_leading: Callable[[], str] = str
+        self.not_leading_reason: Callable[[], str] = str
         """Why this coordinator takes nothing in, in words, as another one may lead; empty if it leads."""
         self._clock: Clock = wire.clock
         self._traces = wire.traces
@@ -96,7 +96,7 @@ class TaskRequests:
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
-        if why := self.why_not_leading():
+        if why := self.not_leading_reason():
             raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
         known = self._book.find(asked.task.id)
         if known is None:
@@ -188,9 +188,9 @@ class TaskRequests:
     def _refusal(self, task: Task) -> str:
         """Why a task is refused at its submission, in words; empty if it is accepted."""
         after = [name for name in task.after if self._book.find(name) is not None]
-        return self.why_impossible(task) or why_unknown(task, after, self._motes, self._chargers)
+        return self.impossibility(task) or why_unknown(task, after, self._motes, self._chargers)
 
-    def why_impossible(self, task: Task) -> str:
+    def impossibility(self, task: Task) -> str:
         """Why a task can never be done, in words; empty if it may be possible."""
         others: dict[str, TaskRecord] = {}
         waiting = list(task.after)
@@ -202,13 +202,13 @@ class TaskRequests:
                 waiting += record.task.after
         grid = self._map.grid
         known = self._capabilities
-        return why_impossible(
+        return impossibility(
             task, self._clock.now_ns(), grid=grid, plugins=known.plugins, others=others, schemas=known.schemas()
         )
 
     def _cancel(self, request: Request[TaskRequest]) -> TaskRecord | Deferred[TaskRecord]:
         asked = request.asked
-        if why := self.why_not_leading():
+        if why := self.not_leading_reason():
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
         record = self._known(asked.id)
         if record.state is TaskState.CANCELLED:

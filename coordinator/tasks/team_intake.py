@@ -15,7 +15,7 @@ from robrain.protocol.reasons.tasks import Cancelled
 def take_in(
     book: TaskBook,
     said: TeamBallot,
-    why_impossible: Callable[[Task], str],
+    impossibility: Callable[[Task], str],
     *,
     is_secured: bool = False,
     ahead_ns: int = 0,
@@ -27,7 +27,7 @@ def take_in(
     Args:
         book: of the coordinator's tasks.
         said: by a robot.
-        why_impossible: why a task can never be done; empty if it may be possible.
+        impossibility: why a task can never be done; empty if it may be possible.
         is_secured: whether the robot's name is vouched for: what it says of others is then noted as its own word.
         ahead_ns: how far the robot's clock is ahead.
 
@@ -46,7 +46,7 @@ def take_in(
         if record is None or not book.is_possible(done.epoch):
             continue
         book.know(done.epoch)
-        book.note_done_by_team(
+        book.record_done_by_team(
             done.id, done.robot, done.epoch, Said(f"{done.robot} did it while it heard no coordinator")
         )
     for held in said.held:
@@ -68,7 +68,7 @@ def take_in(
             )
     for task in new:
         record = book.find(task.id)
-        if record is not None and record.state is TaskState.QUEUED and (why := why_impossible(task)):
+        if record is not None and record.state is TaskState.QUEUED and (why := impossibility(task)):
             book.move(task.id, TaskState.FAILED, Said(cut(why)))
     return book.version != version
 

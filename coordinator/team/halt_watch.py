@@ -38,7 +38,7 @@ class HaltWatch:
         self._arrivals = Inbox()
         self._guard = RecordGuard(wire.refusals)
         self._told: list[str] = []
-        self._told_ns = 0
+        self._reported_ns = 0
         wire.subscribe(self._arrivals, HALT)
         wire.answer(COORDINATOR_HALT, self._answer)
 
@@ -55,14 +55,14 @@ class HaltWatch:
         self._guard.messages(heard, self._take)
         now_ns = self._clock.now_ns()
         stopped, self._told = self._told, self._stopped(now_ns)
-        is_told = bool(heard) or (self.is_halted and (stopped != self._told or self._is_to_be_told_again(now_ns)))
+        is_told = bool(heard) or (self.is_halted and (stopped != self._told or self._needs_reminder(now_ns)))
         if is_told:
-            self._told_ns = now_ns
+            self._reported_ns = now_ns
         return is_told
 
-    def _is_to_be_told_again(self, now_ns: int) -> bool:
+    def _needs_reminder(self, now_ns: int) -> bool:
         """Whether a robot that is there does not say that it is halted: summaries may be lost on their way to it."""
-        if 0 <= now_ns - self._told_ns < TELL_AGAIN_NS:
+        if 0 <= now_ns - self._reported_ns < TELL_AGAIN_NS:
             return False
         return any(robot.state is not None and not robot.state.halted for robot in self._roster.up(now_ns))
 
@@ -74,7 +74,7 @@ class HaltWatch:
         else:
             self._latch.release(halt.by, halt.stamp_ns)
 
-    def note_state(self, state: RobotState) -> None:
+    def record_state(self, state: RobotState) -> None:
         """A robot may stand by a halt that this coordinator has not heard of: it came later, or was cut off."""
         if state.team_halt_ns > self._latch.stamp_ns:
             self._has_halted = True

@@ -52,14 +52,14 @@ class Robot:
         """When it was last heard before it ended, or before the operator said that it does nothing."""
 
     @property
-    def last_heard_ns(self) -> int | None:
+    def last_seen_ns(self) -> int | None:
         """When it was last heard, also by a coordinator before this one."""
         return self.before.heard_ns if self.heard_ns is None and self.before is not None else self.heard_ns
 
     @property
     def has_left(self) -> bool:
         """Whether it has ended, or the operator said that it does nothing; False again once it is heard."""
-        return self.left_ns is not None and self.left_ns == self.last_heard_ns
+        return self.left_ns is not None and self.left_ns == self.last_seen_ns
 
     @property
     def goes_on(self) -> bool:
@@ -80,14 +80,14 @@ class Robot:
 
     def age_s(self, now_ns: int) -> float:
         """Time since its last state; infinite before the first."""
-        heard_ns = self.last_heard_ns
+        heard_ns = self.last_seen_ns
         return float("inf") if heard_ns is None else to_seconds(now_ns - heard_ns)
 
     def is_up(self, now_ns: int) -> bool:
         """Whether it can be counted on."""
         return self.has_token and self.heard_ns is not None and now_ns - self.heard_ns <= _LOST_AFTER_NS
 
-    def why_not_up(self, now_ns: int) -> Unavailable | None:
+    def down_reason(self, now_ns: int) -> Unavailable | None:
         """Why it cannot be counted on; None if it can."""
         if self.is_up(now_ns):
             return None
@@ -181,7 +181,7 @@ class Roster:
         self._by_name = [self.robots[known] for known in sorted(self.robots)]
         self._up_at_ns = None
 
-    def note_state(self, state: RobotState, now_ns: int) -> None:
+    def record_state(self, state: RobotState, now_ns: int) -> None:
         """A robot said how it is."""
         robot = self._robot(state.robot)
         robot.state = state
@@ -189,12 +189,12 @@ class Roster:
         self.some_go_on = self.some_go_on or state.goes_on_s is not UNSET
         self._up_at_ns = None
 
-    def note_contact(self, name: str, now_ns: int, *, hears_coordinator: bool) -> None:
+    def record_contact(self, name: str, now_ns: int, *, hears_coordinator: bool) -> None:
         """A robot said whether it hears a coordinator."""
         if name in self.robots:
             self.robots[name].alone_ns = None if hears_coordinator else now_ns
 
-    def note_presence(self, change: Change) -> Robot:
+    def record_presence(self, change: Change) -> Robot:
         """A robot's token came or went."""
         robot = self._robot(change.names["robot"])
         robot.has_token = change.present
@@ -204,7 +204,7 @@ class Roster:
         self._up_at_ns = None
         return robot
 
-    def note_pause(self, paused_ns: int) -> None:
+    def restart_silence(self, paused_ns: int) -> None:
         """The coordinator itself stood still for so long: nobody was silent meanwhile."""
         for robot in self._by_name:
             if robot.heard_ns is not None:
@@ -237,18 +237,18 @@ class Roster:
         robots = {}
         for summary in self.summaries(now_ns, all_robots=True):
             robot = self.robots[summary.name]
-            if robot.last_heard_ns is not None and robot.was_there:
+            if robot.last_seen_ns is not None and robot.was_there:
                 goes_on = robot.goes_on and not robot.has_left
                 stored = replace(summary, task="") if robot.has_token else summary
-                robots[robot.name] = KnownRobot(robot.last_heard_ns, goes_on, stored)
+                robots[robot.name] = KnownRobot(robot.last_seen_ns, goes_on, stored)
         try:
-            self._journal.note_robots(robots)
+            self._journal.record_robots(robots)
         except JournalUnwritable:
             logger.debug("the robots of the team are not stored: the journal cannot be written")
 
     def _to_write(self) -> list[tuple[str, bool, bool, int | None]]:
         return [
-            (robot.name, robot.has_token, robot.last_heard_ns is None, robot.left_ns)
+            (robot.name, robot.has_token, robot.last_seen_ns is None, robot.left_ns)
             for robot in self._by_name
             if robot.was_there
         ]
@@ -263,7 +263,7 @@ class Roster:
         reasons = idle or {}
         summaries = []
         for robot in self._by_name:
-            state, reason, out = robot.state, reasons.get(robot.name), robot.why_not_up(now_ns)
+            state, reason, out = robot.state, reasons.get(robot.name), robot.down_reason(now_ns)
             age_s = round(min(robot.age_s(now_ns), 1e6), 3)
             if robot.before is not None and isinstance(out, Gone) and state is None:
                 if all_robots or now_ns >= self._found_ns:

@@ -73,7 +73,7 @@ class TeamMap:
             self._held.append((patch, now_ns))
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
-        from robrain.algorithms.slam.map_patch import in_own_time, take_message
+        from robrain.algorithms.slam.map_patch import in_own_time, merge_message
         from robrain.algorithms.slam.submap_atlas import SubmapAtlas
         from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, geometry_of
 
@@ -88,7 +88,7 @@ class TeamMap:
                     size = f"{geometry.width} x {geometry.height}"
                     raise ValueError(f"expected a grid of at most {MAX_CELLS} cells, got {size}")
                 atlas = SubmapAtlas(geometry)
-            take_message(atlas, patch)
+            merge_message(atlas, patch)
             self._atlas = atlas  # not before: a first patch that is broken must not say which grid it is
         except ValueError as error:
             return f"the map of {patch.robot} cannot be merged: {error}"

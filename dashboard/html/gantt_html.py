@@ -8,7 +8,7 @@ from robrain.dashboard.state.task_board import PLANNED_S, Span
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.natural_order import natural_key
-from robrain.recording.drawing.palette import CHARGER_PLATE, css, look_of
+from robrain.recording.drawing.palette import CHARGER_PLATE, css, style_of
 from robrain.recording.drawing.time_span import span_text
 
 GANTT_S = 300.0
@@ -56,7 +56,7 @@ def gantt_html(view: TeamView) -> str:
     parts = []
     for number, robot in enumerate(robots):
         y = number * ROW
-        color = css(look_of(robot.index).color)
+        color = css(style_of(robot.index).color)
         parts.append(f'<text x="0" y="{y + 12}">{text(robot.name, 7)}</text>')
         parts.append(f'<line class="rb-axis" x1="{LEFT}" x2="{WIDTH}" y1="{y + ROW}" y2="{y + ROW}"/>')
         for span in view.board.spans.get(robot.name, ()):

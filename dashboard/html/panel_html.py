@@ -27,7 +27,7 @@ from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.team.arena_messages import ArenaPreparation
 from robrain.recording.drawing.natural_order import natural_key
-from robrain.recording.drawing.palette import battery_class, look_of, mote_class
+from robrain.recording.drawing.palette import battery_class, mote_class, style_of
 from robrain.recording.drawing.time_span import span_text
 
 ROWS = 200
@@ -235,7 +235,7 @@ def _alerts(alerts: Sequence[Alert]) -> str:
 
 
 def _robot_rows(view: TeamView, robot: RobotView, now_s: float, selected: str, longest_s: float) -> str:
-    look = look_of(robot.index)
+    look = style_of(robot.index)
     name = text(robot.name)
     state = robot.state
     battery = NONE

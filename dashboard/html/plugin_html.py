@@ -10,7 +10,7 @@ from robrain.dashboard.html.panel_html import task_text
 from robrain.dashboard.state.robot_view import RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
-from robrain.recording.drawing.palette import battery_class, look_of
+from robrain.recording.drawing.palette import battery_class, style_of
 from robrain.recording.drawing.time_span import span_text
 
 LEVELS = ("device", "unit", "skill", "behavior")
@@ -32,7 +32,7 @@ WHY = 8000
 def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
     """A robot's state in figures."""
     state, pose = robot.state, robot.pose
-    look = look_of(robot.index)
+    look = style_of(robot.index)
     name = text(robot.name)
     title = (
         f'<div class="rb-sentence">{colored(look.shape, look.color)}<span data-testid="selected-robot">{name}</span>'

@@ -31,7 +31,7 @@ def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
     return f'<div class="rb"><table data-testid="tasks">{head}{rows}</table></div>'
 
 
-def why_html(why: TaskWhy) -> str:
+def explanation_html(why: TaskWhy) -> str:
     """Why a task stands as it does: each robot's cost, or why it was ruled out, and the task's history."""
     record = why.record
     first_ns = why.changes[0].stamp_ns if why.changes else record.changed_ns

@@ -61,7 +61,7 @@ class TaskLayer(MeshLayer):
             place = rows([(event.task.place.x_m, event.task.place.y_m, 0.0)])
             robot = view.robots.get(event.robot)
             color = (
-                palette.look_of(robot.index).color if robot is not None and is_taken(event) else palette.TASK_WAITING
+                palette.style_of(robot.index).color if robot is not None and is_taken(event) else palette.TASK_WAITING
             )
             pieces.append((color, copies(PIN if is_taken(event) else FLAG, place)))
         return by_color(pieces)
@@ -159,7 +159,7 @@ class ScanLayer(OwnLayer):
                 self._handle.remove()
                 self._handle = None
             return
-        color = to_linear(colors([palette.look_of(robot.index).color]))[0]
+        color = to_linear(colors([palette.style_of(robot.index).color]))[0]
         self._handle = self.scene.add_point_cloud(
             self.node("points"), points, color, point_size=0.05, point_shape="circle", precision="float32"
         )

@@ -81,7 +81,7 @@ class FocusRadioLayer(OwnLayer, MeshLayer):
         return link_meshes(links, LINK_Z_M, widen_for(view.map.size_m))
 
 
-def link_look(rssi_dbm: float) -> LinkLook:
+def link_style(rssi_dbm: float) -> LinkLook:
     """How a link of this strength is drawn."""
     return LOOKS[0] if rssi_dbm >= STRONG_DBM else LOOKS[1] if rssi_dbm >= WEAK_DBM else LOOKS[2]
 
@@ -93,7 +93,7 @@ def link_meshes(links: list[DrawnLink], z_m: float, widen: float, wider: float =
     most = max(2, min(DASHES, ALL_DASHES // max(1, len(shown))))
     pieces = []
     for link in shown:
-        look = link_look(link.rssi_dbm)
+        look = link_style(link.rssi_dbm)
         dash_m = look.dash_m * widen
         if dash_m:  # longer if there would be too many
             dash_m = max(dash_m, link.start.distance_m(link.end) / (2 * most - 1))

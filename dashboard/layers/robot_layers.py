@@ -12,7 +12,7 @@ from robrain.dashboard.scene.meshes import Mesh, hoop, robot_base, robot_body, r
 from robrain.dashboard.scene.scene_nodes import Instances, Labels, colors, rows
 from robrain.dashboard.state.robot_view import RobotContact, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
-from robrain.recording.drawing.palette import HALTED, LOST, NOSE, TRUTH, Rgb, look_of
+from robrain.recording.drawing.palette import HALTED, LOST, NOSE, TRUTH, Rgb, style_of
 
 DEFAULT_RADIUS_M = 0.2
 """That of a Robertino, for robots that report none."""
@@ -117,7 +117,7 @@ class CertaintyLayer(MeshLayer):
                 continue
             place = rows([(robot.pose.x_m, robot.pose.y_m, RING_Z_M)])
             size, turn_rad = rows([(found.long_m, found.short_m, 1.0)]), np.array([found.turn_rad], np.float32)
-            pieces.append((look_of(robot.index).color, copies(HOOP, place, size, turn_rad)))
+            pieces.append((style_of(robot.index).color, copies(HOOP, place, size, turn_rad)))
         return by_color(pieces)
 
 
@@ -156,7 +156,7 @@ def radius_m(robot: RobotView) -> float:
 
 def body_color(robot: RobotView, now_s: float) -> Rgb:
     """The robot's own colour, or grey when it is lost."""
-    return LOST if robot.contact(now_s) is RobotContact.LOST else look_of(robot.index).color
+    return LOST if robot.contact(now_s) is RobotContact.LOST else style_of(robot.index).color
 
 
 def _text(robot: RobotView, now_s: float) -> str:

@@ -112,7 +112,7 @@ class Scene:
         ):
             self._move(client, framed.elevation_rad)
 
-    def looked_at(self, client: viser.ClientHandle) -> tuple[Point2D | None, float]:
+    def camera_target(self, client: viser.ClientHandle) -> tuple[Point2D | None, float]:
         """Point that a zoomed-in browser looks at, and the visible radius, metres; None if not zoomed in."""
         framed = self._framed.get(client.client_id)
         position, look_at = client.camera.position, client.camera.look_at
@@ -128,7 +128,7 @@ class Scene:
     def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
         aspect = aspect_of(client)
         covered = COVERED_UPRIGHT if aspect < UPRIGHT else COVERED
-        stand = camera.stand_to_see(self._bounds, elevation_rad, aspect, covered=covered)
+        stand = camera.viewpoint_of(self._bounds, elevation_rad, aspect, covered=covered)
         self._framed[client.client_id] = Framed(
             self._bounds, aspect, elevation_rad, stand.position, math.dist(stand.position, stand.look_at)
         )
@@ -139,7 +139,7 @@ class Scene:
             client.camera.up_direction = (0.0, 0.0, 1.0)
 
     def _set_initial_camera(self) -> None:
-        stand = camera.stand_to_see(self._bounds, camera.OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
+        stand = camera.viewpoint_of(self._bounds, camera.OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
         self._server.initial_camera.position = stand.position
         self._server.initial_camera.look_at = stand.look_at
 

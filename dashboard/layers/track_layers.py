@@ -11,7 +11,7 @@ from robrain.dashboard.scene.scene_nodes import Rows, dashed, rows
 from robrain.dashboard.state.robot_view import RobotContact
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.model.geometry import Point2D
-from robrain.recording.drawing.palette import Rgb, look_of
+from robrain.recording.drawing.palette import Rgb, style_of
 
 TRAIL_Z_M = 0.015
 PATH_Z_M = 0.03
@@ -35,7 +35,7 @@ class TrailLayer(MeshLayer):
         each = ALL_TRAILS_SEGMENTS // max(1, len(view.robots))
         width_m = TRAIL_M * widen_for(view.map.size_m)
         return by_color(
-            (look_of(robot.index).color, tapering_line(list(robot.trail), each, width_m))
+            (style_of(robot.index).color, tapering_line(list(robot.trail), each, width_m))
             for robot in view.robots_in_order()
             if len(robot.trail) > 1
         )
@@ -52,7 +52,7 @@ class PathLayer(MeshLayer):
         for robot in view.robots_in_order():
             if robot.contact(now_s) is RobotContact.LOST:
                 continue
-            color = look_of(robot.index).color
+            color = style_of(robot.index).color
             pieces.append((color, strips(dashes(robot.path), width_m)))
             goal = view.goal_of(robot)
             if goal is not None:

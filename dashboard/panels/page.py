@@ -20,7 +20,7 @@ from robrain.dashboard.html.gantt_html import gantt_html
 from robrain.dashboard.html.html_words import CLOSE_MARK, text
 from robrain.dashboard.html.left_html import left_html
 from robrain.dashboard.html.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
-from robrain.dashboard.html.task_html import queue_html, why_html
+from robrain.dashboard.html.task_html import explanation_html, queue_html
 from robrain.dashboard.layers.floor_layers import FieldLayer
 from robrain.dashboard.layers.layer_switches import LayerSwitch, switches_of, troubles_of
 from robrain.dashboard.layers.selection import SelectionMark, floor_hit, mote_near, robot_near
@@ -113,7 +113,7 @@ class TaskTab:
             self._drawn_s = now_s
             set_html(self._gantt, gantt_html(view))
             self._draw_planning()
-            self._follow_kinds()
+            self._update_kinds()
 
     def add_at(self, place: Point2D) -> None:
         """Add the task of the form at a place that was clicked."""
@@ -136,7 +136,7 @@ class TaskTab:
 
         def take(answer: QueryOutcome[TaskWhy]) -> None:
             try:
-                html = why_html(answer.reply)
+                html = explanation_html(answer.reply)
             except ValueError as error:
                 html = f'<div class="rb rb-bad">{text(str(error), 400)}</div>'
             gui = self._page.client.gui
@@ -163,7 +163,7 @@ class TaskTab:
         """Kinds that a person may ask for, by name; of a kind that robots announce differently the first."""
         return {one.kind: one for one in reversed(self._page.context.inquiries.kinds) if one.kind != EXPLORE}
 
-    def _follow_kinds(self) -> None:
+    def _update_kinds(self) -> None:
         kinds = self._known_kinds()
         if kinds == self._kinds:
             return
@@ -423,7 +423,7 @@ class ClientPage:
         self._strip = gui.add_html("")
         gui.add_html('<div class="rb-channel"></div>')
         channel = gui.add_text("rows", "")
-        channel.on_update(self._take_row_click)
+        channel.on_update(self._handle_row_click)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Team", viser.Icon.USERS):
             self.team = TeamTab(self)
@@ -453,7 +453,7 @@ class ClientPage:
             self.select(next(iter(view.robots)), by_person=False)
         self._mark.show(view.robots.get(self.selected), follows=self.follows)
         scene.keep_framed(self.client)
-        middle, reach_m = scene.looked_at(self.client)
+        middle, reach_m = scene.camera_target(self.client)
         focus = Focus(self.selected, self._chosen, self._mote, middle, reach_m)
         for switch in self.switches:
             switch.draw(view, focus, now_s)
@@ -515,7 +515,7 @@ class ClientPage:
         self.dark = dark
         set_theme(self.client.gui, dark=dark)
 
-    def _take_row_click(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+    def _handle_row_click(self, event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
         row = event.target.value
         self.post(lambda: self._do_row_click(row))
 

@@ -65,8 +65,8 @@ class Inquiries:
             del self._plugins[robot]
         if self._view.coordinator_up and (self._planning_s is None or now_s - self._planning_s >= PLANNING_S):
             self._planning_s = now_s
-            self._asker.ask(COORDINATOR_PLANNING, None, self._take_planning)
-            self._asker.ask(TASK_KINDS, None, self._take_kinds)
+            self._asker.ask(COORDINATOR_PLANNING, None, self._handle_planning)
+            self._asker.ask(TASK_KINDS, None, self._handle_kinds)
 
     def plugins_of(self, robot: str) -> PluginsOf:
         """What is known of a robot's plugins."""
@@ -87,11 +87,11 @@ class Inquiries:
 
         return take
 
-    def _take_kinds(self, answer: QueryOutcome[list[KnownKind]]) -> None:
+    def _handle_kinds(self, answer: QueryOutcome[list[KnownKind]]) -> None:
         with contextlib.suppress(ValueError):  # asked again soon; until then the last known kinds are offered
             self.kinds = answer.reply or self.kinds
 
-    def _take_planning(self, answer: QueryOutcome[PlanningStatus]) -> None:
+    def _handle_planning(self, answer: QueryOutcome[PlanningStatus]) -> None:
         self.planning = None if answer.error else answer.known  # an error: the coordinator does not plan
         if self.planning is not None:
             places = self.planning.chargers

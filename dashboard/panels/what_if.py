@@ -13,7 +13,7 @@ from robrain.dashboard.html.html_words import clock_text, text
 from robrain.dashboard.panels.gui_values import set_html, set_visible
 from robrain.dashboard.replay.replay_source import ReplaySource
 from robrain.protocol.clock import to_seconds
-from robrain.recording.reader.two_runs import TwoRuns, words_of
+from robrain.recording.reader.two_runs import TwoRuns, text_of
 
 TICKED_MAX = 12
 """Robots that have a box to tick each; of a larger team, names are typed."""
@@ -167,7 +167,7 @@ def two_runs_html(runs: TwoRuns) -> str:
     lines, before = [_line("", "", ("recorded", "what if", ""))], ""
     for row in runs.rows:
         if not row.is_equal:
-            lines.append(_line(row.group if row.group != before else "", row.name, words_of(row)))
+            lines.append(_line(row.group if row.group != before else "", row.name, text_of(row)))
             before = row.group
     if len(lines) == 1:
         return "<div>both runs are alike</div>"

@@ -101,7 +101,7 @@ class ReplayIndex:
 
     def apply_events(self, view: TeamView, time_s: float) -> None:
         """Apply to a new view all events up to a time."""
-        view.look_order = {name: robot.index for name, robot in self._all.robots.items()}
+        view.check_order = {name: robot.index for name, robot in self._all.robots.items()}
         for received in self._summed[: bisect_right(self._times_s, time_s)]:
             view.apply(received, 0.0)
 
@@ -114,7 +114,7 @@ class ReplayIndex:
             known = self._all.robots.get(name)
             if known is not None:
                 samples = [sample for _, sample in _until(self._samples.get(name, []), time_s)]
-                robot.history.go_on_from(samples, known.history)
+                robot.history.continue_from(samples, known.history)
         view.explored[:] = [(at_s, share) for at_s, share in self._all.explored if at_s <= (view.sim_time_s or 0.0)]
 
     def _keep(self, name: str, time_s: float) -> None:

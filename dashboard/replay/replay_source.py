@@ -51,7 +51,7 @@ class ReplaySource:
         self._runs = 0
         self._asked: deque[Callable[[float], None]] = deque(maxlen=64)
         """Requested moves, each called with the time of the next step."""
-        self._heard_s: float | None = None
+        self._received_s: float | None = None
         self._messages = 0
         self._set_speed(speed)
         self.seek(start_s)
@@ -135,7 +135,7 @@ class ReplaySource:
 
     def _age(self, now_s: float) -> None:
         """Age robots by the recorded time, which stands still in a pause."""
-        before, self._heard_s = self._heard_s, now_s
+        before, self._received_s = self._received_s, now_s
         if before is None:
             return
         pace = self.player.speed if self.player.playing else 0.0

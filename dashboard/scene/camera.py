@@ -34,7 +34,7 @@ class Standpoint(NamedTuple):
     look_at: tuple[float, float, float]
 
 
-def stand_to_see(
+def viewpoint_of(
     bounds: Bounds, elevation_rad: float, aspect: float, fov_rad: float = FOV_RAD, covered: float = 0.0
 ) -> Standpoint:
     """The nearest standpoint from which all of `bounds` is seen, looking along +y from `elevation_rad` above the floor.

@@ -92,7 +92,7 @@ class TeamView:
 
     def __init__(self) -> None:
         self.robots: dict[str, RobotView] = {}
-        self.look_order: dict[str, int] = {}
+        self.check_order: dict[str, int] = {}
         """Numbers of the looks of robots from an earlier view; other robots are numbered as they appear."""
         self.motes: dict[str, MoteView] = {}
         self.board = TaskBoard()
@@ -138,24 +138,24 @@ class TeamView:
         self._speed = RateMeter()
         self._traffic = RateMeter()
         takers: dict[Topic[Any], Callable[[Any, Names, float], None]] = {
-            topics.ROBOT_STATE: self._take_state,
-            topics.ROBOT_MAP: self._take_patch,
-            topics.ROBOT_PATH: self._take_path,
-            topics.ROBOT_LINKS: self._take_links,
-            topics.ROBOT_EVENT: self._take_event,
-            topics.ROBOT_LOG: self._take_log,
-            topics.MOTE_READING: self._take_reading,
-            topics.TASK_EVENT: self._take_task,
-            topics.TASK_DECISION: self._take_decision,
-            topics.COORDINATOR_STATE: self._take_team,
-            topics.COORDINATOR_CHARGES: self._take_charges,
-            topics.COORDINATOR_LEFT: self._take_left,
-            topics.RECORDER_STATE: self._take_recorder,
-            topics.HALT: self._take_halt,
-            topics.ARENA_SCAN: self._take_scan,
-            topics.ARENA_CLOCK: self._take_clock,
-            topics.ARENA_TRUTH: self._take_truth,
-            topics.ARENA_PREPARATION: self._take_preparation,
+            topics.ROBOT_STATE: self._handle_state,
+            topics.ROBOT_MAP: self._handle_patch,
+            topics.ROBOT_PATH: self._handle_path,
+            topics.ROBOT_LINKS: self._handle_links,
+            topics.ROBOT_EVENT: self._handle_event,
+            topics.ROBOT_LOG: self._handle_log,
+            topics.MOTE_READING: self._handle_reading,
+            topics.TASK_EVENT: self._handle_task,
+            topics.TASK_DECISION: self._handle_decision,
+            topics.COORDINATOR_STATE: self._handle_team,
+            topics.COORDINATOR_CHARGES: self._handle_charges,
+            topics.COORDINATOR_LEFT: self._handle_left,
+            topics.RECORDER_STATE: self._handle_recorder,
+            topics.HALT: self._handle_halt,
+            topics.ARENA_SCAN: self._handle_scan,
+            topics.ARENA_CLOCK: self._handle_clock,
+            topics.ARENA_TRUTH: self._handle_truth,
+            topics.ARENA_PREPARATION: self._handle_preparation,
         }
         self.topics = tuple(takers)
         """The topics that `apply` understands."""
@@ -245,30 +245,30 @@ class TeamView:
             return event.task.place
         return robot.path[-1] if robot.path else None
 
-    def _take_state(self, state: RobotState, names: Names, now_s: float) -> None:
+    def _handle_state(self, state: RobotState, names: Names, now_s: float) -> None:
         _check_place(state.pose)
         self._robot(names["robot"]).take_state(state, now_s)
 
-    def _take_patch(self, patch: MapPatch, names: Names, now_s: float) -> None:
+    def _handle_patch(self, patch: MapPatch, names: Names, now_s: float) -> None:
         self.map.merge(patch)
         self._plan = None
 
-    def _take_path(self, path: PlannedPath, names: Names, now_s: float) -> None:
+    def _handle_path(self, path: PlannedPath, names: Names, now_s: float) -> None:
         for point in path.points:
             _check_place(point)
         self._robot(names["robot"]).path = path.points
 
-    def _take_links(self, links: RobotLinks, names: Names, now_s: float) -> None:
+    def _handle_links(self, links: RobotLinks, names: Names, now_s: float) -> None:
         self._robot(names["robot"]).links = links.links[:LINKS]
 
-    def _take_scan(self, scan: Scan, names: Names, now_s: float) -> None:
+    def _handle_scan(self, scan: Scan, names: Names, now_s: float) -> None:
         if not (abs(scan.angle_min_rad) <= FULL_TURN_RAD and abs(scan.angle_increment_rad) <= FULL_TURN_RAD):
             raise ValueError(f"expected angles of a turn, got {scan.angle_min_rad} and {scan.angle_increment_rad}")
         if scan.ranges_mm and not (min(scan.ranges_mm) >= 0 and max(scan.ranges_mm) <= FAR_MM):
             raise ValueError(f"expected ranges from 0 to {FAR_MM} mm")
         self._robot(names["robot"]).scan = scan
 
-    def _take_reading(self, reading: MoteReading, names: Names, now_s: float) -> None:
+    def _handle_reading(self, reading: MoteReading, names: Names, now_s: float) -> None:
         _check_place(reading.place)
         mote = self._mote(names["mote"])
         mote.heard(reading)
@@ -278,20 +278,20 @@ class TeamView:
         if before is None or taken_at_ns(before) <= taken_at_ns(reading):  # else it comes out of the mote's log
             mote.readings[reading.quantity] = reading
 
-    def _take_task(self, event: TaskEvent, names: Names, now_s: float) -> None:
+    def _handle_task(self, event: TaskEvent, names: Names, now_s: float) -> None:
         _check_place(event.task.place)
         self.board.take(event)
 
-    def _take_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
+    def _handle_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
         self.board.decide(decision)
 
-    def _take_event(self, event: Event, names: Names, now_s: float) -> None:
+    def _handle_event(self, event: Event, names: Names, now_s: float) -> None:
         self._robot(names["robot"]).events.append(event)
 
-    def _take_log(self, record: LogRecord, names: Names, now_s: float) -> None:
+    def _handle_log(self, record: LogRecord, names: Names, now_s: float) -> None:
         self.log.append(record)
 
-    def _take_team(self, team: TeamState, names: Names, now_s: float) -> None:
+    def _handle_team(self, team: TeamState, names: Names, now_s: float) -> None:
         for frontier in team.frontiers:
             _check_place(frontier.place)
         self.team, self.team_heard_s = team, now_s
@@ -301,30 +301,30 @@ class TeamView:
         for summary in team.robots:
             self._robot(summary.name).summary = summary
 
-    def _take_charges(self, schedule: ChargeSchedule, names: Names, now_s: float) -> None:
+    def _handle_charges(self, schedule: ChargeSchedule, names: Names, now_s: float) -> None:
         for charge in schedule.charges:
             _check_place(charge.charger)
         self.charges = schedule.charges
 
-    def _take_left(self, left: ExplorationLeft, names: Names, now_s: float) -> None:
+    def _handle_left(self, left: ExplorationLeft, names: Names, now_s: float) -> None:
         for region in left.regions:
             _check_place(region.place)
         self.left = left
 
-    def _take_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
+    def _handle_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
         name = names["recorder"]
         if name not in self.recorders:  # it follows those that have ended without a word
             self.recorders = {other: view for other, view in self.recorders.items() if not view.is_silent(now_s)}
         if name in self.recorders or len(self.recorders) < RECORDERS:
             self.recorders.setdefault(name, RecorderView(name)).take(state, now_s)
 
-    def _take_halt(self, halt: Halt, names: Names, now_s: float) -> None:
+    def _handle_halt(self, halt: Halt, names: Names, now_s: float) -> None:
         self.halt = halt
 
-    def _take_clock(self, clock: ArenaClock, names: Names, now_s: float) -> None:
+    def _handle_clock(self, clock: ArenaClock, names: Names, now_s: float) -> None:
         self._set_time(clock.sim_time_s, now_s)
 
-    def _take_truth(self, truth: ArenaTruth, names: Names, now_s: float) -> None:
+    def _handle_truth(self, truth: ArenaTruth, names: Names, now_s: float) -> None:
         for robot in truth.robots:
             _check_place(robot.pose)
         for mote in truth.motes:
@@ -346,7 +346,7 @@ class TeamView:
             self.explored = self.explored[::2]
             self._explored_step_s *= 2
 
-    def _take_preparation(self, preparation: ArenaPreparation, names: Names, now_s: float) -> None:
+    def _handle_preparation(self, preparation: ArenaPreparation, names: Names, now_s: float) -> None:
         if self.sim_time_s is not None:
             return
         truth = preparation.truth
@@ -392,7 +392,7 @@ class TeamView:
     def _robot(self, name: str) -> RobotView:
         robot = self.robots.get(name)
         if robot is None:
-            robot = self.robots[name] = RobotView(name, self.look_order.get(name, len(self.robots)))
+            robot = self.robots[name] = RobotView(name, self.check_order.get(name, len(self.robots)))
         return robot
 
     def _mote(self, name: str) -> MoteView:

@@ -114,7 +114,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         host = AgentHost(robot_file, robot.parent, session, LiveClock(), Drive.LIVE, memory=memory)
         CONTEXT.robot, CONTEXT.plugin, CONTEXT.task = host.name, plugin_here, host.task_and_trace
 
-        def tell_plugins() -> None:
+        def report_plugins() -> None:
             claim.settle()
             plugins = host.manager.plugins
             should_stop.ready()
@@ -137,7 +137,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
             return watch()
 
         with host.log.plugin_output() as output:
-            run_agent(host, watch_and_tidy, tell_plugins)
+            run_agent(host, watch_and_tidy, report_plugins)
         watch.check()
 
 

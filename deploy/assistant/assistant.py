@@ -30,7 +30,7 @@ from robrain.deploy.assistant.confirmations import Confirmations
 from robrain.deploy.assistant.errors import AuditError, CallRefused
 from robrain.deploy.assistant.looking import Looking
 from robrain.deploy.assistant.ordering import Ordering, Rehearsal
-from robrain.deploy.assistant.policy import Ban, Order, why_no_order, why_no_tool
+from robrain.deploy.assistant.policy import Ban, Order, order_refusal, tool_refusal
 from robrain.protocol.access.member import Member
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, RobrainError
 
@@ -95,7 +95,7 @@ class Assistant:
         self._confirmations = confirmations
         self._now = now
         self._elapsed_s = elapsed_s
-        self._note = note
+        self._record = note
         self._by = team.by
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
@@ -104,7 +104,7 @@ class Assistant:
 
     def may(self, tool: str) -> bool:
         """Whether the certificate allows a tool."""
-        return tool not in tuple(Order) or why_no_order(Order(tool), self._member) is None
+        return tool not in tuple(Order) or order_refusal(Order(tool), self._member) is None
 
     def answer(self, call: ToolCall) -> ToolAnswer:
         """Answer a call, and log it."""
@@ -128,12 +128,12 @@ class Assistant:
         try:
             self._write(call, number, found, 1000.0 * (self._elapsed_s() - began_s))
         except AuditError as error:  # what was done is done; `_carry_out` had logged that it was to be
-            self._note(f"assistant: {error}")
+            self._record(f"assistant: {error}")
 
     def _answer(self, call: ToolCall, number: int) -> ToolAnswer:
         tool = self.tools.get(call.tool)
         if tool is None:
-            raise CallRefused(why_no_tool(call.tool))
+            raise CallRefused(tool_refusal(call.tool))
         if not self.may(tool.name):
             raise CallRefused(Ban.ROLE, f"it is that of {self._member}")
         if tool.arguments is HaltRobots:  # without a lock, and whatever its arguments are

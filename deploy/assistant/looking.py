@@ -13,7 +13,7 @@ from robrain.client.team import Team
 from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
 from robrain.deploy.assistant.errors import CallRefused
-from robrain.deploy.assistant.policy import OUTSIDE, Ban, why_no_call
+from robrain.deploy.assistant.policy import OUTSIDE, Ban, call_refusal
 from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere
@@ -26,7 +26,7 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.drawing.map_view import ComposedMap
-from robrain.recording.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, look_of
+from robrain.recording.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, style_of
 
 SIDE_PX = 900
 """Longer side of the picture."""
@@ -159,7 +159,7 @@ def _draw_task(draw: ImageDraw.ImageDraw, frame: _Frame, task: DrawnTask) -> Non
 def _draw_robot(draw: ImageDraw.ImageDraw, frame: _Frame, robot: DrawnRobot, index: int) -> None:
     x_px, y_px = frame.at(robot.pose.x_m, robot.pose.y_m)
     radius_px = max(ROBOT_PX_MIN, min(robot.radius_m, 5.0) * frame.px_per_m)
-    color = HALTED if robot.halted else look_of(index).color
+    color = HALTED if robot.halted else style_of(index).color
     draw.ellipse([x_px - radius_px, y_px - radius_px, x_px + radius_px, y_px + radius_px], fill=color, outline=NOSE)
     nose = x_px + radius_px * math.cos(robot.pose.yaw_rad), y_px - radius_px * math.sin(robot.pose.yaw_rad)
     draw.line([(x_px, y_px), nose], fill=NOSE, width=2)
@@ -255,7 +255,7 @@ class Looking:
         lines, found = [], []
         for one in plugins:
             open_functions = [
-                function for function in one.functions if why_no_call(one.name, function.name, plugins) is None
+                function for function in one.functions if call_refusal(one.name, function.name, plugins) is None
             ]
             state = f"{one.name} ({one.level}): {one.state}{f', {one.why}' if one.why else ''}"
             lines.append(state if OUTSIDE in one.visibility else f"{state}, not open to the outside")

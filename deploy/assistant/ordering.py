@@ -10,7 +10,7 @@ from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.arguments import CallPlugin, CancelTask, HaltRobots, SubmitTask
 from robrain.deploy.assistant.errors import CallRefused
 from robrain.deploy.assistant.looking import OPEN, Looking, task_line
-from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, why_no_call, why_no_cancel
+from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, call_refusal, cancel_refusal
 from robrain.deploy.tasks.dry_run_words import dry_run_lines
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
@@ -68,7 +68,7 @@ class Ordering:
         """Cancel a task that this assistant has submitted; its robot stops it."""
         why = self._team.why(asked.task)
         record = why.record
-        if (ban := why_no_cancel(record, self._team.by)) is not None:
+        if (ban := cancel_refusal(record, self._team.by)) is not None:
             whose = f"{asked.task} is {record.state}, by {record.by or 'nobody'}"
             raise CallRefused(ban, whose)
         stops = f"{record.robot} would stop it" if record.robot else "no robot has begun it"
@@ -90,7 +90,7 @@ class Ordering:
         """Call a function of a robot's plugin, if its manifest opens it to the outside and it moves nothing."""
         plugins = self._team.plugins(asked.robot)
         where = f"{asked.robot} {asked.plugin}.{asked.function}"
-        if (ban := why_no_call(asked.plugin, asked.function, plugins)) is not None:
+        if (ban := call_refusal(asked.plugin, asked.function, plugins)) is not None:
             raise CallRefused(ban, where)
         plugin = next(one for one in plugins if one.name == asked.plugin)
         function = _fitting(plugin, asked)

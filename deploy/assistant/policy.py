@@ -132,22 +132,22 @@ READS: Mapping[str, frozenset[str]] = MappingProxyType(
 _WORD = re.compile(r"[a-z]+")
 
 
-def why_no_tool(name: str) -> Ban:
+def tool_refusal(name: str) -> Ban:
     """Why there is no such tool.
 
-    >>> why_no_tool("resume_team")
+    >>> tool_refusal("resume_team")
     <Ban.RESUME: 'resume'>
     """
     return next((BANNED_WORDS[word] for word in _WORD.findall(name.lower()) if word in BANNED_WORDS), Ban.UNKNOWN_TOOL)
 
 
-def why_no_order(order: Order, member: Member | None) -> Ban | None:
+def order_refusal(order: Order, member: Member | None) -> Ban | None:
     """Why a certificate does not allow an order; None if it does, or if the team is not secured."""
     action, row = ROWS[order]
     return None if member is None or member.role in roles(action, row) else Ban.ROLE
 
 
-def why_no_call(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> Ban | None:
+def call_refusal(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> Ban | None:
     """Why a function of a robot's plugin is not called; None if it may be, after a rehearsal.
 
     A plugin that requires a mover, itself or through others, could move the robot: of these only `READS` are called.
@@ -159,7 +159,7 @@ def why_no_call(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> Ba
 
     """
     if (of_host := HOST_NAMES.get(plugin)) is not None:
-        known = why_no_tool(function)
+        known = tool_refusal(function)
         return of_host if known is Ban.UNKNOWN_TOOL else known
     by_name = {one.name: one for one in plugins}
     found = by_name.get(plugin)
@@ -174,7 +174,7 @@ def why_no_call(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> Ba
     return Ban.DRIVE if _required(plugin, by_name) & MOVERS else None
 
 
-def why_no_cancel(record: TaskRecord, by: str) -> Ban | None:
+def cancel_refusal(record: TaskRecord, by: str) -> Ban | None:
     """Why a task is not cancelled for `by`; None if it may be: an assistant ends only what it has begun."""
     if record.own or record.by != by:
         return Ban.NOT_YOURS

@@ -209,9 +209,9 @@ class MotionRunner(Unit):
         is_new = scan is not None and (not self._scans or scan.stamp_ns > self._scans[-1].stamp_ns)
         if scan is not None and is_new and len(self._scans) < SAMPLES_MAX:
             self._scans.append(scan)
-        self._look_at_imu()
+        self._read_imu()
 
-    def _look_at_imu(self) -> None:
+    def _read_imu(self) -> None:
         sample = self._imu.latest() if self._imu is not None else None
         known = self._imu_samples
         if sample is not None and (not known or sample.stamp_ns > known[-1].stamp_ns) and len(known) < SAMPLES_MAX:
@@ -230,10 +230,10 @@ class MotionRunner(Unit):
         if self._elapsed_s(now_ns) > _time_limit_s(motion):
             return f"it has not ended after {_time_limit_s(motion):.0f} s"
         if isinstance(motion, Straight):
-            return self._what_is_near(now_ns)
+            return self._nearest_obstacle(now_ns)
         return ""
 
-    def _what_is_near(self, now_ns: int) -> str:
+    def _nearest_obstacle(self, now_ns: int) -> str:
         scan, radius_m = self._latest_scan(), self._moc.radius_m()
         if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
             return "no turn of the lidar for 1 s"

@@ -445,7 +445,7 @@ class BringUp:
         except _Ended:
             pass
         except (MotionFailed, DeviceAbsent) as error:
-            self._note([CheckFinding(step=self._step, found=FindingKind.FAILED, ok=False, sentence=str(error))])
+            self._record([CheckFinding(step=self._step, found=FindingKind.FAILED, ok=False, sentence=str(error))])
         return BringUpReport(
             robot=self._file.robot.name,
             file=str(self._path),
@@ -489,13 +489,13 @@ class BringUp:
             return
         self._step = CheckStep.ORIENTATION
         found, view = check_orientation(bench, view)
-        view = self._look_again(CheckStep.ORIENTATION, found, view)
+        view = self._check_again(CheckStep.ORIENTATION, found, view)
         self._step = CheckStep.DISTANCE
         found, view = check_distance(bench, view, bench.base())
-        view = self._look_again(CheckStep.DISTANCE, found, view)
+        view = self._check_again(CheckStep.DISTANCE, found, view)
         self._step = CheckStep.TURN
         found, view = check_turn(bench, view, bench.base())
-        view = self._look_again(CheckStep.TURN, found, view)
+        view = self._check_again(CheckStep.TURN, found, view)
         if has_imu(self._file):
             self._step = CheckStep.IMU
             self._start(with_lidar=True, with_imu=True)
@@ -508,7 +508,7 @@ class BringUp:
             found, view = check_square(
                 bench, view, bench.base(), self._operator, rounds=self._wanted.rounds, measured=self._wanted.measured
             )
-            view = self._look_again(CheckStep.SQUARE, found, view)
+            view = self._check_again(CheckStep.SQUARE, found, view)
             if not any(one.patch for one in found):
                 break
 
@@ -527,7 +527,7 @@ class BringUp:
     def _do(self, step: CheckStep, found: list[CheckFinding]) -> bool:
         """Note what a step has found, and go on with that; whether the devices were restarted for it."""
         self._step = step
-        self._note(found)
+        self._record(found)
         if any(one.stops for one in found):
             raise _Ended
         if not any(one.patch for one in found):
@@ -535,11 +535,11 @@ class BringUp:
         self._start(with_lidar=self._with_lidar)
         return True
 
-    def _look_again(self, step: CheckStep, found: list[CheckFinding], view: View) -> View:
+    def _check_again(self, step: CheckStep, found: list[CheckFinding], view: View) -> View:
         """As `_do`; what the lidar sees afterwards."""
         return look(self._bench)[0] if self._do(step, found) else view
 
-    def _note(self, found: list[CheckFinding]) -> None:
+    def _record(self, found: list[CheckFinding]) -> None:
         for finding in found:
             self._findings.append(finding)
             self._tell(finding)

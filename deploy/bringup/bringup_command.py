@@ -21,7 +21,7 @@ from robrain.deploy.bringup.findings import CheckFinding
 from robrain.deploy.bringup.operator import Operator, TerminalOperator, YesOperator
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import note, tell_json
+from robrain.deploy.processes.live_process import note, print_json_line
 from robrain.deploy.processes.name_claim import claim_robot
 from robrain.deploy.processes.native_threads import limit_zenoh_threads
 from robrain.protocol.access.identity import TLS_VARIABLE
@@ -131,7 +131,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
 
         report = BringUp(robot, bench, operator, tell, robot_file).run(wanted)
     if as_json:
-        tell_json(report)
+        print_json_line(report)
     elif report.backup:
         print_line(f"{report.file} has what was found; {report.backup} is the file as it was")
     return report.is_good

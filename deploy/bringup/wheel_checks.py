@@ -96,7 +96,7 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
         answer = AGAIN
         while answer == AGAIN:
             there = bench.perform(TurnWheels(speeds, TURN_S))
-            answer = _who_turned(operator, names, index, positive_way(base.base))
+            answer = _turned_wheel(operator, names, index, positive_way(base.base))
             back = bench.perform(TurnWheels(tuple([-each for each in speeds]), TURN_S))
         turned_rad_s = [0.5 * (a - b) for a, b in zip(_speeds_rad_s(there), _speeds_rad_s(back), strict=True)]
         encoder = max(range(len(names)), key=lambda other: abs(turned_rad_s[other]))
@@ -221,7 +221,7 @@ def check_battery(bench: Bench) -> CheckFinding:
     return say(FindingKind.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", ok=True, **values)
 
 
-def _who_turned(operator: Operator, names: tuple[str, ...], index: int, way: str) -> str:
+def _turned_wheel(operator: Operator, names: tuple[str, ...], index: int, way: str) -> str:
     """What the person saw: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
     choices = {YES: f"{names[index]}, {way}", BACKWARDS: f"{names[index]}, the other way round"}
     for other, name in enumerate(names):

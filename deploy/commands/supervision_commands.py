@@ -107,7 +107,7 @@ def up(
 
             chosen = chosen.replace(rules=read_rules(rules))
         site = ScenarioSite(team, listen, dashboard, port, new_recording(record), journal, stand_by, secured, pki)
-        result = up_scenario(chosen, _scenario_words(scenario, map_file, robots, motes, seed), site, words)
+        result = up_scenario(chosen, _scenario_arguments(scenario, map_file, robots, motes, seed), site, words)
     if result.given_up:
         raise typer.Exit(EXIT_WRONG)
     if result.ended == "interrupted" and (until, time_limit) != (None, None):
@@ -158,7 +158,7 @@ def doctor(
         raise typer.Exit(EXIT_WRONG)
 
 
-def _scenario_words(
+def _scenario_arguments(
     scenario: str | None, map_file: Path | None, robots: int | None, motes: int | None, seed: int | None
 ) -> list[str]:
     words = [scenario] if scenario is not None else []

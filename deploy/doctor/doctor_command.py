@@ -6,7 +6,7 @@ from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.doctor.check import Check, is_good
 from robrain.deploy.doctor.examination import examine_host, examine_hub, examine_robot
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import tell_json
+from robrain.deploy.processes.live_process import print_json_line
 from robrain.deploy.supervision.team_file import is_team_file
 
 MARKS = {True: "ok", False: "WRONG", None: "unknown"}
@@ -37,7 +37,7 @@ def doctor_command(
     else:
         checks = examine_robot(file, connect, team) if file is not None else examine_hub(connect, team)
     if as_json:
-        tell_json(checks)
+        print_json_line(checks)
     else:
         for line in lines_of(checks):
             print_line(line)

@@ -27,9 +27,9 @@ from robrain.deploy.doctor.team_checks import (
     check_name_free,
     check_robots,
     check_versions,
-    heard_skews_s,
     holders,
     members,
+    stamp_skews_s,
 )
 from robrain.deploy.errors import UsageError
 from robrain.deploy.pki.errors import PkiError
@@ -478,7 +478,7 @@ def examine_team(joining: JoinRequest) -> list[Check]:
         with closing(open_session(connect=joining.endpoints)) as session:
             with live_endpoint(session, joining.team) as wire:
                 checks += check_robots(status_by(wire))
-            checks.append(check_clock(heard_skews_s(session, joining.team)))
+            checks.append(check_clock(stamp_skews_s(session, joining.team)))
             checks.append(check_versions(own_version(), members(session, joining.team)))
             checks += [check_name_free(robot, holders(session, joining.team, robot)) for robot in joining.robots]
     except RobrainError as error:  # the router has gone meanwhile

@@ -92,7 +92,7 @@ def check_clock(skews_s: Sequence[float]) -> Check:
     )
 
 
-def heard_skews_s(session: zenoh.Session, team: str) -> list[float]:
+def stamp_skews_s(session: zenoh.Session, team: str) -> list[float]:
     """How far the stamps of the coordinator's messages, or else of robots', are ahead of this machine's clock, s."""
     for topic in (COORDINATOR_STATE, ROBOT_STATE):
         if skews_s := _skews_s(session, topic.selector(team)):

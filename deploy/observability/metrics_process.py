@@ -144,12 +144,12 @@ class TeamMetrics(Collector):
             self._refused["coordinator"] = message.refused or []
         elif topic == TASK_EVENT.name:
             assert isinstance(message, TaskEvent)
-            self._note_task(message.task.id, message.state)
+            self._count_task(message.task.id, message.state)
         elif topic == RECORDER_STATE.name:
             assert isinstance(message, RecorderState)
             self._lost[message.recorder] = sum(each.messages for each in message.lost)
 
-    def _note_task(self, task: str, state: TaskState) -> None:
+    def _count_task(self, task: str, state: TaskState) -> None:
         self._tasks.pop(task, None)
         self._tasks[task] = state
         if len(self._tasks) > TASKS_MAX:

@@ -142,12 +142,12 @@ def router_command(folder: Path | None, listen: str | None, connect: Sequence[st
         should_stop.ready()
         while not should_stop():
             time.sleep(LOOK_S)
-            said = _say_once(said, router.look(), note)
+            said = _log_once(said, router.look(), note)
     finally:
         router.close()
 
 
-def _say_once(before: str, text: str, say: Callable[[str], None]) -> str:
+def _log_once(before: str, text: str, say: Callable[[str], None]) -> str:
     if text and text != before:
         say(f"router: {text}")
     return text

@@ -30,7 +30,7 @@ class StartingPage:
         self._url = ""
         self._on_served = on_served
         self._begun_s = time.monotonic()
-        self._child = children.start("dashboard", arguments, self._note)
+        self._child = children.start("dashboard", arguments, self._record)
 
     @property
     def url(self) -> str:
@@ -49,7 +49,7 @@ class StartingPage:
             raise ChildFailed(f"the dashboard did not start: {said.removeprefix('robrain: ')}")
         return ""
 
-    def _note(self, line: str) -> None:
+    def _record(self, line: str) -> None:
         if line.startswith(READY_PREFIX) and not self._url:
             self._url = line.removeprefix(READY_PREFIX)
             if self._on_served is not None:
@@ -85,7 +85,7 @@ def start_dashboard(children: Children, endpoint: str, team: str, port: int | No
     return _served(begin_dashboard(children, endpoint, team, port))
 
 
-def go_on_with_recording(children: Children, url: str, recording: Path) -> None:
+def continue_with_recording(children: Children, url: str, recording: Path) -> None:
     """Show a recording on a dashboard's page after its team has ended; open browsers reconnect by themselves.
 
     Args:

@@ -14,10 +14,10 @@ def said(robot: str, address: str) -> str:
     return f"{_SAID}{robot}: {address}"
 
 
-def read_said(lines: Iterable[str]) -> dict[str, str]:
+def read_addresses(lines: Iterable[str]) -> dict[str, str]:
     """The addresses that lines of output tell of.
 
-    >>> read_said(["arena: depot", "serial forwarder of r1: 127.0.0.1:9002"])
+    >>> read_addresses(["arena: depot", "serial forwarder of r1: 127.0.0.1:9002"])
     {'r1': '127.0.0.1:9002'}
     """
     told = (line.removeprefix(_SAID).partition(": ") for line in lines if line.startswith(_SAID))

@@ -142,7 +142,7 @@ def tell(text: str) -> None:
     sys.stdout.flush()
 
 
-def tell_json(value: object) -> None:
+def print_json_line(value: object) -> None:
     """Print a value as a line of JSON on stdout, unbuffered; control characters are escaped."""
     sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
     sys.stdout.flush()

@@ -142,14 +142,14 @@ class NameClaim:
                 # If this machine stood still, the other process did as well: that counts as one look.
                 waited_ns += min(looked_ns - before_ns, round(ASK_TIMEOUT_S * NS_PER_S))
                 if waited_ns > PATIENCE_S * NS_PER_S:
-                    raise self._taken(_said_by(seen))
+                    raise self._taken(_describe_process(seen))
             time.sleep(LOOK_PERIOD_S)
         return False
 
     def take_over(self) -> None:
         """Take the name even if another process has it; for a coordinator that was elected."""
         # Declared first, as a process that sees the token may query at once.
-        self._wire.answer(self._keys.who, self._tell_who, serve=Serve.AT_ONCE, at_once=(), **self._keys.names)
+        self._wire.answer(self._keys.who, self._reply_process, serve=Serve.AT_ONCE, at_once=(), **self._keys.names)
         self._declare(HAS)
 
     def settle(self) -> None:
@@ -214,7 +214,7 @@ class NameClaim:
     def _taken(self, who: str) -> NameTaken:
         return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
 
-    def _tell_who(self, _request: Request[Any]) -> ProcessInfo:
+    def _reply_process(self, _request: Request[Any]) -> ProcessInfo:
         return self.info
 
 
@@ -238,7 +238,7 @@ class NameWatch:
         self._should_stop = should_stop
         self._monotonic_ns = monotonic_ns
         self._asked_ns = monotonic_ns()
-        self._look_until_ns = self._look_ns = 0
+        self._check_until_ns = self._check_ns = 0
         self.lost: NameTaken | None = None
         """The name is another's now."""
 
@@ -247,9 +247,9 @@ class NameWatch:
         before_ns, self._asked_ns = self._asked_ns, self._monotonic_ns()
         now_ns = self._asked_ns
         if now_ns - before_ns > HANG_NS:
-            self._look_until_ns, self._look_ns = now_ns + LOOK_AFTER_HANG_NS, now_ns
-        if self.lost is None and self._look_ns <= now_ns < self._look_until_ns:
-            self._look_ns = now_ns + LOOK_AGAIN_NS
+            self._check_until_ns, self._check_ns = now_ns + LOOK_AFTER_HANG_NS, now_ns
+        if self.lost is None and self._check_ns <= now_ns < self._check_until_ns:
+            self._check_ns = now_ns + LOOK_AGAIN_NS
             self.lost = self._claim.successor()
         return self.lost is not None or self._should_stop()
 
@@ -259,7 +259,7 @@ class NameWatch:
             raise self.lost
 
 
-def _said_by(seen: _Seen) -> str:
+def _describe_process(seen: _Seen) -> str:
     """Describe a process that has not answered, from its tokens."""
     for process in (*seen.having, *sorted(seen.asking)):
         began, _, rest = process.partition("-")

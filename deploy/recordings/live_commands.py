@@ -26,7 +26,7 @@ def dashboard_command(connect: str | None, team: str, port: int | None) -> None:
 
         def ready(url: str) -> None:
             should_stop.ready()
-            _tell_url(url)
+            _print_url(url)
 
         run_dashboard(wire, "127.0.0.1", _page_port(port), ready, should_stop)
 
@@ -42,7 +42,7 @@ def show_recording(
 
     should_stop = LiveStop()
     source = ReplaySource(recording, speed=speed, start_s=start_s)
-    run_dashboard(source, "127.0.0.1", _page_port(port), _tell_url, should_stop, what_if)
+    run_dashboard(source, "127.0.0.1", _page_port(port), _print_url, should_stop, what_if)
 
 
 def replay_on_wire(
@@ -94,5 +94,5 @@ def _page_port(port: int | None) -> int:
     return DEFAULT_DASHBOARD_PORT
 
 
-def _tell_url(url: str) -> None:
+def _print_url(url: str) -> None:
     tell(f"{READY_PREFIX}{url}")

@@ -4,7 +4,7 @@ from rich.table import Table
 
 from robrain.deploy.command_line.terminal import results
 from robrain.deploy.recordings.recording_display import said
-from robrain.recording.reader.two_runs import ComparedRow, TwoRuns, words_of
+from robrain.recording.reader.two_runs import ComparedRow, TwoRuns, text_of
 
 NAME_SHOWN = 40
 
@@ -28,5 +28,5 @@ def show_two_runs(runs: TwoRuns) -> None:
 
 
 def _cells(row: ComparedRow) -> tuple[str, str, str, str]:
-    first, second, difference = words_of(row)
+    first, second, difference = text_of(row)
     return said(row.name, NAME_SHOWN), said(first), said(second), said(difference)

@@ -8,7 +8,7 @@ from robrain.deploy.command_line.terminal import results
 from robrain.deploy.recordings.recording_display import said
 from robrain.recording.invariants.findings import InvariantState, Ruling
 from robrain.recording.invariants.judging import broken
-from robrain.recording.invariants.words import INVARIANTS, cases_words
+from robrain.recording.invariants.words import INVARIANTS, cases_text
 from robrain.recording.reader.checking import Severity, Verdict
 
 
@@ -57,7 +57,7 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
 
 
 def _standing(ruling: Ruling) -> tuple[Text, str]:
-    cases = cases_words(ruling.invariant, ruling.cases)
+    cases = cases_text(ruling.invariant, ruling.cases)
     match ruling.standing:
         case InvariantState.KEPT:
             return Text("kept", "green"), cases

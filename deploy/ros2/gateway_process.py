@@ -37,7 +37,7 @@ from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.recording.drawing.map_at import KnownMap
-from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, look_of
+from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, style_of
 
 M = TypeVar("M")
 
@@ -162,7 +162,7 @@ def markers(
     drawn: list[Any] = [stamped(ros.MARKER, frame, stamp_ns, action=DELETE_ALL)]
     for index, (robot, state) in enumerate(states.items()):
         radius_m = state.radius_m or 0.2
-        body = HALTED if state.halted else LOST if state.lost else look_of(index).color
+        body = HALTED if state.halted else LOST if state.lost else style_of(index).color
         word = " halted" if state.halted else " lost" if state.lost else ""
         where = base_frame(robot)
         size = (2 * radius_m, 2 * radius_m, ROBOT_HEIGHT_M)
@@ -394,11 +394,11 @@ class Gateway:
         for received in self._inbox.drain():
             message, topic = received.message, received.topic
             if topic is TASK_EVENT:
-                self._take_task(message)
+                self._handle_task(message)
             elif (word := self._word(message.robot)) is None:
                 self.left_out += 1
             elif topic is ROBOT_STATE:
-                self._take_state(message, word)
+                self._handle_state(message, word)
                 if _is_placed(message):
                     moved.append(transform(word, message.pose, self._frame, message.stamp_ns or now_ns))
             elif topic is ROBOT_PATH:
@@ -410,7 +410,7 @@ class Gateway:
         if moved:
             self._write("/tf", ros.TF_MESSAGE, TF, TFMessage(moved))
 
-    def _take_state(self, state: RobotState, word: str) -> None:
+    def _handle_state(self, state: RobotState, word: str) -> None:
         if word not in self._states:  # patches have changes only
             self._wire.ask_into(self._maps, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=state.robot)
         self._states[word] = state
@@ -421,7 +421,7 @@ class Gateway:
             battery = battery_message(word, state.battery, state.stamp_ns)
             self._write(f"{word}/battery", ros.BATTERY_STATE, RELIABLE, battery)
 
-    def _take_task(self, event: TaskEvent) -> None:
+    def _handle_task(self, event: TaskEvent) -> None:
         self._write("task_events", ros.STRING, RELIABLE, task_event(event))
         self._tasks.pop(event.task.id, None)
         if not event.state.ended and len(self._tasks) < TASKS_MAX:
@@ -470,7 +470,7 @@ class Gateway:
         for asked in self._submissions.requests():
             self._waiting.append(_Waiting(orders.submit(asked.request.task), _reply(asked, SubmitTaskResponse)))
         for heard in self._texts.take():
-            self._waiting.append(_Waiting(orders.submit(heard.message.data), self._tell_all))
+            self._waiting.append(_Waiting(orders.submit(heard.message.data), self._reply_all))
         waiting, self._waiting = self._waiting, []
         for each in waiting:
             if each.future.done():
@@ -478,7 +478,7 @@ class Gateway:
             else:
                 self._waiting.append(each)
 
-    def _tell_all(self, answer: OrderOutcome) -> None:
+    def _reply_all(self, answer: OrderOutcome) -> None:
         text = msgspec.json.encode({"accepted": answer.accepted, "answer": answer.text}).decode()
         self._write("task_answers", ros.STRING, RELIABLE, String(text))
 

@@ -47,7 +47,7 @@ GONE = {
 }
 
 
-def follow_journal(
+def copy_journal(
     wire: Endpoint, path: Path, process: ProcessInfo, should_stop: Callable[[], bool], note: Callable[[str], None]
 ) -> bool:
     """Keep a copy of the journal of the coordinator there is, in a file of this process.
@@ -158,7 +158,7 @@ class ElectedCoordinator:
         self._session, self._team, self._path = session, team, path
         self._witnesses, self._is_forced = standing.witnesses, standing.is_forced
         self._policy, self._rules = policy, rules
-        self._on_ready, self._note = on_ready, note
+        self._on_ready, self._record = on_ready, note
 
     def run(self, should_stop: ShouldStop) -> None:
         """Stand by and lead by turns until `should_stop()` (JournalError if the file cannot be used)."""
@@ -168,14 +168,14 @@ class ElectedCoordinator:
                 if elected is None:
                     return
                 self._is_forced = False
-                self._note(f"elected, by election {elected.won.election}")
+                self._record(f"elected, by election {elected.won.election}")
                 try:
                     why_not = self._lead(elected, claim, should_stop)
                 except JournalUnwritable as error:
                     why_not = str(error)
                     time.sleep(AGAIN_S)
             if why_not:
-                self._note(f"{why_not}: this one stands by")
+                self._record(f"{why_not}: this one stands by")
 
     def _lead(self, elected: Elected, claim: NameClaim, should_stop: ShouldStop) -> str:
         """Lead until `should_stop()`; returns why it leads no longer, in words, if there is another reason."""
@@ -196,7 +196,7 @@ class ElectedCoordinator:
         with closing(Journal(self._path)) as journal, live_endpoint(self._session, self._team) as wire:
             candidate = Candidate(wire, self._witnesses, journal.name, is_forced=self._is_forced)
             stand_by = StandBy(wire, journal, cut(f"{claim.info.host}-{claim.info.pid}", NAME_MAX), candidate)
-            notes = _Notes(self._note)
+            notes = _Notes(self._record)
             while stand_by.elected is None and not should_stop():
                 stand_by.step()
                 notes.follow(stand_by, candidate, wire.clock.now_ns())
@@ -208,7 +208,7 @@ class _Notes:
     """Prints what has changed for a coordinator that stands by."""
 
     def __init__(self, note: Callable[[str], None]) -> None:
-        self._note = note
+        self._record = note
         self._following: Following | None = None
         self._is_silent = False
         self._unlike = ""
@@ -219,19 +219,19 @@ class _Notes:
         """Print what has changed since the last call."""
         following = stand_by.following(now_ns)
         if following is not self._following and following in WORDS:
-            self._note(WORDS[following])
+            self._record(WORDS[following])
         self._following = following
         was_silent, self._is_silent = self._is_silent, stand_by.is_silent(now_ns)
         if self._is_silent and not was_silent and following is Following.COPYING:
             end = "FILE.before-N has the last whole one"
-            self._note(f"the coordinator is silent. The copy of its journal: {GONE[following]}; {end}")
+            self._record(f"the coordinator is silent. The copy of its journal: {GONE[following]}; {end}")
         if stand_by.unlike != self._unlike:
             self._unlike = stand_by.unlike
-            self._note(f"it does not stand by: {self._unlike}" if self._unlike else "it stands by")
+            self._record(f"it does not stand by: {self._unlike}" if self._unlike else "it stands by")
         lost = candidate.lost
         if lost is not None and lost != self._lost and time.monotonic() > self._lost_due_s:
             self._lost, self._lost_due_s = lost, time.monotonic() + WHY_PERIOD_S
-            self._note(f"not elected: {lost.words}")
+            self._record(f"not elected: {lost.words}")
 
 
 NO_ELECTION = LeadershipOptions()
@@ -295,7 +295,7 @@ def coordinator_command(
         if standing.witnesses or standing.stands_by:
             should_stop.ready()
         if standing.witnesses:
-            ElectedCoordinator(session, team, path, standing, policy, kept_rules, ready, _note).run(should_stop)
+            ElectedCoordinator(session, team, path, standing, policy, kept_rules, ready, _record).run(should_stop)
         else:
             _lead(session, team, path, policy, kept_rules, should_stop, ready, stands_by=standing.stands_by)
 
@@ -313,9 +313,9 @@ def _lead(
 ) -> None:
     """Lead once no other coordinator does, until `should_stop()`."""
     with claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
-        if stands_by and not follow_journal(wire, path, claim.info, should_stop, _note):
+        if stands_by and not copy_journal(wire, path, claim.info, should_stop, _record):
             return
-        if not claim.take(_note, should_stop, stands_by=stands_by):
+        if not claim.take(_record, should_stop, stands_by=stands_by):
             return  # before the journal is opened: only one process at a time may write it
         watch = NameWatch(claim, should_stop)
         kept = _open_journal(path, watch, stands_by=stands_by)
@@ -335,7 +335,7 @@ def _lead(
         watch.check()
 
 
-def _note(text: str) -> None:
+def _record(text: str) -> None:
     note(f"coordinator: {text}")
 
 
@@ -359,6 +359,6 @@ def _open_journal(path: Path, should_stop: Callable[[], bool], *, stands_by: boo
                 raise
             if not is_told:
                 is_told = True
-                _note(f"{error}; waiting until it does not any more")
+                _record(f"{error}; waiting until it does not any more")
             time.sleep(LOOK_PERIOD_S)
     return None

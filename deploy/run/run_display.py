@@ -109,15 +109,15 @@ def show_result(result: RunResult) -> None:
         if result.ended == "nothing_left" or isinstance(left.why, GapTooNarrow):
             print_line(left.words)
     if result.exploration_left is not None:
-        show_left(result.exploration_left)
+        print_exploration_left(result.exploration_left)
     if result.ended == "nothing_left":
         for robot in result.per_robot:
             if robot.idle is not None and not isinstance(robot.idle, NothingUnknown):
                 print_line(f"{robot.name} is {robot.idle!s}")
-    tell_recorded(result.recording)
+    print_recorded(result.recording)
 
 
-def show_left(left: ExplorationLeft) -> None:
+def print_exploration_left(left: ExplorationLeft) -> None:
     """Print what exploration has left: a line for what robots can still reach, a table for the rest."""
     unseen = [region for region in left.regions if region.kind is LeftKind.UNSEEN and region.gap_m is None]
     regions = [region for region in left.regions if region not in unseen]
@@ -189,7 +189,7 @@ def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccur
     return lines
 
 
-def tell_recorded(recording: str | None) -> None:
+def print_recorded(recording: str | None) -> None:
     """Print a recording's path and the command that replays it."""
     if recording is not None:
         print_line(f"recorded in {recording}")

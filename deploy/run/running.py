@@ -4,7 +4,7 @@ from robrain.deploy.command_line.process_options import above_zero, until_explor
 from robrain.deploy.command_line.terminal import say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.dashboard_process import go_on_with_recording
+from robrain.deploy.processes.dashboard_process import continue_with_recording
 from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.run.preparing import Preparing
 from robrain.deploy.run.run_display import run_display, show_result
@@ -58,7 +58,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
     if not options.quiet:
         show_result(result)
     if options.stay and page is not None and options.record is not None and result.ended != "interrupted":
-        go_on_with_recording(children, page.url, options.record)
+        continue_with_recording(children, page.url, options.record)
         should_stop = LiveStop()  # before the user is told of Ctrl-C: the default handler ends with another status
         say(f"{page.url} now shows the recording: Ctrl-C ends it")
         should_stop.wait()

@@ -108,7 +108,7 @@ class Restarts:
         """Whether it has ever been ready."""
         self._start_s = float("-inf")
         self._silent_s = 0.0
-        self._looked_s: float | None = None
+        self._checked_s: float | None = None
         self._cause = Cause.ENDED
         self._failures: deque[float] = deque()
 
@@ -158,7 +158,7 @@ class Restarts:
             waited_s: for how much of the time since the last call the process waited for a core.
 
         """
-        looked_s, self._looked_s = self._looked_s, now_s
+        looked_s, self._checked_s = self._checked_s, now_s
         if self.phase is Phase.WAITING:
             return RestartStep.START if now_s >= self._start_s else RestartStep.NOTHING
         if self.phase not in (Phase.STARTING, Phase.UP):

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.agent.manifest import where_and_what
+from robrain.agent.manifest import key_and_problem
 from robrain.deploy.errors import UsageError
 from robrain.deploy.supervision.part import ARENA, HUB, STOCK_PARTS
 from robrain.protocol.errors import BadName, BadToml
@@ -187,7 +187,7 @@ def read_team_file(path: Path) -> TeamFile:
     try:
         found = msgspec.convert(raw, TeamFile)
     except msgspec.ValidationError as error:
-        where, what = where_and_what(error, raw, TeamFile)
+        where, what = key_and_problem(error, raw, TeamFile)
         raise UsageError(f"{path}: {what if where == 'file' else f'{where}: {what}'}") from error
     files = {"team.planning": found.team.planning, "team.rules": found.team.rules}
     for key, file in files.items():

@@ -108,7 +108,7 @@ def status_by(wire: Endpoint) -> TeamStatus:
     wire.subscribe(inbox, COORDINATOR_STATE)
     found = team_found(wire)
     refused, summary, states = _told(inbox, len(found.robots) + found.coordinator)
-    standing = {name: standing_of(name, states.get(name)) for name in found.robots}
+    standing = {name: robot_status(name, states.get(name)) for name in found.robots}
     standing |= {
         robot.name: RobotStanding(
             robot=robot.name, condition=RobotCondition.GONE, task=robot.task, soc=robot.soc, silent_s=robot.age_s
@@ -177,7 +177,7 @@ def reasons_of(robot: RobotStanding) -> Iterator[str]:
         yield f"{', '.join(plugins)} {verb} not run: {reason}"
 
 
-def standing_of(robot: str, state: RobotState | None) -> RobotStanding:
+def robot_status(robot: str, state: RobotState | None) -> RobotStanding:
     """How a robot that is present is, by its last state."""
     if state is None:
         why = f"no state published for {STATE_S:g} s"

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
-from robrain.deploy.supervision.team_status import RobotCondition, standing_of
+from robrain.deploy.supervision.team_status import RobotCondition, robot_status
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
@@ -92,21 +92,21 @@ class TeamWatch:
         """Take in what has arrived."""
         now_ns = self._clock.now_ns()
         for change in self._presence.changes():
-            self._roster.note_presence(change)
+            self._roster.record_presence(change)
         for received in self._inbox.drain():
             message = received.message
             if received.topic is ARENA_TRUTH:
-                self._note_truth(message)
-                self._note_rate(ARENA, TRUTHS, now_ns, self._truths)
+                self._record_truth(message)
+                self._record_rate(ARENA, TRUTHS, now_ns, self._truths)
             elif received.topic is ROBOT_STATE:
-                self._roster.note_state(message, now_ns)
+                self._roster.record_state(message, now_ns)
                 self._states[message.robot] = self._states.get(message.robot, 0) + 1
-                self._note_rate(message.robot, STATES, now_ns, self._states[message.robot])
+                self._record_rate(message.robot, STATES, now_ns, self._states[message.robot])
             elif received.topic is COORDINATOR_STATE:
                 self.team_state = message
-                self._note_rate(COORDINATOR, HEARD, now_ns, message.messages)
+                self._record_rate(COORDINATOR, HEARD, now_ns, message.messages)
             else:
-                self._note_rate(RECORDER, HEARD, now_ns, message.messages)
+                self._record_rate(RECORDER, HEARD, now_ns, message.messages)
         self._coordinator.changes()
         self.has_coordinator = bool(self._coordinator.present)
 
@@ -140,18 +140,18 @@ class TeamWatch:
         if robot is None:
             return RobotSeen(name, "starting", is_up=False)
         if robot.is_up(now_ns):
-            standing = standing_of(name, robot.state)
+            standing = robot_status(name, robot.state)
             behavior = standing.behavior if standing.condition is RobotCondition.UP else ""
             return RobotSeen(name, behavior or standing.condition, is_up=True)
-        return RobotSeen(name, told(robot.why_not_up(now_ns)), is_up=False)
+        return RobotSeen(name, told(robot.down_reason(now_ns)), is_up=False)
 
-    def _note_truth(self, truth: ArenaTruth) -> None:
+    def _record_truth(self, truth: ArenaTruth) -> None:
         if truth.sim_time_s < self._sim_time_s:  # of another arena, which starts again
             self._before_s += self._sim_time_s
         self.truth, self._sim_time_s = truth, truth.sim_time_s
         self._truths += 1
 
-    def _note_rate(self, member: str, what: str, now_ns: int, count: int) -> None:
+    def _record_rate(self, member: str, what: str, now_ns: int, count: int) -> None:
         if member not in self._rates and len(self._rates) < MEMBERS_MAX:
             self._rates[member] = Rate(what)
         if member in self._rates:

@@ -14,7 +14,7 @@ import msgspec
 from rich.live import Live
 
 from robrain.deploy.command_line.terminal import console, print_line
-from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, tell_json
+from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, print_json_line
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, PartView
 from robrain.deploy.supervision.part_table import drawn, lines_of
 from robrain.deploy.supervision.process_figures import ProcessFigures, commands_beside
@@ -198,7 +198,7 @@ def _showing(*, prints_once: bool) -> Iterator[Callable[[str, list[TopMember]], 
 
 def _print(members: list[TopMember], *, as_json: bool) -> None:
     if as_json:
-        tell_json(members)
+        print_json_line(members)
         return
     for line in lines_of([_view(member) for member in members]):
         print_line(line)

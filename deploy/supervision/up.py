@@ -18,7 +18,7 @@ from robrain.deploy.errors import ChildFailed, UsageError
 from robrain.deploy.pki.router import READY_PREFIX
 from robrain.deploy.processes import dashboard_process, hub_process
 from robrain.deploy.processes.children import Child
-from robrain.deploy.processes.forwarder_words import read_said
+from robrain.deploy.processes.forwarder_words import read_addresses
 from robrain.deploy.processes.lifeline import LifelineEnd
 from robrain.deploy.processes.live_process import ANY_PORT, note, open_when_there
 from robrain.deploy.supervision import guard
@@ -177,7 +177,7 @@ class Supervisor:
             if each.hear():
                 self._on_event(each.came_up(now_s))
             if each.child is not None and (status := each.child.exit_status) is not None:
-                self._note_end(each, status, now_s)
+                self._record_end(each, status, now_s)
             step = each.next_step(now_s)
             if step is RestartStep.KILL and each.child is not None:
                 each.child.kill_group()
@@ -197,7 +197,7 @@ class Supervisor:
                     pid = each.child.pid
                     each.child.wait(max(asked_s + each.part.stop_s - time.monotonic(), 0.0))
                     each.release()
-                    self._tell_guard(f"-{pid}")
+                    self._send_to_guard(f"-{pid}")
 
     def __enter__(self) -> Self:
         script = str(Path(guard.__file__))
@@ -220,19 +220,19 @@ class Supervisor:
             each.start()
         except OSError as error:
             each.last_lines = [f"cannot be started: {error.strerror}"]
-            self._tell_failure(each, NOT_STARTED, now_s)
+            self._report_failure(each, NOT_STARTED, now_s)
             return
         if each.child is not None:
-            self._tell_guard(f"+{each.child.pid}")
+            self._send_to_guard(f"+{each.child.pid}")
             self._on_event(PartEvent(part=each.part.name, kind=PartEventKind.STARTED, pid=each.child.pid))
 
-    def _note_end(self, each: Supervised, status: int, now_s: float) -> None:
+    def _record_end(self, each: Supervised, status: int, now_s: float) -> None:
         pid = each.child.pid if each.child is not None else 0
         each.release()
-        self._tell_guard(f"-{pid}")
-        self._tell_failure(each, status, now_s)
+        self._send_to_guard(f"-{pid}")
+        self._report_failure(each, status, now_s)
 
-    def _tell_failure(self, each: Supervised, status: int, now_s: float) -> None:
+    def _report_failure(self, each: Supervised, status: int, now_s: float) -> None:
         said = next((line for line in reversed(each.last_lines) if line.strip()), "")
         is_first = each.restarts.starts == 1 and not each.restarts.was_ready
         if status == BAD_INPUT and is_first and each.part.must_start:
@@ -243,7 +243,7 @@ class Supervisor:
             each.failed_s = now_s
         self._on_event(failed(each.part.name, failure, said))
 
-    def _tell_guard(self, line: str) -> None:
+    def _send_to_guard(self, line: str) -> None:
         if self._guard is not None and self._guard.stdin is not None:
             with suppress(BrokenPipeError, OSError):
                 os.write(self._guard.stdin.fileno(), f"{line}\n".encode())
@@ -377,7 +377,7 @@ class Printed:
 
     def on_arena(self, line: str) -> None:
         """A line of the arena's."""
-        if said := read_said([line]):
+        if said := read_addresses([line]):
             self.forwarders = {**self.forwarders, **said}
 
     def on_recorder(self, line: str) -> None:
@@ -464,7 +464,7 @@ def run_up(
                 page = printed.page
                 display.dashboard(page)
             display.show(_status(watch, supervisor, printed))
-            ended = _why_ended(watch, supervisor, options, interrupted=should_stop())
+            ended = _end_reason(watch, supervisor, options, interrupted=should_stop())
             time.sleep(LOOK_PERIOD_S)
         robots_up = sum(robot.is_up for robot in watch.robots())
         supervisor.stop()
@@ -533,7 +533,7 @@ def _status(watch: TeamWatch, supervisor: Supervisor, printed: Printed) -> UpSta
     )
 
 
-def _why_ended(watch: TeamWatch, supervisor: Supervisor, options: UpOptions, *, interrupted: bool) -> str:
+def _end_reason(watch: TeamWatch, supervisor: Supervisor, options: UpOptions, *, interrupted: bool) -> str:
     explored = watch.truth.explored_fraction if watch.truth is not None else 0.0
     if interrupted:
         return "interrupted"

@@ -13,7 +13,7 @@ from robrain.deploy.command_line.recording_path import new_recording, next_file
 from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.forwarder_words import said
-from robrain.deploy.processes.live_process import LiveStop, note, tell_json
+from robrain.deploy.processes.live_process import LiveStop, note, print_json_line
 from robrain.deploy.supervision.part import (
     ARENA,
     COORDINATOR,
@@ -72,7 +72,7 @@ class JsonEvents:
 
     def hub(self, endpoint: str, taken: str, tls: Path | None = None) -> None:
         """Print where the hub listens; warn on stderr if that is not this machine's hub endpoint."""
-        _warn_of_taken(endpoint, taken)
+        _warn_of_busy_endpoint(endpoint, taken)
         _print(HubEvent(endpoint, "" if tls is None else str(tls)))
 
     def journal(self, path: Path) -> None:
@@ -108,7 +108,7 @@ class PlainLines:
 
     def hub(self, endpoint: str, taken: str, tls: Path | None = None) -> None:
         """Print where the hub listens, and how found by other commands."""
-        _warn_of_taken(endpoint, taken)
+        _warn_of_busy_endpoint(endpoint, taken)
         needed = {} if endpoint == hub_endpoint() else {CONNECT_VARIABLE: endpoint}
         needed |= {} if tls is None else {TLS_VARIABLE: str(tls)}
         self._print(f"hub: {endpoint}  ({'other commands find it after:' if needed else 'other commands find it'})")
@@ -152,7 +152,7 @@ class PlainLines:
         if not result.sim_time_s:
             print_line(result.ended)
             return
-        from robrain.deploy.run.run_display import accuracy_lines, tell_recorded  # brings the simulator
+        from robrain.deploy.run.run_display import accuracy_lines, print_recorded  # brings the simulator
 
         print_line(
             f"{result.ended}: {result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)}, "
@@ -160,7 +160,7 @@ class PlainLines:
         )
         for line in accuracy_lines(result.map_accuracy, result.pose_accuracy):
             print_line(line)
-        tell_recorded(result.recording)
+        print_recorded(result.recording)
 
 
 class DrawnTable(PlainLines):
@@ -190,13 +190,13 @@ def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
         yield PlainLines()
 
 
-def _warn_of_taken(endpoint: str, taken: str) -> None:
+def _warn_of_busy_endpoint(endpoint: str, taken: str) -> None:
     if taken:
         say(f"{taken} is in use: the hub of this team is at {endpoint}")
 
 
 def _print(event: HubEvent | JournalEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult) -> None:
-    tell_json(event)
+    print_json_line(event)
 
 
 class UpWords(NamedTuple):

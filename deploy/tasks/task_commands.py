@@ -7,7 +7,7 @@ import typer
 from robrain.deploy.command_line.team_options import ConnectOption, TeamOption, connect_team, print_json, say
 from robrain.deploy.tasks.dry_run_words import verdict_line
 from robrain.deploy.tasks.task_adding import add
-from robrain.deploy.tasks.task_terminal import IdArgument, JsonOption, line_of, show_table, words_of
+from robrain.deploy.tasks.task_terminal import IdArgument, JsonOption, line_of, show_table, text_of
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.tasks.objective import Objective
 
@@ -155,7 +155,7 @@ def why(
         say(verdict_line(verdict))
     first_ns = found.changes[0].stamp_ns if found.changes else 0
     for change in found.changes:
-        say(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {words_of(change)}")
+        say(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}")
 
 
 @task_app.command()

@@ -10,10 +10,10 @@ IdArgument = Annotated[str, typer.Argument(metavar="ID", help="Name of the task.
 
 def line_of(record: Any) -> str:
     """A task and its state."""
-    return f"{record.task.id}: {words_of(record)}"
+    return f"{record.task.id}: {text_of(record)}"
 
 
-def words_of(change: Any) -> str:
+def text_of(change: Any) -> str:
     """A task's state, robot and reason."""
     at = f" at {change.robot}" if change.robot else ""
     return f"{change.state.replace('_', ' ')}{at}{f': {change.why}' if change.why else ''}"

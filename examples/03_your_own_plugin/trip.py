@@ -9,15 +9,15 @@ class Trip(Unit):
     period_s = 0.1
 
     def init(self) -> None:
-        self._way_m, self._last = 0.0, None
+        self._path_m, self._last = 0.0, None
 
     def step(self) -> None:
         pose = self.env.board.pose
         if pose is not None and self._last is not None:
-            self._way_m += pose.distance_m(self._last)
+            self._path_m += pose.distance_m(self._last)
         self._last = pose
 
     @external
     def distance_m(self) -> float:
         """Metres since the plugin was loaded."""
-        return round(self._way_m, 2)
+        return round(self._path_m, 2)

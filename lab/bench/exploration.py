@@ -431,11 +431,11 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path |
     for run in all_runs(run_case, plan.cases, plan.jobs):
         runs.append(run)
         if run.why_not:
-            print_line(f"{_words_of(_group_of(run))}, seed {run.case.seed}: not run: {run.why_not}")
+            print_line(f"{_text_of(_group_of(run))}, seed {run.case.seed}: not run: {run.why_not}")
         is_last = len(runs) == len(plan.cases) or _group_of(run) != _key(plan.cases[len(runs)])
         if is_last:
             made = [one for one in runs if _group_of(one) == _group_of(run) and not one.why_not]
-            print_line(f"{_words_of(_group_of(run))}: {_percents(made)}")
+            print_line(f"{_text_of(_group_of(run))}: {_percents(made)}")
             _write(json_file, runs)
             if page is not None:
                 write_page(page, runs)
@@ -535,7 +535,7 @@ def _group_of(run: ExplorationRun) -> Group:
     return _key(run.case)
 
 
-def _words_of(group: Group) -> str:
+def _text_of(group: Group) -> str:
     return f"{group.map}, {group.robots} robots, {group.strategy}, {group.motion}"
 
 

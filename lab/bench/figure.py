@@ -83,11 +83,11 @@ class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             self.value = None
         self.kept = None if self.bound is None else self.bound.is_kept_by(self.value)
 
-    def value_words(self) -> str:
+    def value_text(self) -> str:
         """The value with its unit as shown in tables."""
         return NO_VALUE if self.value is None else with_unit(self.value, self.unit)
 
-    def bound_words(self) -> str:
+    def bound_text(self) -> str:
         """The bound with its unit as shown in tables."""
         return "–" if self.bound is None else self.bound.words(self.unit)
 
@@ -165,7 +165,7 @@ def show_figures(title: str, figures: Iterable[Figure], console: Console) -> Non
     for heading in HEADINGS:
         table.add_column(heading)
     for figure in figures:
-        cells = (figure.name, figure.value_words(), figure.bound_words(), KEPT_WORDS[figure.kept], figure.beside)
+        cells = (figure.name, figure.value_text(), figure.bound_text(), KEPT_WORDS[figure.kept], figure.beside)
         table.add_row(*cells)
     console.print(table)
 
@@ -183,7 +183,7 @@ def report(bench: str, figures: Iterable[Figure], *, as_json: bool) -> None:
         for figure in figures:
             found.append(figure)
             if not as_json and console.is_terminal:
-                console.print(f"{figure.name}: {figure.value_words()}", highlight=False)
+                console.print(f"{figure.name}: {figure.value_text()}", highlight=False)
     if as_json:
         sys.stdout.write(msgspec.json.encode(measured(bench, found)).decode() + "\n")
     else:

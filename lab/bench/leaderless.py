@@ -172,7 +172,7 @@ def run_bench(cases: Sequence[LeaderlessCase], jobs: int, json_file: Path | None
     runs: list[LeaderlessRun] = []
     for run in all_runs(run_case, cases, jobs):
         runs.append(run)
-        print_line(_words_of(run))
+        print_line(_text_of(run))
         _write(json_file, runs)
     console = new_console(width=WIDTH)
     console.print(table(runs))
@@ -218,7 +218,7 @@ def figures(runs: Sequence[LeaderlessRun]) -> Iterator[Figure]:
     yield deterministic("collisions in all runs", hits, bound=at_most(0), beside=f"{len(runs)} runs")
 
 
-def _words_of(run: LeaderlessRun) -> str:
+def _text_of(run: LeaderlessRun) -> str:
     case = run.case
     how = "undisturbed" if case.killed_at is None else f"coordinator killed at {case.killed_at:.0%}"
     when = f"{KNOWN:.0%} known after {run.team_s:.0f} s" if math.isfinite(run.team_s) else f"{run.known:.0%} known"

@@ -106,7 +106,7 @@ class ForkChild:
         for robot in without:
             words += ["--without", robot]
         words += ["--task", task] if task else []
-        self._child = self._children.start("fork", [*words, "--json", "--progress"], self._hear)
+        self._child = self._children.start("fork", [*words, "--json", "--progress"], self._receive)
 
     def stop(self) -> None:
         """Stop a fork that runs."""
@@ -120,7 +120,7 @@ class ForkChild:
         """Stop everything."""
         self._children.stop()
 
-    def _hear(self, line: str) -> None:
+    def _receive(self, line: str) -> None:
         heard = decode_line(line)
         if heard is None:
             return

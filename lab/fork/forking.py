@@ -32,7 +32,7 @@ from robrain.recording.writer.recording_file import check_writable
 from robrain.recording.writer.run_digest import RunDigest
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
-from robrain.sim.scenarios.driving import Progress, why_ended
+from robrain.sim.scenarios.driving import Progress, end_reason
 from robrain.sim.world.arena import TICK_S
 
 
@@ -142,7 +142,7 @@ def fork_run(
             run.arena.accuracy.measure_map()
             truth = run.truth
             if not recorded.is_script:  # as the run that was recorded did at its end
-                run.tell_left()
+                run.publish_exploration_left()
         except BaseException:
             run.close()
             output.unlink(missing_ok=True)
@@ -218,10 +218,10 @@ class _Forking:
         while True:
             now_ns = run.clock.now_ns()
             if now_ns == self._moment_ns:
-                self._note_moment(now_ns)
+                self._record_moment(now_ns)
             self._recorded.inputs.repeat(run, now_ns)
             self._change(now_ns)
-            ended = self._why_ended(now_ns, interrupted=interrupt.requested)
+            ended = self._end_reason(now_ns, interrupted=interrupt.requested)
             if on_progress is not None and (ended or pacer.wall_time_s - told_s > PROGRESS_S):
                 told_s = pacer.wall_time_s
                 on_progress(Progress(run.sim_time_s, told_s, run.explored_fraction, run.messages))
@@ -258,7 +258,7 @@ class _Forking:
             not_repeated=recorded.inputs.not_repeated,
         )
 
-    def _note_moment(self, now_ns: int) -> None:
+    def _record_moment(self, now_ns: int) -> None:
         sameness = self._sameness
         if now_ns < self._recorded.end_ns:  # what was said at the very end, after the last tick, is not said here
             sameness.check_up_to(now_ns)
@@ -288,7 +288,7 @@ class _Forking:
         except CallError as error:
             raise UsageError(f"--task {kind}: {error}") from error
 
-    def _why_ended(self, now_ns: int, *, interrupted: bool) -> str:
+    def _end_reason(self, now_ns: int, *, interrupted: bool) -> str:
         if interrupted:
             return "interrupted"
         if now_ns < self._moment_ns:
@@ -298,7 +298,7 @@ class _Forking:
                 "" if now_ns < self._end_ns else "as_recorded" if self._end_ns == self._recorded.end_ns else "seconds"
             )
         scenario = self._recorded.scenario
-        return why_ended(self._run, scenario.until_explored, scenario.time_limit_s, interrupted=False)
+        return end_reason(self._run, scenario.until_explored, scenario.time_limit_s, interrupted=False)
 
 
 def _plain(digest: str) -> str:

@@ -84,7 +84,7 @@ class RecordedInputs:
                 _on_another_thread(run.session, wanted)
                 continue
             if wanted.is_query:
-                run.note_script(wanted.key, wanted.payload)
+                run.record_script(wanted.key, wanted.payload)
             _send(run.session, wanted)
 
 

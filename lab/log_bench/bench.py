@@ -482,7 +482,7 @@ def made_report(
         log=log.name,
         scans=log.scans,
         duration_s=log.duration_s,
-        way_m=_way_m(played.odometry),
+        way_m=_path_m(played.odometry),
         lost=played.lost,
         left_out=played.counters.scans_left_out,
         submaps=played.counters.submaps,
@@ -529,7 +529,7 @@ def _words(errors: RelativeErrors) -> str:
     )
 
 
-def _way_m(poses: list[Pose2D]) -> float:
+def _path_m(poses: list[Pose2D]) -> float:
     return sum(before.distance_m(after) for before, after in pairwise(poses))
 
 

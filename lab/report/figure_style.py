@@ -66,7 +66,7 @@ def new_figure(width_in: float = 9.0, height_in: float = 4.2) -> Figure:
     return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
-def line_look(index: int) -> dict[str, Any]:
+def line_style(index: int) -> dict[str, Any]:
     """Colour and dashes of line number `index`, counted from 0."""
     round_number, place = divmod(index, len(PRINT_COLORS))
     return {"color": PRINT_COLORS[place], "linestyle": LINE_STYLES[round_number % len(LINE_STYLES)]}

@@ -21,7 +21,7 @@ from robrain.lab.report.figure_style import (
     WARN,
     label,
     legend,
-    line_look,
+    line_style,
     new_figure,
     time_axis,
 )
@@ -58,7 +58,7 @@ def explored_figure(runs: list[RunData]) -> Figure | None:
     for index, (run, curve) in enumerate(zip(runs, curves, strict=True)):
         if curve:
             times, values = np.array(curve, np.float64).T
-            axes.plot(times / unit_s, 100 * values if shares else values, label=label(run.name), **line_look(index))
+            axes.plot(times / unit_s, 100 * values if shares else values, label=label(run.name), **line_style(index))
     axes.set_ylabel("Explored (% of the reachable floor)" if shares else "Known area (m²)")
     axes.set_ylim(0, 100 if shares else None)
     axes.set_title("Explored over time")
@@ -102,7 +102,7 @@ def trajectory_figure(run: RunData) -> Figure | None:
         axes.plot(*places.T, "d", color="#f0e442", markeredgecolor=INK, markersize=5, label="mote", linestyle="none")
     robots = _robots(run)
     for index, robot in enumerate(robots):
-        look = line_look(index)
+        look = line_style(index)
         x_m, y_m = np.array(robot.x_m), np.array(robot.y_m)
         known = np.flatnonzero(np.isfinite(x_m))
         axes.plot(x_m, y_m, linewidth=1.3, label=label(robot.name), **look)
@@ -144,11 +144,11 @@ def energy_figure(run: RunData) -> Figure | None:
 def _draw_energy(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
     unit_s = time_axis(axes, run.duration_s)
     for index, robot in enumerate(robots):
-        color = line_look(index)["color"]
+        color = line_style(index)["color"]
         times = np.array(robot.t_s) / unit_s
         axes.plot(times, np.array(robot.measured_j) / 1000, color=color, label=label(robot.name))
         axes.plot(times, np.array(robot.predicted_j) / 1000, color=color, linestyle="--", linewidth=1.2)
-    handles = [Line2D([], [], color=line_look(index)["color"]) for index in range(len(robots))]
+    handles = [Line2D([], [], color=line_style(index)["color"]) for index in range(len(robots))]
     names = [label(robot.name) for robot in robots]
     if len(robots) > NAMED_MAX:
         handles, names = [], []
@@ -214,7 +214,7 @@ def battery_figure(run: RunData) -> Figure | None:
     unit_s = time_axis(axes, run.duration_s)
     lowest, highest = 100.0, 0.0
     for index, robot in enumerate(robots):
-        look = line_look(index)
+        look = line_style(index)
         times, soc = np.array(robot.t_s) / unit_s, 100 * np.array(robot.soc)
         sd = 196 * np.nan_to_num(np.array(robot.soc_sd))
         axes.plot(times, soc, label=label(robot.name), **look)
@@ -374,7 +374,7 @@ def _draw_errors(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
             continue
         times, errors_m = np.array(robot.error_t_s) / unit_s, np.array(robot.error_m)
         silent_m = np.where(np.array(robot.is_silently_off, np.bool_), errors_m, np.nan)
-        axes.plot(times, errors_m, linewidth=1.2, label=label(robot.name), **line_look(index))
+        axes.plot(times, errors_m, linewidth=1.2, label=label(robot.name), **line_style(index))
         axes.plot(times, silent_m, linewidth=SILENT_WIDTH, color=BAD, solid_capstyle="butt")
         largest_m = max(largest_m, float(np.nanmax(errors_m, initial=0.0)))
     axes.set_ylabel("m")
@@ -387,7 +387,7 @@ def _draw_agreement(axes: Axes, run: RunData, robots: list[RobotRun]) -> None:
     unit_s = time_axis(axes, run.duration_s)
     for index, robot in enumerate(robots):
         times, percent = np.array(robot.t_s) / unit_s, 100 * np.array(robot.agreement)
-        axes.plot(times, percent, linewidth=1.2, label=label(robot.name), **line_look(index))
+        axes.plot(times, percent, linewidth=1.2, label=label(robot.name), **line_style(index))
     axes.set_ylabel("% of the beams")
     axes.set_ylim(0, 100)
     legend(axes, len(robots))

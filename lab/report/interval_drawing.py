@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from robrain.lab.report.figure_style import FAINT, INK, line_look, new_figure
+from robrain.lab.report.figure_style import FAINT, INK, line_style, new_figure
 from robrain.lab.report.mean_interval import bootstrap_interval, mean_interval
 
 POINTS_AT, POINTS_HEIGHT = -0.17, 0.15
@@ -47,7 +47,7 @@ def draw_groups(axes: Axes, groups: Sequence[Sequence[float]], expected: Sequenc
 
     """
     for row, values in enumerate(groups):
-        color = line_look(row)["color"]
+        color = line_style(row)["color"]
         found = mean_interval(values)
         if found is not None:
             heights = row + POINTS_AT + _spread(len(values))
@@ -78,7 +78,7 @@ def draw_mean_curves(axes: Axes, groups: Sequence[Sequence[Curve]], labels: Sequ
         if not told:
             continue
         times, mean, ends = mean_curve(told)
-        look = line_look(index)
+        look = line_style(index)
         axes.plot(times / unit_s, mean, label=label, **look)
         if ends is not None:
             axes.fill_between(times / unit_s, *ends, color=look["color"], alpha=0.15, linewidth=0)

@@ -21,7 +21,7 @@ from robrain.lab.report.figure_style import (
     figure_style,
     label,
     legend,
-    line_look,
+    line_style,
     new_figure,
     picture,
     time_axis,
@@ -34,7 +34,7 @@ from robrain.protocol.safe_text import safe_html
 from robrain.recording.drawing.natural_order import natural_key
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.run_data import RobotRun, RunData, read_run
-from robrain.recording.reader.two_runs import TwoRuns, outcome_of, words_of
+from robrain.recording.reader.two_runs import TwoRuns, outcome_of, text_of
 
 COMPARED = ("Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages")
 """What the comparison of runs draws."""
@@ -110,7 +110,7 @@ def comparison_figure(runs: list[RunData]) -> Figure | None:
         values = [total[name] for total in compared]
         for row, value in enumerate(values):
             if value is not None:
-                axes.barh(row, value, color=line_look(row)["color"], height=0.65)
+                axes.barh(row, value, color=line_style(row)["color"], height=0.65)
                 axes.annotate(f"{value:,.4g}" if value < 1000 else f"{value:,.0f}", (value, row), xytext=(4, 0),
                               textcoords="offset points", va="center", fontsize=8)  # fmt: skip
         axes.set_xlim(0, max(value for value in values if value is not None) * 1.25 + 1e-9)
@@ -384,7 +384,7 @@ def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _
         table = _run_table(runs)
         drawn = {"explored": figures.explored_figure(list(runs)), "comparison": comparison_figure(list(runs))}
     shown = [pictures.add(name, figure) for name, figure in drawn.items() if figure is not None]
-    sides = _who_did_what(runs[0], runs[1]) if len(runs) == 2 else ""
+    sides = _two_runs_table(runs[0], runs[1]) if len(runs) == 2 else ""
     return f"<h2>Compared</h2>{table}{''.join(shown)}{sides}"
 
 
@@ -398,7 +398,7 @@ def _run_table(runs: Sequence[RunData]) -> str:
 def _group_table(groups: Sequence[RunGroup]) -> str:
     names = [f"{group.name} ({len(group.runs)} seeds)" if len(group.runs) > 1 else group.name for group in groups]
     rows = {
-        total: [_mean_words(group.mean(total), len(group.runs)) for group in groups]
+        total: [_mean_text(group.mean(total), len(group.runs)) for group in groups]
         for total in names_of(totals(run) for group in groups for run in group.runs)
     }
     return _total_table(names, rows)
@@ -422,7 +422,7 @@ def _seed_table(runs: Sequence[RunData]) -> str:
     return _details(f"Runs ({len(rows)})", head, rows)
 
 
-def _mean_words(mean: MeanInterval | None, runs: int) -> str:
+def _mean_text(mean: MeanInterval | None, runs: int) -> str:
     if mean is None:
         return "–"
     few = f" ({mean.n} of {runs})" if mean.n < runs else ""
@@ -431,11 +431,11 @@ def _mean_words(mean: MeanInterval | None, runs: int) -> str:
     return mean.words(max(0, 1 - math.floor(math.log10(mean.width / 2)))) + few
 
 
-def _who_did_what(one: RunData, two: RunData) -> str:
+def _two_runs_table(one: RunData, two: RunData) -> str:
     """The table of two runs, as `robrain diff` prints it."""
     rows = TwoRuns(first=outcome_of(one), second=outcome_of(two)).rows
     head = ("of", "what", *(f"*{safe_html(run.name, 60)}" for run in (one, two)), "*difference")
-    return _details("Who did what", head, [(row.group, row.name, *words_of(row)) for row in rows], is_open=True)
+    return _details("Who did what", head, [(row.group, row.name, *text_of(row)) for row in rows], is_open=True)
 
 
 def _happenings(run: RunData) -> str:

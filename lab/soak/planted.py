@@ -78,7 +78,7 @@ def _requeued_without_order() -> list[Patch]:
 
 
 def _any_report_counts() -> list[Patch]:
-    def note_status(self: TaskBook, robot: str, status: TaskStatus) -> TaskRecord | None:
+    def record_status(self: TaskBook, robot: str, status: TaskStatus) -> TaskRecord | None:
         record = self._open.get(status.id)
         if record is None or not status.state.ended:
             return None
@@ -88,7 +88,7 @@ def _any_report_counts() -> list[Patch]:
             self.give_back(status.id, None, failed=status.state is TaskState.FAILED)
         return record
 
-    return [(TaskBook, "note_status", note_status)]
+    return [(TaskBook, "record_status", record_status)]
 
 
 def _halt_forgotten() -> list[Patch]:
@@ -111,13 +111,13 @@ def _strays_stay() -> list[Patch]:
 def _backoff_without_end() -> list[Patch]:
     def why(self: TaskBackoff, task_id: str, robot: str, now_ns: int) -> Any:
         avoided = self._avoided.get((task_id, robot))
-        return avoided.reason if avoided is not None else self.robots.why_unreached(robot, now_ns)
+        return avoided.reason if avoided is not None else self.robots.backoff_reason(robot, now_ns)
 
-    def why_unreached(self: Any, robot: str, now_ns: int) -> Any:
+    def backoff_reason(self: Any, robot: str, now_ns: int) -> Any:
         pause = self._unreached.get(robot)
         return None if pause is None else pause.reason
 
-    return [(TaskBackoff, "why", why), (RobotPauses, "why_unreached", why_unreached)]
+    return [(TaskBackoff, "why", why), (RobotPauses, "backoff_reason", backoff_reason)]
 
 
 def _cancelled_forgotten() -> list[Patch]:

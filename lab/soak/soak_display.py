@@ -87,17 +87,17 @@ def show_script(script: FaultScript, verdict: TrialVerdict) -> None:
     for halt in script.halts:
         print_line(f"  halt from {halt.at_s:g} s to {halt.until_s:g} s")
     for fault in script.faults:
-        print_line(f"  {fault_words(fault)}")
+        print_line(f"  {fault_text(fault)}")
     for broken in verdict.broken:
-        print_line(broken_words(broken))
+        print_line(broken_text(broken))
     if not verdict.broken:
         print_line(f"no invariant broken in {verdict.sim_time_s:g} s; {verdict.done} tasks done")
 
 
-def fault_words(fault: FaultSpec) -> str:
+def fault_text(fault: FaultSpec) -> str:
     """A fault in one line.
 
-    >>> fault_words(FaultSpec(robot="r1", kind="hang", at_s=2.0, until_s=5.0))
+    >>> fault_text(FaultSpec(robot="r1", kind="hang", at_s=2.0, until_s=5.0))
     'r1: hang from 2 s to 5 s'
     """
     until = "" if fault.until_s is None else f" to {fault.until_s:g} s"
@@ -112,7 +112,7 @@ def fault_words(fault: FaultSpec) -> str:
     return f"{fault.robot}: {kind} {begins} {fault.at_s:g} s{until}{after}{f' ({told})' if told else ''}"
 
 
-def broken_words(broken: Broken) -> str:
+def broken_text(broken: Broken) -> str:
     """A broken invariant in one line."""
     return f"{broken.invariant.value} at {broken.at_s:g} s: {broken.what}"
 

@@ -196,7 +196,7 @@ class _Trial:
             record = self._run.coordinator.tasks.find(task)
             if may_fail and record is not None and record.state in (TaskState.FAILED, TaskState.CANCELLED):
                 continue
-            if why := self._promises.why_broken(task, record):
+            if why := self._promises.breach_reason(task, record):
                 yield Broken(TeamRule.LOST, round(self._run.sim_time_s, 1), why)
 
     @property

@@ -118,7 +118,7 @@ def _setting(
     except ScenarioError as error:
         raise UsageError(str(error)) from error
     try:
-        _note_inputs(scenario, inputs)
+        _record_inputs(scenario, inputs)
     except (ScenarioError, UnknownEntry) as error:
         raise UsageError(f"--vary {told}: {error}" if given else str(error)) from error
     values = {
@@ -132,7 +132,7 @@ def _setting(
     return Setting(name=f"{number:0{digits}d}-{slug}", label=label, values=values, toml=document_toml(document))
 
 
-def _note_inputs(scenario: Scenario, inputs: dict[str, str]) -> None:
+def _record_inputs(scenario: Scenario, inputs: dict[str, str]) -> None:
     drawn = hashlib.sha256(msgspec.json.encode(scenario.floor, enc_hook=str)).hexdigest()[:12]
     key = str(scenario.floor) if isinstance(scenario.floor, Path) else f"drawing {drawn}"
     if key not in inputs:

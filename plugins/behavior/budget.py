@@ -100,7 +100,7 @@ class Budget:
         """A work that went as planned has cost so much."""
         self._energy.outcome(work, cost_j)
 
-    def way_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
+    def path_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
         """The nearest charger and the length of the way to it from a place; without one, to where the robot started.
 
         One that nobody has, if there is such a one. Where the map knows no way, a straight line and half as much
@@ -111,14 +111,14 @@ class Budget:
             free = self.docks.free(chargers) or chargers
             return min(self.ways(place, free), key=lambda way: way[1])
         start = self.home.start()
-        return None, 0.0 if start is None else self._way_m(place, start)
+        return None, 0.0 if start is None else self._path_m(place, start)
 
     def ways(self, place: Point2D, chargers: Sequence[ChargerPlace]) -> list[tuple[ChargerPlace, float]]:
         """The ways to the nearest of these, as the crow flies, from a place."""
         nearest = sorted(chargers, key=lambda charger: _away_m(place, charger.place))[:NEAREST]
-        return [(charger, self._way_m(place, charger.place)) for charger in nearest]
+        return [(charger, self._path_m(place, charger.place)) for charger in nearest]
 
-    def _way_m(self, start: Point2D, goal: Point2D) -> float:
+    def _path_m(self, start: Point2D, goal: Point2D) -> float:
         view = self._travel.view()
         path = self._planner.plan(view, start, goal, []) or self._planner.plan(view, start, goal, [], is_narrow=True)
         # The end of a path is as near to its goal as the robot can stand.

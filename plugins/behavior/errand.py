@@ -253,7 +253,7 @@ class Errand(Behavior, ABC, Generic[P]):
                 return
             self._begin(run)
         self._measure(run)
-        why = self._why_stop(run)
+        why = self._stop_reason(run)
         if why:
             self.finish(TaskState.FAILED, why)
             return
@@ -309,13 +309,13 @@ class Errand(Behavior, ABC, Generic[P]):
             return TaskAnswer.refused(Unexplored() if self.travel.view().is_unexplored(goal) else NoPath())
         pose = self.travel.pose()
         way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
-        _, home_m = self.budget.way_home(path[-1] if path else goal)
+        _, home_m = self.budget.path_home(path[-1] if path else goal)
         run = Run(task, parameters, lambda: self.play(task, parameters), goal, way_m, home_m)
         reason = self.why_not(run)
         if reason is not None:
             return TaskAnswer.refused(reason)
         self.drop()
-        self.take_on(run)
+        self.accept_task(run)
         return TaskAnswer(accepted=True)
 
     def why_not(self, run: Run[P]) -> OfferRefusal | None:
@@ -332,7 +332,7 @@ class Errand(Behavior, ABC, Generic[P]):
     def ended_own(self, state: TaskState, why: str) -> None:
         """What it did by itself has ended."""
 
-    def take_on(self, run: Run[P]) -> None:
+    def accept_task(self, run: Run[P]) -> None:
         """Have this to do from now on."""
         self.run = run
         self.period_s = STEP_S
@@ -352,7 +352,7 @@ class Errand(Behavior, ABC, Generic[P]):
     def play(self, task: Task, parameters: P) -> Script:
         """The whole of a task: the way there, what is not to begin yet, what is to be done."""
         yield from self.go(task.place)
-        self._tell_outcome()
+        self._report_outcome()
         while self._now_ns() < task.earliest_ns:
             yield
         if self.run is not None:
@@ -360,7 +360,7 @@ class Errand(Behavior, ABC, Generic[P]):
         result = yield from self.do(task, parameters)
         return result
 
-    def _tell_outcome(self) -> None:
+    def _report_outcome(self) -> None:
         """The robot is there: what the way has cost is a lesson for the next, if it went as it was planned."""
         run = self.run
         if run is not None and run.is_as_planned and run.way_m >= TOLD_WAY_M:
@@ -422,7 +422,7 @@ class Errand(Behavior, ABC, Generic[P]):
         stood_s = to_seconds(self._now_ns() - run.there_ns)
         return msgspec.structs.replace(work, wait_s=max(0.0, work.wait_s - stood_s))
 
-    def _why_stop(self, run: Run[P]) -> str:
+    def _stop_reason(self, run: Run[P]) -> str:
         now_ns = self._now_ns()
         if run.task.deadline_ns is not None and now_ns > run.task.deadline_ns:
             return "the deadline has passed"

@@ -107,17 +107,17 @@ class TeamChoice:
             far_m = reach_m(board.energy, board.battery, reserve_share=self._reserve_share, confidence=CONFIDENCE)
         return Scout(self._robot, place, radius_m, goal, far_m, homes)
 
-    def note_visit(self, goal: Point2D) -> None:
+    def record_visit(self, goal: Point2D) -> None:
         """The robot has been at a frontier: what it has not seen of the unknown there, it will not see later."""
-        self._explorer.note_visit(goal)
+        self._explorer.record_visit(goal)
 
-    def note_failure(self, goal: Point2D, now_ns: int) -> None:
+    def record_failure(self, goal: Point2D, now_ns: int) -> None:
         """The robot could not get to a frontier, and avoids it for a while."""
-        self._explorer.note_failure(self._robot, goal, now_ns)
+        self._explorer.record_failure(self._robot, goal, now_ns)
 
-    def note_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
+    def record_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
         """The robot, which is at `place`, does not fit through a gap of this width."""
-        self._explorer.note_gap(place, gap_m, now_ns)
+        self._explorer.record_gap(place, gap_m, now_ns)
 
 
 def _explores(mate: Mate) -> bool:
@@ -193,7 +193,7 @@ class ExploreBehavior(Behavior):
         """The map frame of the robot's own choice."""
         self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
         """Frontiers of its own choice, in a frame of its own, that stayed although it had been there."""
-        strategy = strategy_of(self.parameters.exploration, self._note_strategy)
+        strategy = strategy_of(self.parameters.exploration, self._record_strategy)
         self._team = TeamChoice(self.env.robot, self.env.board, strategy, self.parameters.reserve_share)
         self._decide_due_ns = 0
 
@@ -201,7 +201,7 @@ class ExploreBehavior(Behavior):
         self._travel.connect()
         self.env.do_tasks(self._accept, self._let_go)
         self.env.board.behavior = IDLE
-        self._started_ns = self._look_due_ns = self.env.clock.now_ns()
+        self._started_ns = self._check_due_ns = self.env.clock.now_ns()
 
     def deactivate(self) -> None:
         self._let_go("deactivated")
@@ -299,7 +299,7 @@ class ExploreBehavior(Behavior):
         return 0 if groups == 0 else int(np.bincount(labels.ravel())[1:].max())
 
     def _is_alone(self) -> bool:
-        heard_ns = self.env.tasks.coordinator_heard_ns
+        heard_ns = self.env.tasks.coordinator_seen_ns
         since_ns = self.env.clock.now_ns() - (self._started_ns if heard_ns is None else heard_ns)
         return since_ns > to_ns(self.parameters.alone_s)
 
@@ -311,9 +311,9 @@ class ExploreBehavior(Behavior):
     def _is_free(self) -> bool:
         """Whether no behavior drives, or the robot drives about in search of itself although it could explore."""
         behavior, now_ns = self.env.board.behavior, self.env.clock.now_ns()
-        if behavior != FIND_ITSELF or now_ns < self._look_due_ns:
+        if behavior != FIND_ITSELF or now_ns < self._check_due_ns:
             return behavior == IDLE
-        self._look_due_ns = now_ns + to_ns(LOOK_PERIOD_S)
+        self._check_due_ns = now_ns + to_ns(LOOK_PERIOD_S)
         places = (self._travel.standpoint(goal, LOOK_M) for goal in self._frontiers() if goal not in self._spent)
         return any(place is not None and self._travel.plan(place) is not None for place in places)
 
@@ -347,7 +347,7 @@ class ExploreBehavior(Behavior):
             return  # no other robot can explore its goal first
         goal = self._team.choose(place, travel.driver.radius_m(), own, mates, now_ns)
         if goal is not None and not self._set_out(goal):
-            self._team.note_failure(goal, now_ns)
+            self._team.record_failure(goal, now_ns)
             self._decide_due_ns = now_ns
 
     def _set_out(self, goal: Point2D) -> bool:
@@ -360,20 +360,20 @@ class ExploreBehavior(Behavior):
         self.env.board.behavior = ALONE
         return True
 
-    def _note_own(self, goal: Point2D, state: TaskState, result: dict[str, float] | None) -> None:
+    def _record_own(self, goal: Point2D, state: TaskState, result: dict[str, float] | None) -> None:
         """What became of a frontier of its own choice."""
         now_ns = self._decide_due_ns = self.env.clock.now_ns()
         if self._travel.roams:
             self._spent.append(goal)
         elif state is TaskState.DONE:
-            self._team.note_visit(goal)
+            self._team.record_visit(goal)
         else:
-            self._team.note_failure(goal, now_ns)
+            self._team.record_failure(goal, now_ns)
             pose = self._travel.pose()
-            self._team.note_gap(Point2D(pose.x_m, pose.y_m), (result or {}).get(GAP), now_ns)
+            self._team.record_gap(Point2D(pose.x_m, pose.y_m), (result or {}).get(GAP), now_ns)
 
-    def _note_strategy(self, name: str, why: str) -> None:
-        self.env.wire.refusals.note_failure("exploration_strategy", name, why)
+    def _record_strategy(self, name: str, why: str) -> None:
+        self.env.wire.refusals.record_failure("exploration_strategy", name, why)
 
     def _accept(self, task: Task) -> TaskAnswer:
         unsure = self.env.board.map_paused and PositionLost(self.env.robot, self.env.board.map_paused)
@@ -397,7 +397,7 @@ class ExploreBehavior(Behavior):
             self._is_own = False
             self.env.tasks.vacate(self.env.plugin)
             if task is not None:
-                self._note_own(task.place, state, result)
+                self._record_own(task.place, state, result)
         if state is TaskState.FAILED:
             self._travel.stand()
         else:

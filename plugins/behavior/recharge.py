@@ -53,7 +53,7 @@ class Queue:
         self._errand = errand
         self._wanted = ChargerPlace(task.place.x_m, task.place.y_m, yaw_rad)
         self._priority = round(min(task.priority, PRIORITY_MAX))
-        self._left_out: dict[Point2D, int] = {}
+        self._skipped: dict[Point2D, int] = {}
         """Until when."""
         self._given: dict[Point2D, int] = {}
         self._trouble = ""
@@ -77,7 +77,7 @@ class Queue:
     def leave_out(self, charger: ChargerPlace, why: str) -> None:
         """It was of no use."""
         self._trouble = why
-        self._left_out[charger.place] = self._now_ns() + to_ns(LEFT_OUT_S)
+        self._skipped[charger.place] = self._now_ns() + to_ns(LEFT_OUT_S)
 
     def reach(self, charger: ChargerPlace) -> "Script":
         """Go there. Whether the robot is there; not if somebody else has it now, or there is no way."""
@@ -100,7 +100,7 @@ class Queue:
 
     def wait(self) -> Part:
         """Stand near a charger, in nobody's way, until there is one that nobody has."""
-        yield from self.stand_aside()
+        yield from self.move_aside()
         while (usable := self._usable()) and not self._free(usable):
             self._errand.travel.make_room()
             yield
@@ -123,9 +123,9 @@ class Queue:
     def give_up_place(self, charger: ChargerPlace) -> Part:
         """Leave it to whoever waits."""
         self._given[charger.place] = self._now_ns() + to_ns(GIVEN_S)
-        yield from self.stand_aside()
+        yield from self.move_aside()
 
-    def stand_aside(self) -> Script:
+    def move_aside(self) -> Script:
         """Go where others can get to every charger, if the robot is not at such a place."""
         place = self._aside()
         if place is not None:
@@ -166,7 +166,7 @@ class Queue:
 
     def _usable(self) -> list[ChargerPlace]:
         now_ns = self._now_ns()
-        return [charger for charger in self._known() if self._left_out.get(charger.place, 0) <= now_ns]
+        return [charger for charger in self._known() if self._skipped.get(charger.place, 0) <= now_ns]
 
     def _free(self, chargers: list[ChargerPlace]) -> list[ChargerPlace]:
         now_ns = self._now_ns()
@@ -423,7 +423,7 @@ class RechargeBehavior(Errand[Recharge]):
         if self.run is None and self._wanted:
             self._set_out_home()
         elif self.run is None:
-            self._make_way()
+            self._clear_charger()
         super().step()
         if self._wanted:
             self.period_s = STEP_S
@@ -459,7 +459,7 @@ class RechargeBehavior(Errand[Recharge]):
             if self.budget.judge(reserve, bound_m).is_affordable:
                 return
         self._home_from = Point2D(pose.x_m, pose.y_m)
-        charger, self._home_m = self.budget.way_home(self._home_from)
+        charger, self._home_m = self.budget.path_home(self._home_from)
         verdict = self.budget.judge(reserve, self._home_m)
         if verdict.is_affordable or (charger is None and self._home_m < AT_HOME_M):
             return
@@ -467,7 +467,7 @@ class RechargeBehavior(Errand[Recharge]):
         if self.env.tasks.is_busy:
             self.env.tasks.recall(self._wanted)
 
-    def _make_way(self) -> None:
+    def _clear_charger(self) -> None:
         """Leave a charger that the robot does not need any more, when a mate waits for one."""
         chargers = self.budget.home.chargers()
         if not chargers or self.env.tasks.is_busy or self.env.board.pose is None or self.travel.lost:
@@ -478,7 +478,7 @@ class RechargeBehavior(Errand[Recharge]):
             here = Point2D(pose.x_m, pose.y_m)
             task = Task(id=f"aside-{self.env.robot}", kind=VISIT, place=here)
             queue = Queue(self, task, None)
-            self.take_on(Run(task, Recharge(), queue.stand_aside, here, 0.0, 0.0, own="make room"))
+            self.accept_task(Run(task, Recharge(), queue.move_aside, here, 0.0, 0.0, own="make room"))
 
     def _set_out_home(self) -> None:
         """Go to the nearest charger, or where the robot started; later, if a task has yet to be given back."""
@@ -486,7 +486,7 @@ class RechargeBehavior(Errand[Recharge]):
             return
         pose = self.travel.pose()
         here = Point2D(pose.x_m, pose.y_m)
-        charger, _ = self.budget.way_home(here)
+        charger, _ = self.budget.path_home(here)
         goal = charger.place if charger is not None else self.budget.home.start()
         path = None if goal is None else self.travel.plan(goal)
         why, self._wanted = self._wanted, ""
@@ -501,10 +501,10 @@ class RechargeBehavior(Errand[Recharge]):
         if charger is not None:
             wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=self.parameters.until_soc)
             task = Task(id=name, kind=RECHARGE, place=goal, priority=HOMEWARD, parameters=wanted.json)
-            self.take_on(Run(task, wanted, lambda: self.play(task, wanted), goal, way_m, 0.0, own="recharge"))
+            self.accept_task(Run(task, wanted, lambda: self.play(task, wanted), goal, way_m, 0.0, own="recharge"))
         else:
             task = Task(id=name, kind=VISIT, place=goal, priority=HOMEWARD)
-            self.take_on(Run(task, Recharge(), lambda: self._return(goal), goal, way_m, 0.0, own="go home"))
+            self.accept_task(Run(task, Recharge(), lambda: self._return(goal), goal, way_m, 0.0, own="go home"))
 
     def _return(self, goal: Point2D) -> Script:
         yield from self.go(goal)

@@ -95,7 +95,7 @@ class RelayBehavior(Errand[Relay]):
 
     def activate(self) -> None:
         self._snw = self.env.use("snw_exploration", SnwInterface)
-        self._mates = self.env.use("teammates", TeammatesInterface)
+        self._others = self.env.use("teammates", TeammatesInterface)
         super().activate()
 
     def work(self, task: Task, relay: Relay) -> Work:
@@ -146,7 +146,7 @@ class RelayBehavior(Errand[Relay]):
             robot = next((heard for heard in self._snw.robots() if heard.robot == relay.robot), None)
             if robot is not None:
                 links["robot"].hear(robot.rssi_dbm, robot.stamp_ns)
-            mate = next((mate for mate in self._mates.others() if mate.name == relay.robot), None)
+            mate = next((mate for mate in self._others.others() if mate.name == relay.robot), None)
             if mate is not None:
                 links["robot"].place = Point2D(mate.pose.x_m, mate.pose.y_m)
 

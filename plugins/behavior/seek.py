@@ -87,11 +87,11 @@ class SeekBehavior(Errand[Seek]):
     def init(self) -> None:
         super().init()
         self._readings = Inbox(capacity=256)
-        self._hears_motes = False
+        self._receives_motes = False
 
     def activate(self) -> None:
         self._board = self.env.use("sensor_board", SensorBoardInterface)
-        self._hears_motes = False
+        self._receives_motes = False
         super().activate()
 
     def work(self, task: Task, seek: Seek) -> Work:
@@ -100,8 +100,8 @@ class SeekBehavior(Errand[Seek]):
 
     def do(self, task: Task, seek: Seek) -> Script:
         """Climb. Result: `x_m`, `y_m`, `value`, `quantity`, `sd_m`, `at_wall`, `samples`, `heard`."""
-        if not self._hears_motes:
-            self._hears_motes = True
+        if not self._receives_motes:
+            self._receives_motes = True
             self.env.wire.subscribe(self._readings, MOTE_READING)
         climb = Climb(self, task, seek)
         summit = yield from climb.climb()
@@ -177,7 +177,7 @@ class Climb:
             here = self._here()
             fit = self._fit(here)
             if fit is not None and self._is_near(fit, here) and fit.summit is not None:
-                found = yield from self._look_around(fit.summit)
+                found = yield from self._drive_around_summit(fit.summit)
                 if found is not None:
                     return found
                 stuck += 1
@@ -206,7 +206,7 @@ class Climb:
         """Whether a fitted summit is so near that it is worth a look from all sides."""
         return fit.summit is not None and fit.summit_sd_m < STEP_M and _apart_m(fit.summit, here) < 2.0 * STEP_M
 
-    def _look_around(self, summit: Point2D) -> Generator[None, None, Point2D | None]:
+    def _drive_around_summit(self, summit: Point2D) -> Generator[None, None, Point2D | None]:
         """Drive around a summit, and around the one that is fitted then; None if it is found nowhere near."""
         for _ in range(CIRCLES_MAX):
             reached = yield from self._circle(summit)

@@ -31,7 +31,7 @@ class SenseBehavior(Errand[Sense]):
     def do(self, task: Task, sense: Sense) -> Script:
         """Measure. Result: `value`, `quantity`, `mote` (empty if the robot itself measured)."""
         if sense.mote:
-            value = yield from self._hear(sense)
+            value = yield from self._receive(sense)
         else:
             yield from self.wait(OWN_S)
             values = self._board.measure().values
@@ -40,7 +40,7 @@ class SenseBehavior(Errand[Sense]):
             value = values[sense.quantity]
         return {"value": value, "quantity": sense.quantity, "mote": sense.mote}
 
-    def _hear(self, sense: Sense) -> Generator[None, None, float]:
+    def _receive(self, sense: Sense) -> Generator[None, None, float]:
         begun_ns = self.env.clock.now_ns()
         while to_seconds(self.env.clock.now_ns() - begun_ns) < sense.timeout_s:
             for heard in self._snw.heard():

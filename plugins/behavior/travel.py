@@ -111,7 +111,7 @@ class Travel:
         self._leg: Leg | None = None
         self._standing = TravelClaim(parameters.ageing_s)
         self._planned_ns = 0
-        self._looked_ns = 0
+        self._checked_ns = 0
         """When another way, or one out of the way, was last looked for."""
         self._contested_ns: int | None = None
         """When others last held the robot up."""
@@ -274,9 +274,9 @@ class Travel:
                 leg.drive(leg.guard(encounter, pose), IDLE)
                 return True
             self.stand()
-        is_due = now_ns - self._looked_ns > to_ns(self._parameters.replan_blocked_s)
+        is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
         if is_due and encounter.in_the_way_of(_here(pose), ROOM_S):
-            self._looked_ns = now_ns
+            self._checked_ns = now_ns
             path = self._planner.escape(self.view(), Point2D(pose.x_m, pose.y_m), *encounter.to_escape())
             if path is not None:
                 leg = self._leg = Leg(self._outlet, pose, path, is_escape=True)
@@ -413,8 +413,8 @@ class Travel:
         allowed = encounter.release(ahead)
         if not allowed.is_whole:
             self._contested_ns = now_ns
-            if now_ns - self._looked_ns > to_ns(self._parameters.replan_blocked_s):
-                self._looked_ns = now_ns
+            if now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s):
+                self._checked_ns = now_ns
                 if self._detour(leg, encounter, pose, allowed):
                     return TravelState.UNDER_WAY
                 if allowed.must_leave:

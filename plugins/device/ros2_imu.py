@@ -118,7 +118,7 @@ class Ros2Imu(TopicDevice):
         wanted = self.parameters
         self._link = open_link(self.env, wanted)
         self._first, self._silence = FirstWord(self.env.clock.now_ns()), Silence(to_ns(wanted.silent_s))
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
         self.env.board.gyro_contradiction = None
         self._where = wanted.topic(wanted.imu)
         self._topic = CheckedTopic(self._link, Imu, self._where, qos_profile_sensor_data, read_imu, self.env.hurry)
@@ -133,9 +133,9 @@ class Ros2Imu(TopicDevice):
             latest = self._latest
             before_ns = 0 if latest is None else latest.stamp_ns
             sample = self._mounting.sample(told.motion, max(before_ns + 1, min(measured_ns, now_ns)))
-            self._latest, self._heard_ns = sample, now_ns
+            self._latest, self._received_ns = sample, now_ns
             rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
-        heard_ns, silence = self._heard_ns, self._silence
+        heard_ns, silence = self._received_ns, self._silence
         if heard_ns is not None and silence.since(heard_ns, now_ns) > silence.limit_ns:
             raise ImuAbsent(f"no measurement: {self._topic.silence_reason if self._topic is not None else 'stopped'}")
 

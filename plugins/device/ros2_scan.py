@@ -207,7 +207,7 @@ class Ros2Scan(TopicDevice, LidarDevice):
         qos = qos_profile_sensor_data
         self._topic = CheckedTopic(link, LaserScanMessage, topic, qos, reader.read, self.env.hurry)
 
-    def take_turns(self, now_ns: int) -> None:
+    def read_turns(self, now_ns: int) -> None:
         link, topic = self._link, self._topic
         if link is None or topic is None:
             return

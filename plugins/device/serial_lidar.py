@@ -92,7 +92,7 @@ class SerialLidar(LidarDevice):
             self._line.close()
             self._line = None
 
-    def take_turns(self, now_ns: int) -> None:
+    def read_turns(self, now_ns: int) -> None:
         line = self._line
         if line is None:
             return

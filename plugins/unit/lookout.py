@@ -193,7 +193,7 @@ class Lookout:
         Range sensors do not tell directions within their cone, so they count only for what is straight ahead.
         """
         found = passage(self._obstacles.scan_m, pose.x_m, pose.y_m, heading_rad, self._radius_m)
-        free_m = min(found.free_m, self._heard_m(pose, heading_rad)) - SQUEEZED_GAP_M
+        free_m = min(found.free_m, self._reach_of_lookout_m(pose, heading_rad)) - SQUEEZED_GAP_M
         return found._replace(free_m=0.0 if self._is_touched(pose, heading_rad) else free_m)
 
     def hold_off(
@@ -211,7 +211,7 @@ class Lookout:
             for touched_rad in self._touched_rad
         )
 
-    def _heard_m(self, pose: Pose2D, heading_rad: float) -> float:
+    def _reach_of_lookout_m(self, pose: Pose2D, heading_rad: float) -> float:
         reach_m = 0.5 * self._radius_m
         contact_m = contact_distance_m(self._obstacles.ring_m, pose.x_m, pose.y_m, heading_rad, reach_m)
         return contact_m - (self._radius_m - reach_m)

@@ -180,22 +180,22 @@ class LineProcess:
             for line in self._lines(stream):
                 now = int(time.monotonic())
                 if now != second:
-                    self._note_kept_back(count)
+                    self._report_kept_back(count)
                     second, count = now, 0
                 count += 1
                 if count <= STDERR_LINES_A_SECOND:
                     logger.info("%s: %s", self._plugin, line)
-        self._note_kept_back(count)
+        self._report_kept_back(count)
 
-    def _note_kept_back(self, count: int) -> None:
+    def _report_kept_back(self, count: int) -> None:
         kept_back = count - STDERR_LINES_A_SECOND
         if kept_back > 0:
             logger.warning("%s: %d more lines on stderr were not logged", self._plugin, kept_back)
 
     def _lines(self, stream: IO[bytes]) -> "Lines":
-        return Lines(stream.fileno(), self._max_line_bytes, self._note_too_long)
+        return Lines(stream.fileno(), self._max_line_bytes, self._count_too_long)
 
-    def _note_too_long(self) -> None:
+    def _count_too_long(self) -> None:
         self.left_out += 1
         logger.warning("%s: ignored a line of more than %d bytes", self._plugin, self._max_line_bytes)
 
@@ -443,7 +443,7 @@ class Program(Unit):
         self._again_s = None
         try:
             self._process = LineProcess(
-                self.env.plugin, given.command, folder, given.environment, given.max_line_bytes, self._hear
+                self.env.plugin, given.command, folder, given.environment, given.max_line_bytes, self._receive
             )
         except OSError as error:
             raise ProgramAbsent(self.env.plugin, f"{given.command[0]} cannot be started: {error}") from error
@@ -511,7 +511,7 @@ class Program(Unit):
             f"{self.env.plugin} did not {what} within {self.parameters.time_limit_s:g} s and was killed",
         )
 
-    def _hear(self, line: str) -> bool:
+    def _receive(self, line: str) -> bool:
         """A line that the program says, on the thread that reads it."""
         if self.parameters.output == "json":
             try:

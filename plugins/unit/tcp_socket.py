@@ -72,7 +72,7 @@ class LineServer:
         self._clients: dict[socket.socket, _Client] = {}
         self.refused = 0
         """How many were cut off because all places were taken."""
-        self._told_s = -math.inf
+        self._reported_s = -math.inf
         self._guard = threading.Lock()
         self._closing = False
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -138,8 +138,8 @@ class LineServer:
         """Count and tell that all places are taken; the oldest client that has never given a command loses its own."""
         self.refused += 1
         now_s = time.monotonic()
-        if now_s - self._told_s >= TELL_S:
-            self._told_s = now_s
+        if now_s - self._reported_s >= TELL_S:
+            self._reported_s = now_s
             logger.warning(
                 "port %d: %d clients are connected, which are all that may be; another came from %s (%d so far)",
                 self.port,

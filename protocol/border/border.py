@@ -56,7 +56,7 @@ class Border:
 
     def read(self, topic: Heard, key: str, payload: bytes) -> Received | None:
         """The message in a payload, or None if it is refused."""
-        names = self._names.get(key) or self._note_names(topic, key)
+        names = self._names.get(key) or self._record_names(topic, key)
         if names is None:
             self._refuse(topic, key, RefusalCode.WRONG_NAME, "a name in its key is not one")
             return None
@@ -78,7 +78,7 @@ class Border:
             message = message.moved_in_time(-ahead_ns) if ahead_ns else message
         return new_received(Received, (topic, key, names, message))
 
-    def _note_names(self, topic: Heard, key: str) -> dict[str, str] | None:
+    def _record_names(self, topic: Heard, key: str) -> dict[str, str] | None:
         names = topic.parse(key)
         if names is not None:
             if len(self._names) >= KEYS_MAX:
@@ -86,7 +86,7 @@ class Border:
             self._names[key] = names
         return names
 
-    def note_lost(self, topic: Heard, key: str, count: int) -> None:
+    def record_lost(self, topic: Heard, key: str, count: int) -> None:
         """Count messages that were lost on the way for good."""
         if self._refusals is not None:
             why = "the network was away or full for longer than its sender keeps them"

@@ -79,5 +79,5 @@ class RecordGuard:
             return otherwise
 
     def _set_aside(self, topic: str, name: str, error: BaseException) -> None:
-        self._refusals.note_failure(topic, name, failure_text(None, error))
+        self._refusals.record_failure(topic, name, failure_text(None, error))
         logger.debug("%s of %s was set aside", topic, name, exc_info=error)

@@ -28,7 +28,7 @@ class FramePort(Protocol):
     """A node on a bus."""
 
     pending: Sized
-    """Empty if `take_frames` has nothing to take."""
+    """Empty if `read_frames` has nothing to take."""
     wakes: bool
     """Whether `on_frame` is called."""
     on_frame: Callable[[], None] | None
@@ -37,7 +37,7 @@ class FramePort(Protocol):
     def send_data(self, identifier: int, data: bytes) -> None:
         """Send a data frame; an identifier of 29 bits has the flag EXTENDED (can.CanError if it cannot be sent)."""
 
-    def take_frames(self) -> list[Frame]:
+    def read_frames(self) -> list[Frame]:
         """Take all frames that have arrived, in order (can.CanError if the bus cannot be read)."""
 
 
@@ -66,7 +66,7 @@ class MessagePort:
         is_extended = bool(identifier & EXTENDED)
         self._bus.send(can.Message(arbitration_id=identifier & ID_MASK, data=data, is_extended_id=is_extended))
 
-    def take_frames(self) -> list[Frame]:
+    def read_frames(self) -> list[Frame]:
         """As FramePort."""
         frames = []
         while (message := self._bus.recv(timeout=0)) is not None:

@@ -340,7 +340,7 @@ class ZenohBus(can.BusABC):
             return None
         return self._unpack(payload) if self._receives_own else unpack(payload, self._channel)
 
-    def take_frames(self) -> list[Frame]:
+    def read_frames(self) -> list[Frame]:
         """Take all frames that have arrived, in order."""
         frames, new = self.frames, tuple.__new__
         taken: list[Frame] = []

@@ -178,7 +178,7 @@ class Inbox:
         self.has_some = False  # first: what arrives meanwhile sets it again
         self.large_bytes = 0
         if self._expected:
-            self._take_replies()
+            self._collect_replies()
         samples: list[Sample] = []
         every, latest = self._every, self._latest
         for _ in range(len(every)):
@@ -188,7 +188,7 @@ class Inbox:
                 samples.append(latest.pop(key))
         return samples
 
-    def _take_replies(self) -> None:
+    def _collect_replies(self) -> None:
         for _ in range(len(self._expected)):
             waiting = self._expected.popleft()
             replies, ask, asked, topic, key = waiting

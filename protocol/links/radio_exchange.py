@@ -95,7 +95,7 @@ class RadioQuery:
                 continue
             if speaker in asleep:
                 self._is_not_answered()
-                asleep[speaker].extend(partial(_take_late, answer, selector, payload) for answer in answers)
+                asleep[speaker].extend(partial(_hand_over_late, answer, selector, payload) for answer in answers)
             else:
                 asked += [(speaker, there_ns, answer) for answer in answers]
         left = len(asked)
@@ -137,7 +137,7 @@ class RadioQuery:
         self._network.counters.timed_out += 1
 
 
-def _take_late(answer: Callable[[Asked], None], selector: str, payload: bytes) -> None:
+def _hand_over_late(answer: Callable[[Asked], None], selector: str, payload: bytes) -> None:
     """Hand over a request of which the asker has given up."""
     answer(LocalQuery(Gathering(selector, payload, 1, _drop, _ignore)))
 
@@ -185,9 +185,9 @@ class RadioExchange(PartyExchange):
         self._homes: dict[str, PartyExchange] = {EVERYWHERE: self}
         self._takers: dict[str, list[PartyExchange]] = {}
         """Parties that take a key, for those that were put."""
-        self._heard_ns: dict[tuple[str, str], int] = {}
+        self._received_ns: dict[tuple[str, str], int] = {}
         """When a party (the first) last reached another, as long as the other counts on it."""
-        self._on_way: list[tuple[int, int, Callable[[], object]]] = []
+        self._on_path: list[tuple[int, int, Callable[[], object]]] = []
         self._number = 0
         self._last_ns: dict[tuple[str, str], int] = {}
         """When the last sample from one party to another arrives."""
@@ -241,8 +241,8 @@ class RadioExchange(PartyExchange):
             return
         for at in [at for at, stream in self._missed.items() if party in (at[1], stream.speaker)]:
             del self._missed[at]
-        for pair in [pair for pair in self._heard_ns if party in pair]:
-            del self._heard_ns[pair]
+        for pair in [pair for pair in self._received_ns if party in pair]:
+            del self._received_ns[pair]
         self._takers.clear()
         for key in sorted(home.own_tokens):
             self._token_anywhere(key)
@@ -264,8 +264,8 @@ class RadioExchange(PartyExchange):
         """Take in who hears whom now, and deliver what has arrived meanwhile."""
         now_ns = self._clock.now_ns()
         self._look()
-        while self._on_way and self._on_way[0][0] <= now_ns:
-            heappop(self._on_way)[2]()
+        while self._on_path and self._on_path[0][0] <= now_ns:
+            heappop(self._on_path)[2]()
         for at in [at for at, stream in self._missed.items() if now_ns >= stream.retry_ns]:
             self._send_again(at, self._missed[at], now_ns)
 
@@ -352,12 +352,12 @@ class RadioExchange(PartyExchange):
         """Do something now or when it is due; returns False if there is no room for it."""
         if due_ns <= self._clock.now_ns():
             do()
-        elif len(self._on_way) >= IN_FLIGHT_MAX:
+        elif len(self._on_path) >= IN_FLIGHT_MAX:
             self._network.counters.overflowed += 1
             return False
         else:
             self._number += 1
-            heappush(self._on_way, (due_ns, self._number, do))
+            heappush(self._on_path, (due_ns, self._number, do))
         return True
 
     def _takers_changed(self) -> None:
@@ -396,7 +396,7 @@ class RadioExchange(PartyExchange):
         known = [
             (speaker, answers)
             for speaker, home in self._homes.items()
-            if (answers := home.answerers(key)) and (is_direct(party, speaker) or (speaker, party) in self._heard_ns)
+            if (answers := home.answerers(key)) and (is_direct(party, speaker) or (speaker, party) in self._received_ns)
         ]
         query.ask(selector, payload, known, over, self._asleep)
         return query
@@ -408,7 +408,7 @@ class RadioExchange(PartyExchange):
 
     def _look(self) -> None:
         """Who counts on whom, by what was heard until now."""
-        now_ns, network, heard_ns = self._clock.now_ns(), self._network, self._heard_ns
+        now_ns, network, heard_ns = self._clock.now_ns(), self._network, self._received_ns
         homes = [home for party, home in self._homes.items() if party]
         if not network.look(now_ns, [home.party for home in homes if home.links]):
             return
@@ -432,7 +432,7 @@ class RadioExchange(PartyExchange):
 
     def _sees(self, hearer: str, key: str) -> bool:
         for speaker, home in self._homes.items():
-            is_in_reach = is_direct(speaker, hearer) or (speaker, hearer) in self._heard_ns
+            is_in_reach = is_direct(speaker, hearer) or (speaker, hearer) in self._received_ns
             if is_in_reach and key in home.own_tokens:
                 return True
         return False

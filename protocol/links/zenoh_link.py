@@ -37,7 +37,7 @@ class LostSamples:
         self._border = border
         self._keys: dict[tuple[str, int], str] = {}
 
-    def note_sender(self, sample: zenoh.Sample, key: str) -> None:
+    def record_sender(self, sample: zenoh.Sample, key: str) -> None:
         """Remember whose key it is: a miss only tells which publisher it was."""
         source = sample.source_info
         if source is not None and len(self._keys) < SENDERS_MAX:
@@ -46,7 +46,7 @@ class LostSamples:
     def missed(self, miss: ext.Miss) -> None:
         """Count what a publisher sent and no recovery has brought."""
         key = self._keys.get(_publisher(miss.source), self._selector)
-        self._border.note_lost(self._topic, key, miss.nb)
+        self._border.record_lost(self._topic, key, miss.nb)
 
 
 def _publisher(source: zenoh.EntityGlobalId) -> tuple[str, int]:
@@ -105,7 +105,7 @@ class ZenohLink:
         def heard(sample: zenoh.Sample) -> None:
             key = own_key or str(sample.key_expr)
             if lost is not None:
-                lost.note_sender(sample, key)
+                lost.record_sender(sample, key)
             take(key, sample.payload.to_bytes())
 
         if self._exchange is not None:

@@ -54,7 +54,7 @@ class RosSubscription(Generic[M]):
         self._waiting: deque[tuple[bytes, bytes]] = deque()
         self._bytes = 0
         self._lock = threading.Lock()
-        self._subscriber: Any = _subscribe(session, entity.key, entity.qos, self._hear)
+        self._subscriber: Any = _subscribe(session, entity.key, entity.qos, self._receive)
         self._token: Any = session.liveliness().declare_token(entity.token)
 
     @property
@@ -85,7 +85,7 @@ class RosSubscription(Generic[M]):
                 self._token.undeclare()
                 declared.undeclare()
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         size = len(sample.payload)
         if size > self._kind.max_bytes:
             self._refuse("too_large", f"{size} bytes: expected at most {self._kind.max_bytes}")

@@ -36,14 +36,14 @@ KEYWORDS = VALUES | EXPLAINS | {*ONE, *LISTS, *NAMED, "$ref", "$defs"}
 REFERENCE = "#/$defs/"
 
 
-def why_unusable(schema: Mapping[str, Any]) -> str:
+def schema_refusal(schema: Mapping[str, Any]) -> str:
     """Why an announced schema cannot be used; empty if it can."""
     written = msgspec.json.encode(schema, order="deterministic")
-    return _why_unusable(written) if len(written) <= SCHEMA_BYTES_MAX else f"is longer than {SCHEMA_BYTES_MAX} bytes"
+    return _schema_refusal(written) if len(written) <= SCHEMA_BYTES_MAX else f"is longer than {SCHEMA_BYTES_MAX} bytes"
 
 
 @lru_cache(maxsize=256)
-def _why_unusable(written: bytes) -> str:
+def _schema_refusal(written: bytes) -> str:
     schema = msgspec.json.decode(written)
     try:
         _count_parts(schema, schema, (), PARTS_MAX)
@@ -109,7 +109,7 @@ def check_announced(kind: str, parameters: Mapping[str, Any], schemas: Iterable[
     """
     errors = []
     for schema in schemas:
-        error = None if why_unusable(schema) else _mistake(parameters, schema)
+        error = None if schema_refusal(schema) else _mistake(parameters, schema)
         if error is None:
             return
         errors.append((error, schema))

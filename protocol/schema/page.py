@@ -114,7 +114,7 @@ def message_section(name: str, schema: Schema) -> str:
     for field, told in schema.get("properties", {}).items():
         unit = told.get("$comment", "").removeprefix("unit: ") or "–"
         shown = f"`{field}`" if field in needed else f"*`{field}`*"
-        rows.append((shown, schema_words(told), unit, range_words(told), told.get("description", "")))
+        rows.append((shown, schema_text(told), unit, range_text(told), told.get("description", "")))
     if "enum" in schema:
         values = ", ".join(f"`{value}`" for value in schema["enum"])
         return f"### {name}\n\n{about}\n\nOne of {values}.\n"
@@ -122,13 +122,13 @@ def message_section(name: str, schema: Schema) -> str:
     return f"### {name}\n\n{about}\n\n{table}"
 
 
-def schema_words(schema: Schema) -> str:
+def schema_text(schema: Schema) -> str:
     """The type that a schema describes, in few words."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
     if "anyOf" in schema:
-        return " or ".join(dict.fromkeys(schema_words(one) for one in schema["anyOf"]))
+        return " or ".join(dict.fromkeys(schema_text(one) for one in schema["anyOf"]))
     if "enum" in schema:
         return " or ".join(f"`{value}`" for value in schema["enum"])
     if "const" in schema:
@@ -136,16 +136,16 @@ def schema_words(schema: Schema) -> str:
     kind = schema.get("type", "any")
     if kind == "array":
         items = schema.get("items") or (schema.get("prefixItems") or [{}])[0]
-        return f"list of {schema_words(items) if isinstance(items, dict) and items else 'any'}"
+        return f"list of {schema_text(items) if isinstance(items, dict) and items else 'any'}"
     if kind == "string" and "contentEncoding" in schema:
         return str(schema["contentEncoding"])
     return str(kind)
 
 
-def range_words(schema: Schema) -> str:
+def range_text(schema: Schema) -> str:
     """The bounds of a number, the length of a text or list, in few words."""
     for option in schema.get("anyOf", ()):
-        if option.get("type") != "null" and (words := range_words(option)) != "–":
+        if option.get("type") != "null" and (words := range_text(option)) != "–":
             return words
     low = schema.get("minimum", schema.get("exclusiveMinimum"))
     high = schema.get("maximum", schema.get("exclusiveMaximum"))

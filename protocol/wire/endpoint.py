@@ -164,7 +164,7 @@ class Endpoint:
         """Whether `serve` has something to do."""
         self.on_waiting: Callable[[], None] | None = None
         """Called on Zenoh's threads when it has, so that a loop sleeping between two steps can wake up."""
-        self.on_heard: Callable[[], None] | None = None
+        self.on_receive: Callable[[], None] | None = None
         """Called there when a sample has arrived."""
         self._from_others: deque[tuple[str, bytes]] = deque(maxlen=PENDING_QUERIES)
         self._owner = threading.get_ident()
@@ -208,10 +208,10 @@ class Endpoint:
                     return
                 key, payload = vouched
             is_taken = inbox.append(topic, key, payload, outside=outside)
-            if self.on_heard is not None:
-                self.on_heard()
+            if self.on_receive is not None:
+                self.on_receive()
             if is_taken and outside and not topic.recorded:  # of what is recorded, the recorder itself sees that
-                self.note_outside(key, payload)
+                self.record_outside(key, payload)
 
         self._link.subscribe(selector, topic, inbox, take, waits=inbox.acts_at_once or learns)
 
@@ -318,7 +318,7 @@ class Endpoint:
                 self._on_outside(query.selector, query.payload)
             self._reply(*waiting)
 
-    def note_outside(self, key: str, payload: bytes) -> None:
+    def record_outside(self, key: str, payload: bytes) -> None:
         """Something from another process reached a lockstep run; passed on at the next `serve()`."""
         self._from_others.append((key, payload))
         self.has_waiting = True
@@ -421,7 +421,7 @@ class Endpoint:
             selector = f"{key}?{BY}={by}"
         replies = self._link.ask(selector, body, topic.urgency, timeout_s)
         if replies.from_outside:
-            self.note_outside(selector, b"")
+            self.record_outside(selector, b"")
         if not replies.in_time:
             raise CallError(ErrorCode.TIMEOUT, "no reply in time")
         for answer in replies.answers:
@@ -501,7 +501,7 @@ class Endpoint:
         def take(answer: Answer) -> None:
             payload = NOTHING if answer.is_error else answer.payload
             if answer.from_outside:
-                self.note_outside(key, payload)
+                self.record_outside(key, payload)
             if payload != NOTHING:
                 inbox.append(reply_topic, reply_key, payload)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.algorithms.slam.map_patch import submap_message, take_message, whole_map
+from robrain.algorithms.slam.map_patch import merge_message, submap_message, whole_map
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -104,7 +104,7 @@ def patches_of(robot: str, atlas: SubmapAtlas, now_ns: int) -> list[MapPatch]:
 def _restored(kept: _Kept) -> SubmapAtlas:
     atlas = SubmapAtlas(kept.geometry)
     for submap in kept.submaps:
-        take_message(atlas, submap)
+        merge_message(atlas, submap)
     return atlas
 
 

@@ -62,13 +62,13 @@ class ComposedMap:
             ValueError: the patch does not fit its own description or the grid of the patches before, or its grid is
                 so large that it would fill the memory.
         """
-        from robrain.algorithms.slam.map_patch import take_message
+        from robrain.algorithms.slam.map_patch import merge_message
         from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 
         atlas = self.atlas
         if atlas is None:
             atlas = SubmapAtlas(checked_geometry(patch))
-        take_message(atlas, patch)
+        merge_message(atlas, patch)
         self.atlas = atlas
 
     def take(self, payload: bytes) -> None:

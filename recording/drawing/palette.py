@@ -58,7 +58,7 @@ class Look(NamedTuple):
     shape: str
 
 
-def look_of(index: int) -> Look:
+def style_of(index: int) -> Look:
     """The look of the robot that appeared as number `index`, counted from 0."""
     round_number, place = divmod(index, len(ROBOT_COLORS))
     return Look(ROBOT_COLORS[place], ROBOT_SHAPES[round_number % len(ROBOT_SHAPES)])

@@ -74,7 +74,7 @@ class RobotHistory:
             )
         )
 
-    def go_on_from(self, samples: list[HistorySample], whole: "RobotHistory") -> None:
+    def continue_from(self, samples: list[HistorySample], whole: "RobotHistory") -> None:
         """Have these samples of the whole history as one's own past."""
         self.samples.clear()
         self.samples.extend(samples)

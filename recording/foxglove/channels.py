@@ -43,7 +43,7 @@ from robrain.protocol.table.topics import (
     TASK_EVENT,
 )
 from robrain.recording.drawing.map_at import KnownMap
-from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, look_of, mote_color
+from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, mote_color, style_of
 from robrain.recording.foxglove import messages as make
 from robrain.recording.foxglove import visual_topics
 from robrain.recording.foxglove.messages import ARENA, color, point, pose, timestamp, wall_cubes
@@ -83,7 +83,7 @@ def scene_update(entities: Iterable[SceneEntity], stamp_ns: int) -> SceneUpdate:
 def robot_entity(state: RobotState, index: int, stamp_ns: int) -> SceneEntity:
     """A robot in its own frame: footprint, nose and name; `index` chooses its colour."""
     radius_m = state.radius_m or 0.2
-    body = HALTED if state.halted else LOST if state.lost else look_of(index).color
+    body = HALTED if state.halted else LOST if state.lost else style_of(index).color
     battery = "" if state.battery is None else f" {100 * state.battery.soc:.0f} %"
     entity = _entity(f"robot {state.robot}", state.robot, stamp_ns)
     entity.frame_locked = True
@@ -268,7 +268,7 @@ class FoxgloveChannels:
     def due(self, now_ns: int) -> Iterator[VisualMessage]:
         """What is to be drawn at `now_ns` of the recorder's clock."""
         if self._lines:
-            yield from self._told_lines(now_ns)
+            yield from self._received_lines(now_ns)
         if self._is_due("transforms", TRANSFORMS_NS, now_ns) and self._states:
             self._decode_states()
             poses = [
@@ -363,12 +363,12 @@ class FoxgloveChannels:
             yield VisualMessage(visual_topics.WALLS, scene_update([walls], now_ns), now_ns)
             yield VisualMessage(visual_topics.WALL_POINTS, make.wall_points(view.grid, now_ns), now_ns)
 
-    def _told_lines(self, now_ns: int) -> Iterator[VisualMessage]:
+    def _received_lines(self, now_ns: int) -> Iterator[VisualMessage]:
         lines, self._lines = self._lines, []
         for topic, payload in lines:
             message = None if topic.message is None else self._decode(payload, topic.message)
             if isinstance(message, TaskEvent):
-                line = self._take_task(message)
+                line = self._handle_task(message)
             elif isinstance(message, LogRecord):
                 source = f"{message.robot} {message.source}"
                 line = make.log(message.stamp_ns or now_ns, message.level, source, message.text)
@@ -380,7 +380,7 @@ class FoxgloveChannels:
                 continue
             yield VisualMessage(visual_topics.LOG, line, now_ns)
 
-    def _take_task(self, event: TaskEvent) -> Message:
+    def _handle_task(self, event: TaskEvent) -> Message:
         self._tasks_changed = True
         self._open_tasks.pop(event.task.id, None)
         if not event.state.ended:

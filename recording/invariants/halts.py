@@ -73,17 +73,17 @@ class Halts(InvariantJudge):
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
         return {
-            Halt: self._take_halt,
-            TeamState: self._take_summary,
-            RobotState: self._take_state,
-            ArenaTruth: self._take_truth,
+            Halt: self._handle_halt,
+            TeamState: self._handle_summary,
+            RobotState: self._handle_state,
+            ArenaTruth: self._handle_truth,
         }
 
     def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
         return None if self._robots else MissingEvidence.ROBOTS
 
-    def _take_halt(self, halt: Halt, time_ns: int) -> None:
+    def _handle_halt(self, halt: Halt, time_ns: int) -> None:
         was_held = self._latch.is_held
         if halt.halted:
             self._latch.hold(halt.by, halt.reason, halt.stamp_ns)
@@ -91,19 +91,19 @@ class Halts(InvariantJudge):
             self._latch.release(halt.by, halt.stamp_ns)
         if self._latch.is_held != was_held:
             self.cases += self._latch.is_held
-            self._begin_anew()
+            self._restart()
         if self._summary_ns is None and self._latch.is_held:
             for robot in self._robots.values():
                 robot.in_contact_ns = robot.in_contact_ns or time_ns
 
-    def _take_summary(self, summary: TeamState, time_ns: int) -> None:
+    def _handle_summary(self, summary: TeamState, time_ns: int) -> None:
         was_away = self._summary_ns is not None and time_ns - self._summary_ns > SILENT_NS
         self._summary_ns = time_ns
         if was_away:  # until now it could not tell the robots
-            self._begin_anew()
+            self._restart()
         status = summary.halt
         if status is None or not status.halted:
-            self._begin_anew()
+            self._restart()
             return
         for told in summary.robots:
             robot = self._robots.get(told.name)
@@ -115,7 +115,7 @@ class Halts(InvariantJudge):
                 robot.in_contact_ns = time_ns
             self._judge_heeding(told.name, robot, ", ".join(status.by), time_ns)
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         for robot in self._robots.values():
             robot.in_contact_ns = None
             robot.obeys = robot.halted_ns is not None
@@ -129,7 +129,7 @@ class Halts(InvariantJudge):
             for_s = round(to_seconds(time_ns - since_ns), 3)
             self.break_(time_ns, HaltIgnored(robot=name, by=by, for_s=for_s))
 
-    def _take_state(self, state: RobotState, time_ns: int) -> None:
+    def _handle_state(self, state: RobotState, time_ns: int) -> None:
         robot = self._robots.setdefault(state.robot, _Robot())
         if self._summary_ns is None and time_ns - robot.heard_ns > SILENT_NS:
             robot.in_contact_ns = None  # it missed messages, and no coordinator repeats them
@@ -168,7 +168,7 @@ class Halts(InvariantJudge):
         if moved_m > OWN_MOVED_M + 3.0 * (deviation_m + now_deviation_m):
             self._moved(state.robot, robot, moved_m, time_ns, is_true=False)
 
-    def _take_truth(self, truth: ArenaTruth, time_ns: int) -> None:
+    def _handle_truth(self, truth: ArenaTruth, time_ns: int) -> None:
         self._has_truth = True
         for now in truth.robots:
             robot = self._robots.get(now.robot)

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.invariants.findings import AnyFinding, Breach, Invariant, InvariantState, MissingEvidence, Ruling
-from robrain.recording.invariants.words import breach_words, missing_words
+from robrain.recording.invariants.words import breach_text, missing_text
 
 KEPT_BREACHES = 10
 """Breaches of an invariant that are kept one by one; the rest is counted."""
@@ -89,7 +89,7 @@ class InvariantJudge:
             broken=self._broken,
             breaches=self._breaches,
             missing=missing,
-            why=missing_words(missing) if missing is not None else "",
+            why=missing_text(missing) if missing is not None else "",
         )
 
     def break_(self, time_ns: int, finding: AnyFinding) -> None:
@@ -97,7 +97,7 @@ class InvariantJudge:
         self._broken += 1
         if len(self._breaches) < KEPT_BREACHES:
             time_s = self.time_s(time_ns)
-            self._breaches.append(Breach(time_s=time_s, finding=finding, text=breach_words(time_s, finding)))
+            self._breaches.append(Breach(time_s=time_s, finding=finding, text=breach_text(time_s, finding)))
 
     def time_s(self, time_ns: int) -> float:
         """Time since the start of the run."""

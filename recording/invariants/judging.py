@@ -76,10 +76,10 @@ class _RobotEnergy:
         """Estimate, and what was delivered, at the start of the stretch since the last charge."""
         self.least_high_j = 0.0
         """The least upper end of the interval in this stretch."""
-        self.is_told = self.is_balance_told = False
+        self.is_told = self.is_balance_reported = False
         """Of this stretch."""
         self.away_ns: int | None = None
-        self.is_away_told = False
+        self.is_away_reported = False
 
 
 class EnergyBalance(InvariantJudge):
@@ -93,7 +93,7 @@ class EnergyBalance(InvariantJudge):
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
-        return {RobotState: self._take_state, ArenaTruth: self._take_truth}
+        return {RobotState: self._handle_state, ArenaTruth: self._handle_truth}
 
     def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
@@ -106,7 +106,7 @@ class EnergyBalance(InvariantJudge):
             self.cases += 1
         return robot
 
-    def _take_truth(self, truth: ArenaTruth, time_ns: int) -> None:
+    def _handle_truth(self, truth: ArenaTruth, time_ns: int) -> None:
         for now in truth.robots:
             robot = self._robot(now.robot)
             before_j = robot.delivered_j
@@ -115,7 +115,7 @@ class EnergyBalance(InvariantJudge):
                 robot.begin = None  # what follows is counted from here
             robot.delivered_j, robot.place = now.energy_j, Point2D(now.pose.x_m, now.pose.y_m)
 
-    def _take_state(self, state: RobotState, time_ns: int) -> None:
+    def _handle_state(self, state: RobotState, time_ns: int) -> None:
         battery = state.battery
         if battery is None:
             return
@@ -131,12 +131,12 @@ class EnergyBalance(InvariantJudge):
             self._judge_estimate(state.robot, robot, battery, time_ns)
 
     def _judge_estimate(self, name: str, robot: _RobotEnergy, battery: BatteryState, time_ns: int) -> None:
-        robot.away_ns, robot.is_away_told = None, False
+        robot.away_ns, robot.is_away_reported = None, False
         if robot.doubted_ns is not None and time_ns - robot.doubted_ns < DOUBTED_NS:
             robot.begin = None
         elif robot.begin is None:
             robot.begin, robot.least_high_j = (battery, robot.delivered_j or 0.0), battery.remaining_high_j
-            robot.is_told = robot.is_balance_told = False
+            robot.is_told = robot.is_balance_reported = False
         elif battery.remaining_high_j > 0:  # a robot that tells no interval has nothing to judge
             self._judge_rise(name, robot, battery, time_ns)
             self._judge_balance(name, robot, battery, time_ns)
@@ -149,8 +149,8 @@ class EnergyBalance(InvariantJudge):
             return
         if robot.away_ns is None:
             robot.away_ns = time_ns
-        elif time_ns - robot.away_ns > AWAY_NS and not robot.is_away_told:
-            robot.is_away_told = True
+        elif time_ns - robot.away_ns > AWAY_NS and not robot.is_away_reported:
+            robot.is_away_reported = True
             self.break_(
                 time_ns, ChargedAway(robot=name, place=place, charger_m=self.surroundings.charger_distance_m(place))
             )
@@ -162,7 +162,7 @@ class EnergyBalance(InvariantJudge):
             self.break_(time_ns, ChargeRose(robot=name, before_j=before_j, now_j=now_j))
 
     def _judge_balance(self, name: str, robot: _RobotEnergy, battery: BatteryState, time_ns: int) -> None:
-        if robot.begin is None or robot.delivered_j is None or robot.is_balance_told:
+        if robot.begin is None or robot.delivered_j is None or robot.is_balance_reported:
             return
         begin, begun_j = robot.begin
         delivered_j = robot.delivered_j - begun_j
@@ -171,7 +171,7 @@ class EnergyBalance(InvariantJudge):
         slack_j = RISE_SHARE * begin.remaining_high_j
         if least_j - slack_j <= delivered_j <= most_j + slack_j:
             return
-        robot.is_balance_told = True
+        robot.is_balance_reported = True
         finding = Unbalanced(
             robot=name, delivered_j=round(delivered_j, 1), least_j=round(least_j, 1), most_j=round(most_j, 1)
         )
@@ -195,15 +195,15 @@ class TaskKept(InvariantJudge):
         self._too_few: tuple[int, int] | None = None
         """Tasks that are missing, and since when."""
         self._agreed_ns = start_ns
-        self._told_missing = 0
+        self._reported_missing = 0
         self._since_ns: dict[_Given, int] = {}
         """Since when a task has been at its robot without a report of it."""
         self._told: set[_Given] = set()
-        self._heard_ns: dict[str, int] = {}
+        self._received_ns: dict[str, int] = {}
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
-        return {TaskEvent: self._take_event, RobotState: self._take_state, TeamState: self._take_summary}
+        return {TaskEvent: self._handle_event, RobotState: self._handle_state, TeamState: self._handle_summary}
 
     def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
@@ -219,7 +219,7 @@ class TaskKept(InvariantJudge):
         """Whether all tasks that are open can be known."""
         return self._changes.is_from_start or bool(self._begins_empty)
 
-    def _take_event(self, event: TaskEvent, time_ns: int) -> None:
+    def _handle_event(self, event: TaskEvent, time_ns: int) -> None:
         self._changes.take(event, time_ns)
         self._may_lack = False  # the number of this one tells
         self.cases = self._changes.tasks
@@ -227,15 +227,15 @@ class TaskKept(InvariantJudge):
         if event.state.ended:
             self._changed_ns.pop(event.task.id)
 
-    def _take_state(self, state: RobotState, time_ns: int) -> None:
-        self._heard_ns[state.robot] = time_ns
+    def _handle_state(self, state: RobotState, time_ns: int) -> None:
+        self._received_ns[state.robot] = time_ns
         for status in (state.task, state.next_task, state.task_before):
             if status is not None and not status.state.ended:
                 given = (status.id, state.robot, status.epoch)
                 if given in self._since_ns:
                     self._since_ns[given] = time_ns
 
-    def _take_summary(self, summary: TeamState, time_ns: int) -> None:
+    def _handle_summary(self, summary: TeamState, time_ns: int) -> None:
         if self._begins_empty is None:
             self._begins_empty = summary.tasks_open == 0 and self._changes.tasks == 0
         if self._summary_ns is None or time_ns - self._summary_ns > AWAY_AFTER_NS:
@@ -250,24 +250,24 @@ class TaskKept(InvariantJudge):
             self._since_ns.clear()
         if self._is_complete:
             self._compare_counts(summary, time_ns)
-        self._look_for_abandoned(summary, time_ns)
+        self._find_abandoned(summary, time_ns)
 
     def _compare_counts(self, summary: TeamState, time_ns: int) -> None:
         missing = len(self._changes.open) - summary.tasks_open
-        if missing <= self._told_missing:
-            self._told_missing = max(0, missing)
+        if missing <= self._reported_missing:
+            self._reported_missing = max(0, missing)
             self._too_few, self._agreed_ns = None, time_ns
             return
         if self._too_few is None or self._too_few[0] != missing:
             self._too_few = missing, time_ns
         if time_ns - self._too_few[1] < FORGOTTEN_AFTER_NS:
             return
-        named = self._candidates(missing - self._told_missing)
+        named = self._candidates(missing - self._reported_missing)
         self.break_(
             time_ns,
-            TasksForgotten(missing=missing - self._told_missing, tasks=tuple(named[:NAMED_MAX]), of=len(named)),
+            TasksForgotten(missing=missing - self._reported_missing, tasks=tuple(named[:NAMED_MAX]), of=len(named)),
         )
-        self._told_missing, self._too_few, self._agreed_ns = missing, None, time_ns
+        self._reported_missing, self._too_few, self._agreed_ns = missing, None, time_ns
 
     def _candidates(self, missing: int) -> list[str]:
         """Open tasks that the coordinator may have lost: those that changed since its count was right, if enough."""
@@ -275,7 +275,7 @@ class TaskKept(InvariantJudge):
         lately = [task for task in latest if self._changed_ns.get(task, 0) >= self._agreed_ns]
         return lately if len(lately) >= missing else latest
 
-    def _look_for_abandoned(self, summary: TeamState, time_ns: int) -> None:
+    def _find_abandoned(self, summary: TeamState, time_ns: int) -> None:
         up = {robot.name for robot in summary.robots if robot.up}
         since: dict[_Given, int] = {}
         for task, event in self._changes.open.items():
@@ -284,7 +284,7 @@ class TaskKept(InvariantJudge):
                 continue
             given = (task, robot, event.epoch)
             since[given] = self._since_ns.get(given, time_ns)
-            silent_ns = time_ns - self._heard_ns.get(robot, self._start_ns)
+            silent_ns = time_ns - self._received_ns.get(robot, self._start_ns)
             if robot in up and silent_ns > to_ns(LOST_AFTER_S):
                 since[given] = time_ns  # the coordinator hears a robot that is not heard here
             elif time_ns - since[given] > ABANDONED_AFTER_NS and given not in self._told:
@@ -332,13 +332,13 @@ class NotStranded(InvariantJudge):
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
-        return {RobotState: self._take_state, ArenaTruth: self._take_truth}
+        return {RobotState: self._handle_state, ArenaTruth: self._handle_truth}
 
     def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
         return None if self.cases else MissingEvidence.BATTERIES
 
-    def _take_state(self, state: RobotState, time_ns: int) -> None:
+    def _handle_state(self, state: RobotState, time_ns: int) -> None:
         robot = self._robots.setdefault(state.robot, _Robot())
         battery = state.battery
         self.cases += not self._has_truth and battery is not None and _battery_of(robot) is None
@@ -358,7 +358,7 @@ class NotStranded(InvariantJudge):
             place = None if pose is None or state.lost else Point2D(pose.x_m, pose.y_m)
             self._stranded(state.robot, robot, place, time_ns, is_true=False)
 
-    def _take_truth(self, truth: ArenaTruth, time_ns: int) -> None:
+    def _handle_truth(self, truth: ArenaTruth, time_ns: int) -> None:
         if not self._has_truth:
             self._has_truth, self.cases = True, len(truth.robots)
         for now in truth.robots:
@@ -412,7 +412,7 @@ class Walls(InvariantJudge):
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
-        return {RobotState: self._take_state, ArenaTruth: self._take_truth}
+        return {RobotState: self._handle_state, ArenaTruth: self._handle_truth}
 
     def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
@@ -422,11 +422,11 @@ class Walls(InvariantJudge):
             return self.surroundings.no_floor
         return None if self.cases else MissingEvidence.RADIUS
 
-    def _take_state(self, state: RobotState, _time_ns: int) -> None:
+    def _handle_state(self, state: RobotState, _time_ns: int) -> None:
         if state.radius_m > 0:
             self._radius_m[state.robot] = state.radius_m
 
-    def _take_truth(self, truth: ArenaTruth, time_ns: int) -> None:
+    def _handle_truth(self, truth: ArenaTruth, time_ns: int) -> None:
         self._has_truth = True
         if self.surroundings.clearance_m is None:
             return

@@ -38,18 +38,18 @@ class TaskAtOne(InvariantJudge):
         """Robots by task."""
         self._task_of: dict[str, str] = {}
         self._told: set[tuple[str, str, str]] = set()
-        self._heard_any = False
+        self._has_received = False
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
-        return {RobotState: self._take_state}
+        return {RobotState: self._handle_state}
 
     def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
-        return None if self._heard_any else MissingEvidence.ROBOTS
+        return None if self._has_received else MissingEvidence.ROBOTS
 
-    def _take_state(self, state: RobotState, time_ns: int) -> None:
-        self._heard_any = True
+    def _handle_state(self, state: RobotState, time_ns: int) -> None:
+        self._has_received = True
         status, robot = state.task, state.robot
         task = status.id if status is not None and status.state is TaskState.RUNNING else ""
         if self._task_of.get(robot, "") != task:

@@ -35,20 +35,20 @@ class TaskOnce(InvariantJudge):
         super().__init__(surroundings, start_ns)
         self._changes = TaskChanges()
         self._still: dict[str, _StillAt] = {}
-        self._heard_any = False
+        self._has_received = False
         self._reopened: set[str] = set()
 
     def handlers(self) -> Mapping[type, Handler]:
         """What is to be called with each type of message."""
-        return {TaskEvent: self._take_event, RobotState: self._take_state}
+        return {TaskEvent: self._handle_event, RobotState: self._handle_state}
 
     def lacks(self) -> MissingEvidence | None:
         """What the messages lacked."""
         if self._changes.has_gap:
             return MissingEvidence.EVENTS
-        return None if self._heard_any or self._changes.tasks else MissingEvidence.TASKS
+        return None if self._has_received or self._changes.tasks else MissingEvidence.TASKS
 
-    def _take_event(self, event: TaskEvent, time_ns: int) -> None:
+    def _handle_event(self, event: TaskEvent, time_ns: int) -> None:
         task = event.task.id
         before = self._changes.ended.get(task)
         if self._changes.take(event, time_ns) is not ChangeKind.AFTER_END:
@@ -64,8 +64,8 @@ class TaskOnce(InvariantJudge):
         elif not was_reopened:
             self.break_(time_ns, Reopened(task=task, ended=ended.state, state=event.state))
 
-    def _take_state(self, state: RobotState, time_ns: int) -> None:
-        self._heard_any = True
+    def _handle_state(self, state: RobotState, time_ns: int) -> None:
+        self._has_received = True
         status, robot = state.task, state.robot
         at = status.id if status is not None and status.state is TaskState.RUNNING else ""
         done_ns = self._changes.done_ns(at) if at else None

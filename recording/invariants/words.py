@@ -40,23 +40,23 @@ _MISSING = {
 }
 
 
-def missing_words(missing: MissingEvidence) -> str:
+def missing_text(missing: MissingEvidence) -> str:
     """Why an invariant could not be judged; `it` is the recording."""
     return _MISSING[missing]
 
 
-def cases_words(invariant: Invariant, cases: int) -> str:
+def cases_text(invariant: Invariant, cases: int) -> str:
     """How much was judged, such as `12 tasks`."""
     one, several = CASES[invariant]
     return f"{cases} {one if cases == 1 else several}"
 
 
-def breach_words(time_s: float, finding: AnyFinding) -> str:
+def breach_text(time_s: float, finding: AnyFinding) -> str:
     """One sentence on a breach.
 
-    >>> breach_words(12.5, found.DoneAgain(task="door", robot="r2", changes=(4, 9), first_s=8.0))
+    >>> breach_text(12.5, found.DoneAgain(task="door", robot="r2", changes=(4, 9), first_s=8.0))
     'at 12.5 s door is done again, by r2 (change 9), after it was done at 8 s (change 4)'
-    >>> breach_words(3.0, found.InWall(robot="r1", place=Point2D(1.0, 2.25), depth_m=0.0812))
+    >>> breach_text(3.0, found.InWall(robot="r1", place=Point2D(1.0, 2.25), depth_m=0.0812))
     'at 3 s r1 is 0.081 m inside a wall, at x 1.00, y 2.25'
     """
     return f"at {time_s:g} s {_said(finding)}"
@@ -81,10 +81,10 @@ def _said(finding: AnyFinding) -> str:
             return f"{robot} has been at {task} for {for_s:.1f} s, although it was done at {done_s:g} s"
         case found.InWall(robot=robot, place=place, depth_m=depth_m):
             return f"{robot} is {depth_m:.3f} m inside a wall, {_at(place)}"
-    return _said_of_robots(finding)
+    return _robots_text(finding)
 
 
-def _said_of_robots(finding: AnyFinding) -> str:
+def _robots_text(finding: AnyFinding) -> str:
     match finding:
         case found.OutOfEnergy(robot=robot, place=place, charger_m=charger_m, soc=soc, is_true=is_true):
             where = f", {_at(place)}" if place is not None else ""

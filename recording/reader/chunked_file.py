@@ -19,7 +19,7 @@ from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import (
     RecordedMessage,
     check_readable,
-    damage_told,
+    describing_damage,
     is_truncated,
     recorded_message,
 )
@@ -60,10 +60,10 @@ class ChunkedFile:
         """In the order of the file, without those that hold no message."""
         self.truncated = is_truncated(path)
         self._at_hand: OrderedDict[int, list[RecordedMessage]] = OrderedDict()
-        with damage_told(path), path.open("rb") as stream:
+        with describing_damage(path), path.open("rb") as stream:
             summary = None if self.truncated else make_reader(stream).get_summary()
             if summary is not None:
-                self._take_summary(summary)
+                self._handle_summary(summary)
             if not self.chunks:
                 self._scan(stream)
         self.start_ns = min((chunk.start_ns for chunk in self.chunks), default=0)
@@ -86,7 +86,7 @@ class ChunkedFile:
             self._at_hand.move_to_end(number)
         return messages
 
-    def _take_summary(self, summary: Summary) -> None:
+    def _handle_summary(self, summary: Summary) -> None:
         self.channels, self.schemas = summary.channels, summary.schemas
         if summary.statistics is not None:
             self.counts = summary.statistics.channel_message_counts
@@ -119,7 +119,7 @@ class ChunkedFile:
                 data = stream.read(size)
                 if opcode == Opcode.CHUNK:
                     chunk = Chunk.read(ReadDataStream(BytesIO(data)))
-                    present = self._look_into(chunk)
+                    present = self._channels_in(chunk)
                     if present:
                         place = ChunkPlace(offset, chunk.message_start_time, chunk.message_end_time, tuple(present))
                         self.chunks.append(place)
@@ -128,7 +128,7 @@ class ChunkedFile:
                     self._describe(kind.read(ReadDataStream(BytesIO(data))))
             offset = end
 
-    def _look_into(self, chunk: Chunk) -> dict[int, None]:
+    def _channels_in(self, chunk: Chunk) -> dict[int, None]:
         """Ids of the channels with messages in a chunk, in order of appearance."""
         present: dict[int, None] = {}
         for record in breakup_chunk(chunk):
@@ -146,7 +146,7 @@ class ChunkedFile:
             self.schemas[record.id] = record
 
     def _read(self, number: int) -> list[RecordedMessage]:
-        with damage_told(self.path):
+        with describing_damage(self.path):
             # Opened for each chunk, which costs little beside it: nobody has to close a file that is looked at.
             with self.path.open("rb") as stream:
                 stream.seek(self.chunks[number].offset + RECORD_HEADER.size)

@@ -252,12 +252,12 @@ class _WholeReads:
 @contextmanager
 def _opened(path: Path) -> Iterator[BufferedReader]:
     """The file, with what is wrong with it or its bytes turned into RecordingError."""
-    with damage_told(path), path.open("rb") as stream:
+    with describing_damage(path), path.open("rb") as stream:
         yield stream
 
 
 @contextmanager
-def damage_told(path: Path) -> Iterator[None]:
+def describing_damage(path: Path) -> Iterator[None]:
     """Turns what is wrong with the file or its bytes, while the block reads it, into RecordingError."""
     try:
         yield

@@ -19,7 +19,7 @@ from robrain.recording.provenance import RECOVERY_METADATA, VISUAL_METADATA
 from robrain.recording.reader.reading import (
     DAMAGE,
     check_readable,
-    damage_told,
+    describing_damage,
     is_truncated,
     topic_named_by,
     whole_reads,
@@ -58,11 +58,11 @@ def copy_recording(
         with writing(path, "; make room there"), target:
             copy = RecordingCopy(target, visual)
             copy.truncated = truncated
-            with damage_told(source):
+            with describing_damage(source):
                 stream = source.open("rb")
             with stream:
                 if not truncated:
-                    with damage_told(source):
+                    with describing_damage(source):
                         copy.learn(stream)
                 _copy_all(source, stream, copy, on_progress)
             copy.finish(*metadata(copy))
@@ -145,7 +145,7 @@ class RecordingCopy:
         elif isinstance(record, Channel):
             self._channels[record.id] = record
         elif isinstance(record, Message):
-            self._take_message(record)
+            self._handle_message(record)
         elif isinstance(record, Metadata):
             self._start()
             self._writer.add_metadata(record.name, record.metadata)
@@ -169,7 +169,7 @@ class RecordingCopy:
             self._started = True
             self._writer.start(profile=profile) if library is None else self._writer.start(profile, library)
 
-    def _take_message(self, message: Message) -> None:
+    def _handle_message(self, message: Message) -> None:
         channel = self._channels.get(message.channel_id)
         if channel is None:  # it was described in a chunk that is damaged, and there is no summary
             self.undescribed += 1

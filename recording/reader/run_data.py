@@ -56,12 +56,12 @@ class Happenings:
     def __init__(self) -> None:
         self._all: list[Happening] = []
         self._open: dict[tuple[str, str], Happening] = {}
-        self._heard_s: dict[str, float] = {}
+        self._received_s: dict[str, float] = {}
 
     def take(self, message: Any, t_s: float) -> None:
         """The next message; most are of no interest."""
         if isinstance(message, RobotState):
-            self._take_state(message, t_s)
+            self._handle_state(message, t_s)
         elif isinstance(message, TaskEvent):
             if message.state in ("failed", "lost_contact"):
                 words = message.state.replace("_", " ") + (f": {message.why}" if message.why else "")
@@ -74,15 +74,15 @@ class Happenings:
 
     def finish(self, end_s: float) -> list[Happening]:
         """All of them, by their beginnings; robots that said nothing until the end included."""
-        for robot, heard_s in self._heard_s.items():
+        for robot, heard_s in self._received_s.items():
             if end_s - heard_s > SILENT_S:
                 self._begin("silent", robot, "", "said nothing until the end", heard_s)
         return sorted(self._all, key=lambda happening: happening.start_s)
 
-    def _take_state(self, state: RobotState, t_s: float) -> None:
+    def _handle_state(self, state: RobotState, t_s: float) -> None:
         name = state.robot
-        heard_s = self._heard_s.get(name, t_s)
-        self._heard_s[name] = t_s
+        heard_s = self._received_s.get(name, t_s)
+        self._received_s[name] = t_s
         if t_s - heard_s > SILENT_S:
             silent = Happening(kind="silent", subject=name, text="said nothing", start_s=heard_s, end_s=t_s)
             self._add(silent)
@@ -263,14 +263,14 @@ class _Gather:
         self._happenings = Happenings()
         self._decided: dict[str, TaskDecision] = {}
         self._takers: dict[type, Callable[[Any, float], None]] = {
-            RobotState: self._take_state,
-            ArenaTruth: self._take_truth,
-            TeamState: self._take_team,
-            ExplorationLeft: self._take_left,
-            MapPatch: self._take_patch,
-            MoteReading: self._take_reading,
-            TaskEvent: self._take_task,
-            TaskDecision: self._take_decision,
+            RobotState: self._handle_state,
+            ArenaTruth: self._handle_truth,
+            TeamState: self._handle_team,
+            ExplorationLeft: self._handle_left,
+            MapPatch: self._handle_patch,
+            MoteReading: self._handle_reading,
+            TaskEvent: self._handle_task,
+            TaskDecision: self._handle_decision,
         }
 
     def take(self, message: Any, t_s: float) -> None:
@@ -286,7 +286,7 @@ class _Gather:
             task.spans = [(robot, start, run.duration_s if end is None else end) for robot, start, end in task.spans]
         return run
 
-    def _take_state(self, state: RobotState, t_s: float) -> None:
+    def _handle_state(self, state: RobotState, t_s: float) -> None:
         robot = self.run.robots.setdefault(state.robot, RobotRun(state.robot))
         before = robot.before
         if before is not None and t_s - robot.t_s[-1] < STEP_S:
@@ -311,7 +311,7 @@ class _Gather:
         robot.measured_j.append(measured_j)
         robot.predicted_j.append(predicted_j)
 
-    def _take_truth(self, truth: ArenaTruth, t_s: float) -> None:
+    def _handle_truth(self, truth: ArenaTruth, t_s: float) -> None:
         self.run.explored.append((t_s, truth.explored_fraction))
         of_map = self.run.map_accuracy
         if truth.map_accuracy is not None and (not of_map or of_map[-1][1] != truth.map_accuracy):
@@ -325,30 +325,30 @@ class _Gather:
                 robot.error_m.append(float("nan") if accuracy.is_lost else accuracy.error_m)
                 robot.is_silently_off.append(accuracy.silent_for_s > 0)
 
-    def _take_team(self, team: TeamState, t_s: float) -> None:
+    def _handle_team(self, team: TeamState, t_s: float) -> None:
         self.run.known_m2.append((t_s, team.known_area_m2))
         if team.mote_field:
             self.run.mote_field = team.mote_field
 
-    def _take_left(self, left: ExplorationLeft, _t_s: float) -> None:
+    def _handle_left(self, left: ExplorationLeft, _t_s: float) -> None:
         self.run.left = left
 
-    def _take_patch(self, patch: MapPatch, _t_s: float) -> None:
+    def _handle_patch(self, patch: MapPatch, _t_s: float) -> None:
         try:
             self.run.map.merge(patch)
         except ValueError:  # it fits no map; whoever listened left it out as well
             return
 
-    def _take_reading(self, reading: MoteReading, t_s: float) -> None:
+    def _handle_reading(self, reading: MoteReading, t_s: float) -> None:
         mote = self.run.motes.setdefault(reading.mote, MoteRun(reading.mote))
         mote.place = reading.place or mote.place
         mote.t_s.append(t_s)
         mote.voltage_v.append(reading.voltage_v)
 
-    def _take_decision(self, decision: TaskDecision, _t_s: float) -> None:
+    def _handle_decision(self, decision: TaskDecision, _t_s: float) -> None:
         self._decided[decision.task] = decision
 
-    def _take_task(self, event: TaskEvent, t_s: float) -> None:
+    def _handle_task(self, event: TaskEvent, t_s: float) -> None:
         name = event.task.id
         task = self.run.tasks.get(name)
         if task is None:

@@ -174,10 +174,10 @@ def _compared_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]
     return rows + _task_rows(first, second)
 
 
-def words_of(row: ComparedRow) -> tuple[str, str, str]:
+def text_of(row: ComparedRow) -> tuple[str, str, str]:
     """First, second and their difference in words; `–` where nothing is told, and no difference of equal values.
 
-    >>> words_of(ComparedRow(group="run", name="energy", unit="J", first=812.4, second=1034.0))
+    >>> text_of(ComparedRow(group="run", name="energy", unit="J", first=812.4, second=1034.0))
     ('812 J', '1,034 J', '+222 J')
     """
     difference = row.difference
@@ -211,7 +211,7 @@ def _robot_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
 def _task_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
     ones, twos = ({task.task: task for task in run.tasks} for run in (first, second))
     return [
-        _row("tasks", name, "", _task_words(ones.get(name)), _task_words(twos.get(name)))
+        _row("tasks", name, "", _task_text(ones.get(name)), _task_text(twos.get(name)))
         for name in dict.fromkeys([*ones, *twos])
     ]
 
@@ -232,7 +232,7 @@ def _task(task: TaskRun) -> ComparedTask:
     )
 
 
-def _task_words(task: ComparedTask | None) -> str | None:
+def _task_text(task: ComparedTask | None) -> str | None:
     """State, robot and time of a task, `done by r2 at 12.3 s`."""
     if task is None:
         return None

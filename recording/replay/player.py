@@ -204,14 +204,14 @@ class Player:
             self._pass_over_gap(now_ns)
             started_ns, from_ns = self._played_from
             due_ns = from_ns + round(max(now_ns - started_ns, 0) * self._speed)
-            yield from self._go_on_to(min(due_ns, self._file.end_ns))
+            yield from self._advance_to(min(due_ns, self._file.end_ns))
 
     def step_by(self, duration_s: float) -> list[RecordedMessage]:
         """Move on by a recorded duration, playing or not, and return what was said meanwhile."""
         if duration_s < 0:
             raise ValueError(f"expected duration_s >= 0, got {duration_s:g}; seek goes back")
         self._played_from = None
-        return list(self._go_on_to(min(self._position_ns + to_ns(duration_s), self._file.end_ns)))
+        return list(self._advance_to(min(self._position_ns + to_ns(duration_s), self._file.end_ns)))
 
     def close(self) -> None:
         """Let go of what is held in memory; there is no file to close."""
@@ -245,7 +245,7 @@ class Player:
             self._position_ns += gap_ns
             self._played_from = (now_ns, self._position_ns)
 
-    def _go_on_to(self, due_ns: int) -> Iterator[RecordedMessage]:
+    def _advance_to(self, due_ns: int) -> Iterator[RecordedMessage]:
         number, index = self._place
         from_ns = 0
         while number < len(self._file.chunks):

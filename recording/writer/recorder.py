@@ -60,8 +60,8 @@ class RecorderTelling:
         self._look = look
         self._live = live
         self._lock = threading.Lock()
-        self._lost_told = 0
-        self._said_ns: int | None = None
+        self._lost_reported = 0
+        self._published_ns: int | None = None
         self._began_ns = 0
         self._watch = DiskWatch(self._hangs, SLOW_S) if live else None
 
@@ -78,12 +78,12 @@ class RecorderTelling:
         now_ns = self._clock.now_ns()
         took_s = to_seconds(now_ns - self._began_ns)
         slow = took_s > SLOW_S
-        due = self._said_ns is None or not 0 <= now_ns - self._said_ns < STATE_NS
+        due = self._published_ns is None or not 0 <= now_ns - self._published_ns < STATE_NS
         if slow:
             logger.warning("recording is slow: writing took %.1f s, %s", took_s, SLOW)
-        if (due and (self._live or lost > self._lost_told)) or slow:
-            self._said_ns = now_ns
-            self._lost_told = lost
+        if (due and (self._live or lost > self._lost_reported)) or slow:
+            self._published_ns = now_ns
+            self._lost_reported = lost
             self._say(f"writing took {took_s:.1f} s, {SLOW}" if slow else "")
 
     def close(self) -> None:
@@ -335,13 +335,13 @@ class Recorder:
             if visual is not None:
                 self._draw(visual, file, now_ns)
             if file.step(now_ns):
-                self._tell_map(file, now_ns)
+                self._record_whole_map(file, now_ns)
                 if visual is not None:
                     visual.begin_anew()
             if self._rotation is not None:
                 self._rotation.step(now_ns, file.paths[-1])
 
-    def _tell_map(self, file: RecordingFiles, now_ns: int) -> None:
+    def _record_whole_map(self, file: RecordingFiles, now_ns: int) -> None:
         """Have a new file begin with the whole map, so that it can be looked at alone."""
         key = ROBOT_MAP.key(self._team, robot=self._name)
         for patch in self._known_map.patches(self._name, now_ns):

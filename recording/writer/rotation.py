@@ -69,7 +69,7 @@ class Rotation:
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
         self._folder, self._pattern, self._keep, self._free_bytes = folder, pattern, keep, free_bytes
-        self._look_ns: int | None = None
+        self._check_ns: int | None = None
         self._warned = ""
         self.removed = 0
         """Files removed so far."""
@@ -83,9 +83,9 @@ class Rotation:
             writing: the file that is written now.
 
         """
-        if self._look_ns is not None and 0 <= now_ns - self._look_ns < LOOK_NS:
+        if self._check_ns is not None and 0 <= now_ns - self._check_ns < LOOK_NS:
             return
-        self._look_ns = now_ns
+        self._check_ns = now_ns
         try:
             self._rotate(now_ns, writing)
         except OSError as error:  # a recording goes on without rotation; its disk tells for itself

@@ -20,7 +20,7 @@ def check_faults_alone(where: str, *, is_alone: bool) -> None:
         )
 
 
-def why_not_faults(faults: Sequence[FaultSpec], robots: Sequence[str]) -> str:
+def faults_refusal(faults: Sequence[FaultSpec], robots: Sequence[str]) -> str:
     """Why a run cannot have these faults, in one sentence; empty if it can."""
     for fault in faults:
         for name in (fault.robot, *fault.side):

@@ -89,7 +89,7 @@ class FaultyExchange(Exchange):
         self._late: list[tuple[int, int, Callable[[], object]]] = []
         self._number = 0
         self._watching: dict[int, _Watcher] = {}
-        self._look_ns: int | None = None
+        self._check_ns: int | None = None
 
     @classmethod
     def on(cls, session: zenoh.Session, clock: Clock, seed: int) -> "FaultyExchange":
@@ -112,7 +112,7 @@ class FaultyExchange(Exchange):
     def begin(self, number: int, fault: FaultSpec) -> None:
         """A fault of the wire begins."""
         self.faults.begin(number, fault)
-        self._look_ns = self._clock.now_ns() + TOKEN_LEASE_NS + 1
+        self._check_ns = self._clock.now_ns() + TOKEN_LEASE_NS + 1
 
     def end(self, number: int) -> None:
         """A fault of the wire ends."""
@@ -157,8 +157,8 @@ class FaultyExchange(Exchange):
         now_ns = self._clock.now_ns()
         while self._late and self._late[0][0] <= now_ns:
             heappop(self._late)[2]()
-        if self._look_ns is not None and now_ns >= self._look_ns:
-            self._look_ns = None
+        if self._check_ns is not None and now_ns >= self._check_ns:
+            self._check_ns = None
             self._look()
 
     # -- declarations ---------------------------------------------------------------------------------------

@@ -93,7 +93,7 @@ class BatteryManager:
     def measure(self) -> None:
         """Load the battery with what was drawn in the period that ends now, and send the status."""
         battery, period_s = self.battery, self._period_s
-        battery.step(self.load.take_w(period_s), self.supply_w, period_s)
+        battery.step(self.load.mean_power_w(period_s), self.supply_w, period_s)
         reading = self._gauge.read(battery.voltage_v, battery.current_a, battery.temperature_c)
         if self.lie is not None:
             reading = self.lie(reading)
@@ -116,7 +116,7 @@ class Load:
 
     def __init__(self, power: PowerModel, mass_kg: float, rng: np.random.Generator) -> None:
         self.motion_j = 0.0
-        """Energy of its motion since `take_w`."""
+        """Energy of its motion since `mean_power_w`."""
         self._power = power
         self._mass_kg = mass_kg
         self._rng = rng
@@ -146,7 +146,7 @@ class Load:
             self.motion_j,
         )
 
-    def take_w(self, period_s: float) -> float:
+    def mean_power_w(self, period_s: float) -> float:
         """Mean power of the period that ends now."""
         power = self._power
         if power.burst_w:

@@ -38,16 +38,16 @@ class FrameStamps:
 
     def __init__(self, clock: Clock, *, tells_sending: bool) -> None:
         self._clock = clock
-        self._tells_sending = tells_sending
+        self._publishes_sending = tells_sending
         self._sent_ns: int | None = None
 
     def now_ns(self) -> int:
         """Stamp of the next frame."""
         return self._clock.now_ns() if self._sent_ns is None else self._sent_ns
 
-    def note_sent(self, sent_ns: int | None) -> None:
+    def record_sent(self, sent_ns: int | None) -> None:
         """Set the time of sending of the next frames; None for the current time."""
-        self._sent_ns = sent_ns if self._tells_sending else None
+        self._sent_ns = sent_ns if self._publishes_sending else None
 
 
 class BusLine(can.BusABC):
@@ -111,10 +111,10 @@ class BusLine(can.BusABC):
             if self.fault is not LineFault.NONE:
                 continue
             if self._stamps is not None:
-                self._stamps.note_sent(sent_ns)
+                self._stamps.record_sent(sent_ns)
             self._bus.send(frame)
         if self._stamps is not None:
-            self._stamps.note_sent(None)
+            self._stamps.record_sent(None)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame; what was sent while the line was broken is lost."""
@@ -123,9 +123,9 @@ class BusLine(can.BusABC):
             frame = self._bus.recv(0)
         return frame
 
-    def take_frames(self) -> list[Frame]:
+    def read_frames(self) -> list[Frame]:
         """All frames that have arrived; what was sent while the line was broken is lost."""
-        frames = self._port.take_frames()
+        frames = self._port.read_frames()
         return frames if self.fault is LineFault.NONE else []
 
     def shutdown(self) -> None:

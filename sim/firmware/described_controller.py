@@ -89,7 +89,7 @@ def obeyed(chassis: Chassis) -> list[int]:
 class DescribedController(MotorController):
     """A motor controller of a base that is described by its wheels; the body it moves has others.
 
-    In each tick `roll` follows the body; `tell_counts` sends what the encoders have counted, if that is due by itself.
+    In each tick `roll` follows the body; `send_counts` sends what the encoders have counted, if that is due by itself.
 
     Args:
         bus: the robot's bus.
@@ -112,7 +112,7 @@ class DescribedController(MotorController):
         for wheel, turn_rad in enumerate(self._base.wheel_speeds_rad_s(Twist2D(forward_m, left_m, turned_rad))):
             self._turns_rad[wheel] += turn_rad
 
-    def tell_counts(self) -> None:
+    def send_counts(self) -> None:
         """Send the counts of all wheels."""
 
     @property
@@ -153,7 +153,7 @@ class FrameController(DescribedController):
         before = self.state
         if self.has_failed:
             self._stand(MotorState.ERROR)
-        for identifier, data, _ in self._described.take_frames():
+        for identifier, data, _ in self._described.read_frames():
             if identifier != self._wanted.arbitration_id:
                 continue
             try:
@@ -169,7 +169,7 @@ class FrameController(DescribedController):
             self._stand(MotorState.WATCHDOG)
         self.has_news |= self.state is not before
 
-    def tell_counts(self) -> None:
+    def send_counts(self) -> None:
         """Send the counts of all wheels."""
         counts = self._counts
         for codec in self._count_frames:

@@ -99,7 +99,7 @@ class MotorController:
         before = self.state, self.rejected_frames, self._commands.lost
         if self.has_failed:
             self._stand(MotorState.ERROR)
-        for identifier, data, _ in self._port.take_frames():
+        for identifier, data, _ in self._port.read_frames():
             try:
                 if identifier == self._command.arbitration_id:
                     self._drive(*self._command.decode(data))
@@ -117,12 +117,12 @@ class MotorController:
         if self._reports % self.encoder_period_ticks == 0:
             (data,) = self._encoders.frames(np.array([wheel_turns_rad]))
             self._port.send_data(ENCODER_IDENTIFIER, data)
-        self.note_errors()
+        self.check_errors()
         if self.has_news or self._reports % self.status_period_ticks == 0:
             self.tell()
         self._reports += 1
 
-    def note_errors(self) -> None:
+    def check_errors(self) -> None:
         """Look at the error counter; due in each tick in which it is not 0."""
         errors = self._transmit_errors()
         if errors:

@@ -158,7 +158,7 @@ class IdealTeam:
             classes = self.grid.classes() if classes is None else classes
             is_there = not robot.path and robot.planned_s >= 0
             if is_there or self._is_seen(classes, robot.goal):
-                self._explorer.note_visit(robot.goal)
+                self._explorer.record_visit(robot.goal)
                 robot.goal, robot.path = None, []
 
     def _is_seen(self, classes: NDArray[np.int8], goal: Point2D) -> bool:
@@ -187,7 +187,7 @@ class IdealTeam:
         for choice in self._explorer.choose(scouts, busy, now_ns):
             robot = by_name[choice.robot]
             if not self._plan(robot, choice.place):
-                self._explorer.note_failure(robot.name, choice.place, now_ns)
+                self._explorer.record_failure(robot.name, choice.place, now_ns)
 
     def _plan(self, robot: _Point, goal: Point2D) -> bool:
         """Set out for a place from which the goal can be seen; False, and nothing changes, if there is no path."""

@@ -165,7 +165,7 @@ class LockstepRun:
                 ComponentStarts(self._start_coordinator, self._start_host, self._end_killed_coordinator),
                 self._should_stop,
             )
-            self._follow_faults()
+            self._apply_faults()
             collector.settle()
             return
         self._coordinator_wire = self._endpoint(team, COORDINATOR)
@@ -184,7 +184,7 @@ class LockstepRun:
             clock,
             Drive.LOCKSTEP,
             seed=self.world.seed,
-            on_outside=self._note_outside,
+            on_outside=self._on_outside,
             has_one_thread=True,
             distributions=self._distributions,
             manifests=self._manifests_found,
@@ -199,7 +199,7 @@ class LockstepRun:
         return self._host(world.robot_file(world.robots[number], team=team, is_restart=is_restart), process.clock)
 
     def _start_coordinator(self, process: Process, disk: JournalDisk) -> Coordinator:
-        team, on_outside = self._watcher.team, self._note_outside
+        team, on_outside = self._watcher.team, self._on_outside
         self._coordinator_wire = wire = Endpoint(
             self.session, team, process.clock, Drive.LOCKSTEP, on_outside=on_outside, party=COORDINATOR
         )
@@ -209,7 +209,7 @@ class LockstepRun:
         coordinator.close()
         self._coordinator_wire.close()
 
-    def _follow_faults(self) -> None:
+    def _apply_faults(self) -> None:
         """Note who runs."""
         assert self._faults is not None
         self.hosts = self._faults.hosts
@@ -241,7 +241,7 @@ class LockstepRun:
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         return floor_left(self.world.plan, starts, radius_m, self.arena.referee)
 
-    def tell_left(self) -> ExplorationLeft | None:
+    def publish_exploration_left(self) -> ExplorationLeft | None:
         """Have the coordinator publish what is left to explore, and return it; None if none runs or nothing is known.
 
         It is part of the recording, so it changes the digest: for the end of a run.
@@ -313,7 +313,7 @@ class LockstepRun:
             raise KeyError(robot)
         if self._faults is not None:
             self._faults.kill(robot)
-            self._follow_faults()
+            self._apply_faults()
             return
         self._pauses.pop(index)
         self.hosts.pop(index).close()
@@ -332,7 +332,7 @@ class LockstepRun:
         """Start another one, on the journal of the one that was killed."""
         if self._faults is not None:
             self._faults.start_again(COORDINATOR)
-            self._follow_faults()
+            self._apply_faults()
             return
         journal = self.coordinator.tasks.journal
         self._coordinator_wire = self._endpoint(self._watcher.team, COORDINATOR)
@@ -393,9 +393,9 @@ class LockstepRun:
         pauses = {robot.name: steps for robot, steps in zip(self.world.robots, self._pauses, strict=True)}
         faults.begin_tick(now_ns)
         faults.step(now_ns, lambda name: (steps := pauses[name]) is not None and steps.covers(now_ns))
-        self._follow_faults()
+        self._apply_faults()
 
-    def note_script(self, key: str, request: bytes) -> None:
+    def record_script(self, key: str, request: bytes) -> None:
         """Record what the script of the run is about to ask."""
         self._script.put(ScriptInput(key=cut(key, TEXT_MAX), payload=request[:OUTSIDE_BYTES]))
 
@@ -406,7 +406,7 @@ class LockstepRun:
         return self._summary
 
     def _endpoint(self, team: str, party: str = EVERYWHERE) -> Endpoint:
-        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._note_outside, party=party)
+        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._on_outside, party=party)
         self._endpoints.append(endpoint)
         self._closers.append(endpoint.close)
         return endpoint
@@ -418,7 +418,7 @@ class LockstepRun:
     def _close_recorder(self) -> None:
         self._summary = self._recorder.close()
 
-    def _note_outside(self, key: str, payload: bytes) -> None:
+    def _on_outside(self, key: str, payload: bytes) -> None:
         self._outside.put(OutsideInput(key=cut(key, TEXT_MAX), payload=payload[:OUTSIDE_BYTES]))
 
     def _watch(self) -> None:
@@ -457,7 +457,7 @@ class LockstepTransport:
     gather_s = 0.0
 
     def __init__(self, run: LockstepRun, *, is_noted: bool = True, party: str = EVERYWHERE) -> None:
-        self._is_noted = is_noted
+        self._is_recorded = is_noted
         self.party = party
         self.run = run
         """Arena, hosts and coordinator, to look at from inside."""
@@ -481,10 +481,10 @@ class LockstepTransport:
             if host.name == robot:
                 host.open_folder(folder)
 
-    def note_asked(self, key: str, request: bytes) -> None:
+    def record_query(self, key: str, request: bytes) -> None:
         """Record a query of the script."""
-        if self._is_noted:
-            self.run.note_script(key, request)
+        if self._is_recorded:
+            self.run.record_script(key, request)
 
     def close(self) -> None:
         """End the run and finish its recording."""

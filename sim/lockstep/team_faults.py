@@ -120,7 +120,7 @@ class TeamFaults:
                 self._processes[name].step(now_ns)
         self._processes[COORDINATOR].step(now_ns)
         if self._waits:
-            self._note_moments(now_ns)
+            self._record_moments(now_ns)
 
     def kill(self, name: str) -> None:
         """Kill a component that runs, besides the faults."""
@@ -161,7 +161,7 @@ class TeamFaults:
         else:
             self._arena.set_fault(fault, breaks=begins)
 
-    def _note_moments(self, now_ns: int) -> None:
+    def _record_moments(self, now_ns: int) -> None:
         for received in self._events.drain():
             event = received.message
             # A task of the coordinator's own is never queued before it is offered.

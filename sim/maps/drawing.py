@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.floor_plan import MAX_CELLS, FloorPlan, why_too_large
+from robrain.sim.maps.floor_plan import MAX_CELLS, FloorPlan, size_refusal
 
 BOUNDARY_THICKNESS_M = 0.1
 
@@ -75,7 +75,7 @@ class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise MapError(
                 f"expected resolution_m for at most {MAX_CELLS} cells, got {self.resolution_m}", key="resolution_m"
             )
-        if why := why_too_large(width_m, height_m):
+        if why := size_refusal(width_m, height_m):
             raise MapError(f"size_m: {why}", key="size_m")
         for index, wall in enumerate(self.walls):
             key = f"walls[{index}]"

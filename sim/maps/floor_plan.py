@@ -144,7 +144,7 @@ def distance_to_cells_m(marked: NDArray[np.bool_], resolution_m: float) -> NDArr
     return np.ascontiguousarray(distance[1::2, 1::2]) * (resolution_m / 2)
 
 
-def why_too_large(width_m: float, height_m: float) -> str:
+def size_refusal(width_m: float, height_m: float) -> str:
     """The error text for a floor too large to map; empty if a team can map it."""
     if width_m * height_m <= MAX_AREA_M2:
         return ""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, why_too_large
+from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, size_refusal
 
 REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 OPTIONAL_KEYS = ("mode",)
@@ -206,7 +206,7 @@ def _read_image(
             width, height = image.size
             if width * height > MAX_CELLS:
                 raise MapError(f"{too_many}, got {width} × {height}", path=yaml_path, key="image")
-            if why := why_too_large(width * resolution_m, height * resolution_m):
+            if why := size_refusal(width * resolution_m, height * resolution_m):
                 raise MapError(f"{yaml_path}: resolution: {why}", path=yaml_path, key="resolution")
             image.load()
             return _channel_mean(image, alpha_counts=mode == "trinary")

@@ -230,7 +230,7 @@ class FieldRun:
             self._lost += over
             if self._has_route[mote] or self.plan.tours_per_day:
                 told.add(mote)
-            self._note_news(mote, step_s, routes.hops[mote])
+            self._record_ages(mote, step_s, routes.hops[mote])
         if self.now_s < self._horizon_s:
             self._covered_s += step_s * self._cover.share(told)
             self._robot_j += step_s * len(self.relays) * self.plan.robot.standing_w
@@ -238,7 +238,7 @@ class FieldRun:
             self._due += (len(self._on_duty) + dead) * step_s / self.site.period_s
         self.now_s += step_s
 
-    def _note_news(self, mote: int, step_s: float, hops: float) -> None:
+    def _record_ages(self, mote: int, step_s: float, hops: float) -> None:
         """Count the age of the newest reading that is known of a mote, over a step."""
         if self.now_s >= self._horizon_s:
             return
@@ -264,7 +264,7 @@ class FieldRun:
         tour_s, robot = DAY_S / self.plan.tours_per_day, self.plan.robot
         readings = 0.0
         motes = tuple(mote for mote in sorted(self.alive) if self.stored[mote] > 0)
-        way_m = self._way_m(motes)
+        way_m = self._path_m(motes)
         for mote in motes:
             handed = min(self.stored[mote], max(0.0, self.left_j[mote]) / self.site.energy.hand_over_j)
             spent_j = handed * self.site.energy.hand_over_j
@@ -279,7 +279,7 @@ class FieldRun:
             self._driven_m += way_m
         self._next_tour_s += tour_s
 
-    def _way_m(self, motes: tuple[int, ...]) -> float:
+    def _path_m(self, motes: tuple[int, ...]) -> float:
         """Length of the tour that serves these motes."""
         if motes not in self._tours_m:
             stops = stops_for(self.site.places, motes, self.plan.robot.reach_m)

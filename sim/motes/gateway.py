@@ -59,7 +59,7 @@ class MoteGateway:
         now_ns = self._wire.clock.now_ns()
         self.store.step(now_ns)
         if self._duties.has_some:
-            self._hear_duties(now_ns)
+            self._receive_duties(now_ns)
         if not self._inbox.has_some:
             return
         for _, _, packet in self._inbox.drain_raw():
@@ -92,11 +92,11 @@ class MoteGateway:
             self._radio.put_bytes(answer.pack())
         if way is not None:
             self._is_meshed = True
-            self._over_hops.hear_forwarded(record, reading, way.forwarder, now_ns)
+            self._over_hops.received_forwarded(record, reading, way.forwarder, now_ns)
         elif self._is_meshed:
-            self._over_hops.hear_direct(record, reading, now_ns)
+            self._over_hops.received_direct(record, reading, now_ns)
 
-    def _hear_duties(self, now_ns: int) -> None:
+    def _receive_duties(self, now_ns: int) -> None:
         for received in self._duties.drain():
             duty = received.message
             try:

@@ -364,16 +364,16 @@ class MoteMesh:
         if hop in (NO_ROUTE, self._sink):
             return False
         self.counters.sent += 1
-        return self._hear(index, hop, lambda: self._take(hop, index, packet, tick))
+        return self._receive(index, hop, lambda: self._take(hop, index, packet, tick))
 
     def _hand(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
         """Send a packet that comes from a base station on to a mote; whether it has acknowledged it."""
         if self._motes[index].battery.is_flat:
             return False
         self._motes[index].battery.spend(MoteState.SEND, AIRTIME_S)
-        return self._hear(index, hop, take)
+        return self._receive(index, hop, take)
 
-    def _hear(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
+    def _receive(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
         """Whether a mote hears a packet that another one sends, takes it, and its acknowledgement comes back."""
         self._motes[index].battery.spend(MoteState.LISTEN, SHORT_S)
         other = self._motes[hop]

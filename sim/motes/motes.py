@@ -118,7 +118,7 @@ class MoteField:
         """Go on by a tick: base stations' packets reach motes; motes whose time has come sense and send."""
         self._tick += 1
         if self._inbox.has_some:
-            self._look_where_robots_are(robots)
+            self._update_robot_places(robots)
             for received in self._inbox.drain():
                 self._from_robot(received.names["robot"], received.message)
         while self._wakes and self._wakes[0][0] <= self._tick:
@@ -126,11 +126,11 @@ class MoteField:
             mote = self.motes[index]
             if mote.battery.is_flat or mote.next_tick != tick:  # flat for good, or woken at another time instead
                 continue
-            self._look_where_robots_are(robots)
+            self._update_robot_places(robots)
             self._send(index, mote.wake(tick, self._field))
             heapq.heappush(self._wakes, (mote.next_tick, index))
         if self.mesh is not None:
-            self._look_where_robots_are(robots)
+            self._update_robot_places(robots)
             self.mesh.step(self._tick)
 
     def _send(self, index: int, message: ActiveMessage) -> None:
@@ -192,7 +192,7 @@ class MoteField:
         for robot, rssi_dbm in self.between_robots.heard_by(sender, xs_m, ys_m, self._tick):
             self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm) if is_beacon else packet)
 
-    def _look_where_robots_are(self, robots: Sequence[RobotBody]) -> None:
+    def _update_robot_places(self, robots: Sequence[RobotBody]) -> None:
         if self._places_tick != self._tick:
             self._places_tick = self._tick
             self._xs_m[: self._robots] = [robot.x_m for robot in robots]

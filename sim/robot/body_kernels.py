@@ -31,7 +31,7 @@ WHEELS = np.dtype(
     [
         ("radius_m", "f8"),
         ("distance_m", "f8"),
-        ("way_per_turn", "f8", (3,)),
+        ("path_per_turn", "f8", (3,)),
         ("lateral_slip", "f8"),
         ("slip_m2_per_m", "f8"),
         ("lateral_m2_per_m", "f8"),
@@ -48,11 +48,11 @@ _AXLES = tuple((math.cos(angle), math.sin(angle)) for angle in WHEEL_ANGLES_RAD)
 
 
 @register_jitable
-def body_twist(radius_m: float, distance_m: float, way_per_turn: Three, turns: Three) -> tuple[float, float, float]:
+def body_twist(radius_m: float, distance_m: float, path_per_turn: Three, turns: Three) -> tuple[float, float, float]:
     """Forward, left and yaw rate of a base whose wheels turn at these rates; with turns, its displacement."""
-    v1 = radius_m * (way_per_turn[0] * turns[0])
-    v2 = radius_m * (way_per_turn[1] * turns[1])
-    v3 = radius_m * (way_per_turn[2] * turns[2])
+    v1 = radius_m * (path_per_turn[0] * turns[0])
+    v2 = radius_m * (path_per_turn[1] * turns[1])
+    v3 = radius_m * (path_per_turn[2] * turns[2])
     return (
         (2 / 3) * (TANGENTS[0][0] * v1 + TANGENTS[1][0] * v2 + TANGENTS[2][0] * v3),
         (2 / 3) * (TANGENTS[0][1] * v1 + TANGENTS[1][1] * v2 + TANGENTS[2][1] * v3),
@@ -113,7 +113,7 @@ def drive(
     for i in range(state.shape[0]):
         wheel = wheels[i]
         forward_m_s, left_m_s, wanted_yaw_rate = body_twist(
-            wheel.radius_m, wheel.distance_m, wheel.way_per_turn, wanted_rad_s[i]
+            wheel.radius_m, wheel.distance_m, wheel.path_per_turn, wanted_rad_s[i]
         )
         yaw_rate_rad_s = motion[i, 5]
         change_rad_s = wanted_yaw_rate - yaw_rate_rad_s
@@ -181,6 +181,6 @@ def roll(
             if variance_m2 > 0:
                 slip_m += math.sqrt(variance_m2) * normals[i, used[i]]
                 used[i] += 1
-            turns_rad[i, k] += (turn_rad + slip_m / wheel.radius_m) / wheel.way_per_turn[k]
+            turns_rad[i, k] += (turn_rad + slip_m / wheel.radius_m) / wheel.path_per_turn[k]
         needs_more = needs_more or used[i] >= refill_at
     return needs_more

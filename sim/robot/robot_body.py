@@ -131,7 +131,7 @@ class RobotBodies:
             self._wheels[row] = (
                 wheels.true.wheel_radius_m,
                 wheels.true.wheel_distance_m,
-                wheels.way_per_turn,
+                wheels.path_per_turn,
                 wheels.lateral_slip,
                 wheels.slip_m2_per_m,
                 wheels.lateral_m2_per_m,

@@ -87,7 +87,7 @@ class RobotTeam:
         for row, robot in enumerate(robots):
             controller, ranges = robot.controller, robot.ranges
             if robot.bus.transmit_errors:
-                controller.note_errors()
+                controller.check_errors()
             if controller.has_news or before % controller.status_period_ticks == 0:
                 controller.tell()
             contacts_rad = robot.body.contacts_rad
@@ -106,7 +106,7 @@ class RobotTeam:
         if controller is not None:
             controller.roll(body.forward_m, body.left_m, body.turned_rad)
             if before % controller.encoder_period_ticks == 0:
-                controller.tell_counts()
+                controller.send_counts()
 
     def sense(self, tick: int) -> None:
         """Measure the ranges and scan with the lidars that are due; then pass on what was late."""

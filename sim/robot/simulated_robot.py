@@ -93,7 +93,7 @@ class SimulatedRobot:
             team=endpoint.team,
             direct=endpoint.drive is Drive.LOCKSTEP,
             now_ns=endpoint.clock.now_ns if stamps is None else stamps.now_ns,
-            on_outside=endpoint.note_outside,
+            on_outside=endpoint.record_outside,
         )
         self.pending: Sized = bus.pending
         """Empty if nothing waits to be received by the motor controller."""
@@ -142,7 +142,7 @@ class SimulatedRobot:
 
     def drop_commands(self) -> None:
         """Drop what the robot's computer has sent to its nodes and they have not received."""
-        self.bus.take_frames()
+        self.bus.read_frames()
         if isinstance(self.described, LineController):
             self.described.forget()
 

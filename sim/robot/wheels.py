@@ -78,7 +78,7 @@ class Wheels:
         self._spec = spec
         self._rng = rng
         self._normals: deque[float] = deque()
-        self.way_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)
+        self.path_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)
         """Way of each wheel over that of an exact one."""
         self.lateral_slip = spec.lateral_slip
         self.slip_m2_per_m = spec.slip_sigma_m_per_sqrt_m**2
@@ -99,21 +99,21 @@ class Wheels:
     def twist(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> Twist2D:
         """The body's velocity at these speeds of the wheels."""
         turns = (wheel_1_rad_s, wheel_2_rad_s, wheel_3_rad_s)
-        return Twist2D(*body_twist(self.true.wheel_radius_m, self.true.wheel_distance_m, self.way_per_turn, turns))
+        return Twist2D(*body_twist(self.true.wheel_radius_m, self.true.wheel_distance_m, self.path_per_turn, turns))
 
     def turns_rad(self, displacement: Twist2D) -> tuple[float, float, float]:
         """How far the wheels turn while the body moves by this (m, m, rad), slip included."""
         forward_m, left_m, turned_rad = displacement.forward_m_s, displacement.left_m_s, displacement.yaw_rad_s
         radius_m, turning_m = self.true.wheel_radius_m, self.true.wheel_distance_m * turned_rad
         turns = []
-        for wheel, way_per_turn in enumerate(self.way_per_turn):
+        for wheel, path_per_turn in enumerate(self.path_per_turn):
             turn_rad = wheel_turn_rad(wheel, radius_m, turning_m, forward_m, left_m)
             along_axle_m = axial_m(wheel, forward_m, left_m)
             slip_m = self.lateral_slip * along_axle_m
             variance_m2 = slip_variance_m2(self.slip_m2_per_m, self.lateral_m2_per_m, turn_rad, radius_m, along_axle_m)
             if variance_m2 > 0:
                 slip_m += math.sqrt(variance_m2) * self._normal()
-            turns.append((turn_rad + slip_m / radius_m) / way_per_turn)
+            turns.append((turn_rad + slip_m / radius_m) / path_per_turn)
         first, second, third = turns
         return first, second, third
 

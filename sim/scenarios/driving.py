@@ -27,7 +27,7 @@ def drive(
     pacer: Pacer,
     on_progress: Callable[[Progress], None] | None,
 ) -> tuple[str, list[tuple[float, float]], dict[int, float]]:
-    """Tick a run until `why_ended` says why it ends.
+    """Tick a run until `end_reason` says why it ends.
 
     Args:
         run: set up, before its first tick.
@@ -54,7 +54,7 @@ def drive(
             if on_progress is not None and pacer.wall_time_s - told_s > 0.1:
                 told_s = pacer.wall_time_s
                 on_progress(Progress(sim_time_s, told_s, explored, run.messages))
-            ended = why_ended(run, until_explored, time_limit_s, interrupted=interrupt.requested)
+            ended = end_reason(run, until_explored, time_limit_s, interrupted=interrupt.requested)
             if ended:
                 break
             pacer.wait(sim_time_s)
@@ -65,7 +65,7 @@ def drive(
     return ended, curve, milestones
 
 
-def why_ended(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
+def end_reason(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
     """Why a run ends now, as in `RunResult.ended`; empty while it goes on.
 
     While a task of the scenario or of a rule is open, only Ctrl-C and the time limit end it. A team that does not

@@ -24,7 +24,7 @@ from robrain.protocol.links.radio_network import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError
-from robrain.sim.faults.fault_checks import why_not_faults
+from robrain.sim.faults.fault_checks import faults_refusal
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.disturbance import DisturbanceSpec
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
@@ -286,7 +286,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         check_gateways(gateways, robots, world.motes, self.name)
         if self.links is not None:
             self.links.check_names(robots, self.name, gateways)
-        if why := why_not_faults(self.faults, robots):
+        if why := faults_refusal(self.faults, robots):
             raise ScenarioError(f"{self.name}: faults: {why}")
         for fault in self.faults:
             if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:
@@ -391,7 +391,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             wall_time_s = pacer.wall_time_s
             run.arena.accuracy.measure_map()
             truth, left, tasks = run.truth, run.floor_left(), run.arena.tasks.outcomes()
-            known_left = run.tell_left()
+            known_left = run.publish_exploration_left()
         finally:
             summary = run.close()
         assert summary is not None  # the run was built, so it has a recorder

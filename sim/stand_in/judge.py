@@ -168,20 +168,20 @@ class Judge:
             message = received.message
             self._as_recorded.take(message, now_ns)
             if received.topic is TASK_EVENT:
-                self._hear(message, now_ns)
+                self._receive(message, now_ns)
             elif received.topic is not HALT:
                 self._judge_refusals(message.refused)
             if received.topic is ROBOT_STATE:
-                self._look_at_ends(message.robot, (message.task_before, message.task), now_ns)
-        self._look_at_work(now_ns)
+                self._check_ends(message.robot, (message.task_before, message.task), now_ns)
+        self._check_work(now_ns)
         for name in run.bodies:
             host = run.host(name)
             if host is not None:
                 facts = host.desk.facts
-                self._look_at_ends(name, (facts.before, facts.task), now_ns)
+                self._check_ends(name, (facts.before, facts.task), now_ns)
         for robot in self._halts.disobedient(now_ns):
             self._break(TeamRule.HALT, robot, f"{robot} is not halted, although the team is and it could know")
-        self._look_at_energy(now_ns)
+        self._check_energy(now_ns)
 
     def finish(self) -> list[Broken]:
         """Judge the end of the run; returns all that did not hold."""
@@ -204,7 +204,7 @@ class Judge:
 
     # -- tasks ----------------------------------------------------------------------------------------------
 
-    def _hear(self, event: TaskEvent, now_ns: int) -> None:
+    def _receive(self, event: TaskEvent, now_ns: int) -> None:
         task_id, asked = event.task.id, self._asked.get(event.task.id)
         if asked is None:
             return
@@ -223,7 +223,7 @@ class Judge:
         elif task_id in self._ends and event.change > self._ends[task_id][1]:
             self._break(TeamRule.DONE_TWICE, task_id, f"{task_id} has ended and is {event.state} again")
 
-    def _look_at_work(self, now_ns: int) -> None:
+    def _check_work(self, now_ns: int) -> None:
         run = self._run
         robots: dict[str, list[str]] = {}
         for name, body in run.bodies.items():
@@ -255,13 +255,13 @@ class Judge:
         one, other = self._run.processes[robot], self._run.processes[COORDINATOR]
         return one.is_awake and other.is_awake and self._run.exchange.faults.is_linked(robot, COORDINATOR)
 
-    def _look_at_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
+    def _check_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
         """What a robot has done, as it stands at its desk or was told: in one tick several tasks may end."""
         for status in told:
             if status is not None and status.state is TaskState.DONE and status.id in self._asked:
-                self._note_done(robot, status, now_ns)
+                self._record_done(robot, status, now_ns)
 
-    def _note_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
+    def _record_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         since_ns = self._run.processes[robot].since_ns
         end = (robot, since_ns, status.id, status.epoch)
         if end in self._said:
@@ -285,14 +285,14 @@ class Judge:
         record = None if coordinator is None else coordinator.tasks.find(task_id)
         if coordinator is None or (record is not None and task_id not in self._ends):
             return  # told already, as not settled
-        if why := self._promises.why_broken(task_id, record):
+        if why := self._promises.breach_reason(task_id, record):
             self._break(TeamRule.LOST, task_id, why)
         elif self._ends[task_id][0] is TaskState.DONE and task_id not in self._done:
             self._break(TeamRule.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")
 
     # -- robots ---------------------------------------------------------------------------------------------
 
-    def _look_at_energy(self, now_ns: int) -> None:
+    def _check_energy(self, now_ns: int) -> None:
         run = self._run
         is_halted = run.operator.halt is not None
         for name, body in run.bodies.items():

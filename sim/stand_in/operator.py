@@ -52,7 +52,7 @@ class PointOperator:
         self._is_resuming = False
         self._again_ns = 0
         self._repeats = repeats
-        self._said_ns = 0
+        self._sent_ns = 0
         self._robots = wire.watch(ROBOT_ALIVE)
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, COORDINATOR_STATE)
@@ -71,7 +71,7 @@ class PointOperator:
             else:
                 self._halted[""] = message.halt is not None and message.halt.halted
         due_s = now_ns / NS_PER_S
-        self._follow_halts(now_ns, due_s)
+        self._track_halts(now_ns, due_s)
         if now_ns < self._again_ns:
             return
         self._again_ns = now_ns + AGAIN_NS
@@ -121,17 +121,17 @@ class PointOperator:
         self.cancelled[task_id] = now_ns
         return True
 
-    def _follow_halts(self, now_ns: int, due_s: float) -> None:
+    def _track_halts(self, now_ns: int, due_s: float) -> None:
         if self.halt is None and self._halts and self._halts[0].at_s <= due_s:
             self.halt = self._halts.pop(0)
             self._is_resuming = False
-            self._said_ns = now_ns
+            self._sent_ns = now_ns
             self._say_halt.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
         elif self.halt is not None and self.halt.until_s <= due_s:
             self.halt = None
             self._is_resuming = True
             self._again_ns = now_ns
-        elif self.halt is not None and self._repeats and now_ns - self._said_ns <= REPEATED_NS and self._is_unheard:
+        elif self.halt is not None and self._repeats and now_ns - self._sent_ns <= REPEATED_NS and self._is_unheard:
             self._say_halt.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
 
     def _resume(self) -> None:

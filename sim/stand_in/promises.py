@@ -20,7 +20,7 @@ class Promises:
         self._asked = asked
         self._operator = operator
 
-    def why_broken(self, task_id: str, record: TaskRecord | None) -> str:
+    def breach_reason(self, task_id: str, record: TaskRecord | None) -> str:
         """Why the end of an acknowledged task is none that was asked for, in one sentence; empty if it is.
 
         Args:

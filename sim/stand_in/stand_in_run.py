@@ -108,7 +108,7 @@ class StandInRun:
         self.processes[COORDINATOR].step(now_ns)
         with self.exchange.acting(OPERATOR):
             self.operator.step(now_ns)
-        self._note_moments(now_ns)
+        self._record_moments(now_ns)
 
     def close(self) -> None:
         """End what there is."""
@@ -172,7 +172,7 @@ class StandInRun:
                 self.disk.pull()
             self.processes[fault.robot].set(number, fault, begins=begins)
 
-    def _note_moments(self, now_ns: int) -> None:
+    def _record_moments(self, now_ns: int) -> None:
         accepted = len(self.operator.acknowledged)
         if accepted > self._accepted:
             self._accepted = accepted

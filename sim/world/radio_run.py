@@ -101,7 +101,7 @@ class TeamRadio:
         self._hears: dict[str, list[str]] = {party: [] for party in self.parties}
         self._ways: dict[str, dict[str, list[str]]] = {}
         """From a party to each that it reaches: the radios that send, and the hearer."""
-        self._looked_ns: int | None = None
+        self._checked_ns: int | None = None
         self._on: Collection[str] = ()
         self._free_ns: dict[str, int] = {}
         """When each radio has sent all that it has to send."""
@@ -114,9 +114,9 @@ class TeamRadio:
 
     def look(self, now_ns: int, on: Collection[str]) -> bool:
         """See `RadioNetwork`."""
-        if on == self._on and self._looked_ns is not None and now_ns < self._looked_ns + LOOK_PERIOD_NS:
+        if on == self._on and self._checked_ns is not None and now_ns < self._checked_ns + LOOK_PERIOD_NS:
             return False
-        self._looked_ns, self._on = now_ns, on
+        self._checked_ns, self._on = now_ns, on
         hears = self._measure(to_seconds(now_ns))
         if hears != self._hears:
             self._hears = hears
@@ -135,16 +135,16 @@ class TeamRadio:
 
     def hops(self, speaker: str, hearer: str) -> int | None:
         """Number of hops from one party to another; None if there is no way."""
-        way = self._ways_of(speaker).get(hearer)
+        way = self._shortest_paths(speaker).get(hearer)
         return None if way is None else len(way) - 1
 
     def reaches(self, speaker: str, hearer: str) -> bool:
         """See `RadioNetwork`."""
-        return hearer in self._ways_of(speaker)
+        return hearer in self._shortest_paths(speaker)
 
     def spread(self, speaker: str, hearers: Sequence[str], size: int, now_ns: int) -> dict[str, int]:
         """See `RadioNetwork`."""
-        ways, counters = self._ways_of(speaker), self.counters
+        ways, counters = self._shortest_paths(speaker), self.counters
         took: dict[str, int | _Dropped] = {speaker: 0}
         arrived = {}
         for hearer in hearers:
@@ -163,12 +163,12 @@ class TeamRadio:
     def overtakes(self, speaker: str, hearer: str) -> bool:
         """See `RadioNetwork`."""
         faults = self._faults
-        way = self._ways_of(speaker).get(hearer) if faults else None
+        way = self._shortest_paths(speaker).get(hearer) if faults else None
         return faults is not None and way is not None and any(faults.reorders(*hop) for hop in pairwise(way))
 
     def carry(self, speaker: str, hearer: str, size: int, now_ns: int, limit_ns: int) -> int | None:
         """See `RadioNetwork`."""
-        way = self._ways_of(speaker).get(hearer)
+        way = self._shortest_paths(speaker).get(hearer)
         if way is None:
             return None
         total_ns = 0
@@ -240,7 +240,7 @@ class TeamRadio:
             return True
         return square_m2 <= spec.reach_m(walls_between(self._plan, from_m, to_m)) ** 2
 
-    def _ways_of(self, speaker: str) -> dict[str, list[str]]:
+    def _shortest_paths(self, speaker: str) -> dict[str, list[str]]:
         """The shortest ways from a party, of equal ones the one by the radios that come first in `parties`."""
         ways = self._ways.get(speaker)
         if ways is None:
@@ -339,7 +339,7 @@ class RadioRun:
         self.wire = RadioFaults(self.exchange, self.network, faults)
         """As faults of processes and of the wire use it."""
         self._clock = clock
-        self._tell_ns = 0
+        self._publish_ns = 0
 
     @property
     def counters(self) -> LinkCounters:
@@ -355,8 +355,8 @@ class RadioRun:
         """Deliver what has arrived, and say who hears whom if it is time."""
         self.exchange.step()
         now_ns = self._clock.now_ns()
-        if now_ns >= self._tell_ns:
-            self._tell_ns = now_ns + TELL_PERIOD_NS
+        if now_ns >= self._publish_ns:
+            self._publish_ns = now_ns + TELL_PERIOD_NS
             self._say.put(self.truth())
 
     def truth(self) -> ArenaLinks:

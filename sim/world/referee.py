@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.localization.pose_accuracy import PoseAccuracyMeter
 from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
-from robrain.algorithms.slam.map_patch import in_own_time, take_message
+from robrain.algorithms.slam.map_patch import in_own_time, merge_message
 from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.clock import NS_PER_S
@@ -96,7 +96,7 @@ class Referee:
         """Merge what has arrived."""
         for received in self._inbox.drain():
             try:
-                take_message(self._atlas, in_own_time(received.message, self._clock.now_ns()))
+                merge_message(self._atlas, in_own_time(received.message, self._clock.now_ns()))
             except ValueError:
                 self._misfits += 1
         if self.grid.version != self._version and self._total:

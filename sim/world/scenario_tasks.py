@@ -169,10 +169,10 @@ class TaskSchedule:
             _, _, submission = self._waiting.pop(0)
             self._asked.append((submission, self._endpoint.ask_later(TASK_SUBMIT, submission)))
         if self._asked:
-            self._hear_answers(sim_time_s)
+            self._process_answers(sim_time_s)
         for received in self._inbox.drain():
             event = received.message
-            self._note(event.task.id, event.state, event.robot, event.why, sim_time_s)
+            self._record(event.task.id, event.state, event.robot, event.why, sim_time_s)
 
     def _explained(self, outcome: TaskOutcome) -> TaskOutcome:
         if outcome.state is None or outcome.state.ended:
@@ -183,7 +183,7 @@ class TaskSchedule:
             return outcome
         return msgspec.structs.replace(outcome, why=why)
 
-    def _hear_answers(self, sim_time_s: float) -> None:
+    def _process_answers(self, sim_time_s: float) -> None:
         asked, self._asked = self._asked, []
         for submission, later in asked:
             name = submission.task.id
@@ -199,9 +199,9 @@ class TaskSchedule:
                 if record is None:
                     self._asked.append((submission, later))
                 elif self._outcomes[name].state is None:
-                    self._note(name, record.state, record.robot, record.why, sim_time_s)
+                    self._record(name, record.state, record.robot, record.why, sim_time_s)
 
-    def _note(self, name: str, state: TaskState, robot: str, why: str, sim_time_s: float) -> None:
+    def _record(self, name: str, state: TaskState, robot: str, why: str, sim_time_s: float) -> None:
         known = self._outcomes.get(name)
         if known is not None and known.state is not state:
             ended_s = round(sim_time_s, 3) if state.ended else None

@@ -172,7 +172,7 @@ def test_a_robot_that_stood_still_for_longer_than_the_lease_forgets_what_it_held
     """A process that was stopped: the coordinator has spoken meanwhile, and others have been given the task."""
     hold(desk)
     desk.check_lease(to_ns(1))
-    desk.coordinator_heard_ns = to_ns(7)
+    desk.coordinator_seen_ns = to_ns(7)
     desk.end("t1", TaskState.DONE)
     desk.check_lease(to_ns(7))
     assert not desk.go_on(to_ns(7))
@@ -321,7 +321,7 @@ class DeskWithNext(RuleBasedStateMachine):
     @precondition(lambda self: self.heard_ns is not None)
     @rule()
     def hear_the_coordinator(self):
-        self.heard_ns = self.desk.coordinator_heard_ns = self.now_ns
+        self.heard_ns = self.desk.coordinator_seen_ns = self.now_ns
 
     @invariant()
     def the_desk_says_what_the_model_says(self):

@@ -212,13 +212,13 @@ def test_a_task_is_let_go_when_the_coordinator_is_silent_for_longer_than_the_lea
 def test_every_word_of_the_coordinator_renews_the_lease(desk, explorer):
     desk.offer(offer(lease_s=5.0), now_ns=0)
     for second in range(1, 30):
-        desk.coordinator_heard_ns = to_ns(second)
+        desk.coordinator_seen_ns = to_ns(second)
         desk.check_lease(to_ns(second + 4))
     assert explorer.let_go_of == []
 
 
 def test_without_a_task_no_lease_runs_out(desk, explorer):
-    desk.coordinator_heard_ns = 0
+    desk.coordinator_seen_ns = 0
     desk.check_lease(to_ns(1000))
     assert desk.status is None
     assert explorer.let_go_of == []
@@ -304,7 +304,7 @@ class Desk(RuleBasedStateMachine):
     @precondition(lambda self: self.heard_ns is not None)
     @rule()
     def hear_the_coordinator(self):
-        self.heard_ns = self.desk.coordinator_heard_ns = self.now_ns
+        self.heard_ns = self.desk.coordinator_seen_ns = self.now_ns
 
     @invariant()
     def the_desk_runs_what_was_accepted_and_nothing_else(self):

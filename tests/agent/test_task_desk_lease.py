@@ -105,9 +105,9 @@ def test_robot_that_stood_still_for_just_the_lease_keeps_what_it_holds_and_for_l
     desk.offer(held(lease_s=5.0), 0)
     for late_ns, is_kept in ((0, True), (1, False)):
         desk.check_lease(to_ns(10))
-        desk.coordinator_heard_ns = to_ns(10)
+        desk.coordinator_seen_ns = to_ns(10)
         desk.offer(held("t3", epoch=3 + late_ns), to_ns(10))
-        desk.coordinator_heard_ns = to_ns(15)
+        desk.coordinator_seen_ns = to_ns(15)
         desk.check_lease(to_ns(15) + late_ns)
         assert (desk.facts.next_task is not None) == is_kept
         desk._checked_ns = None
@@ -260,7 +260,7 @@ def summary(*robots: RobotSummary) -> TeamState:
 def test_lease_counts_from_the_state_that_the_coordinator_heard_last(desk, explorer):
     desk.offer(offer(lease_s=5.0), 0)
     for second in range(1, 30):
-        desk.hear_coordinator(summary(RobotSummary(name="r1", up=True, age_s=1.0)), "r1", to_ns(second))
+        desk.renew_lease(summary(RobotSummary(name="r1", up=True, age_s=1.0)), "r1", to_ns(second))
         desk.check_lease(to_ns(second + 4))
     assert explorer.let_go_of == []
     desk.check_lease(to_ns(29 + 4) + 1)
@@ -270,7 +270,7 @@ def test_lease_counts_from_the_state_that_the_coordinator_heard_last(desk, explo
 def test_robot_that_hears_and_is_not_heard_lets_go_of_its_task(desk, explorer):
     desk.offer(offer(lease_s=5.0), 0)
     for second in range(1, 6):
-        desk.hear_coordinator(summary(RobotSummary(name="r1", up=False, age_s=float(second))), "r1", to_ns(second))
+        desk.renew_lease(summary(RobotSummary(name="r1", up=False, age_s=float(second))), "r1", to_ns(second))
         desk.check_lease(to_ns(second))
     assert desk.status.state is TaskState.RUNNING
     desk.check_lease(to_ns(5) + 1)
@@ -287,6 +287,6 @@ def test_robot_that_hears_and_is_not_heard_lets_go_of_its_task(desk, explorer):
 )
 def test_coordinator_that_has_just_begun_to_listen_renews_the_lease(desk, explorer, robots):
     desk.offer(offer(lease_s=5.0), 0)
-    desk.hear_coordinator(summary(*robots), "r1", to_ns(4))
+    desk.renew_lease(summary(*robots), "r1", to_ns(4))
     desk.check_lease(to_ns(9))
     assert desk.status.state is TaskState.RUNNING

@@ -168,6 +168,6 @@ def test_it_elects_nobody_if_it_could_forget_that(reads: bool) -> None:
 def test_one_that_stood_still_may_have_missed_a_coordinator(witness: Witness) -> None:
     witness.hear(summary(1), LATER_NS)
     now_ns = LATER_NS + to_ns(3600.0)
-    witness.note_pause(now_ns)
+    witness.restart_silence(now_ns)
     assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
     assert witness.answer(elect(2, "b"), now_ns + SILENT_NS + 1).refusal is None

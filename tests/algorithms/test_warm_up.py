@@ -87,7 +87,7 @@ def use_every_kernel() -> None:
 def use_every_kernel_of_giving_way() -> None:
     points = np.array([(0, 0), (3, 0)])
     right_of_way.DrivenPath(points).ahead(1, 0, 5)
-    ways = [right_of_way.sample_way(points[:1], 5), right_of_way.sample_way(points, 5)]
+    ways = [right_of_way.sample_path(points[:1], 5), right_of_way.sample_path(points, 5)]
     right_of_way.pass_on(ways, [0, 0], points)
     tracks = [right_of_way.Track(way, 1, 0, 1, goes_first=True) for way in ways]
     right_of_way.any_within(tracks, Point2D(1, 0), 2)
@@ -104,7 +104,7 @@ def use_every_kernel_of_mapping(
 ) -> None:
     own = occupancy_grid.OccupancyGrid(geometry, surfaces=True)
     told = np.array([(3, 3, 1), (5, 8, 1)])
-    circles = mates_in_scan.mate_circles(angles_rad[::-1], ranges_m, 4, sensor, told)
+    circles = mates_in_scan.robot_circles(angles_rad[::-1], ranges_m, 4, sensor, told)
     own.integrate_scan(sensor, angles_rad, ranges_m, 4, np.int64(7), circles, (0, 1))
     for left_out in (circles, np.empty((0, 3))):
         points = mates_in_scan.wall_ends(angles_rad[::-1], ranges_m, 4, sensor, left_out)

@@ -69,7 +69,7 @@ def _options() -> argparse.Namespace:
 
 def _progress(figure: Figure) -> None:
     mark = {True: "kept", False: "MISSED", None: ""}[figure.kept]
-    _say(f"  {mark:<7}{figure.name}: {figure.value_words()}")
+    _say(f"  {mark:<7}{figure.name}: {figure.value_text()}")
 
 
 def _show(name: str, result: SectionResult) -> None:

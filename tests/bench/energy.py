@@ -120,7 +120,7 @@ class Robot:
         mean_m_s = 0.5 * (self._speed_m_s + speed_m_s)
         self._load.move(mean_m_s * self._roughness, yaw_rate_rad_s, STEP_S)
         self._speed_m_s = speed_m_s
-        self.battery.step(self._load.take_w(STEP_S), 0.0, STEP_S)
+        self.battery.step(self._load.mean_power_w(STEP_S), 0.0, STEP_S)
         if self.battery.is_cut_off:
             return
         self._steps += 1
@@ -135,10 +135,10 @@ class Robot:
         error = tracker.filter.soc - battery.soc
         self.soc_errors.append(error)
         self.inside_soc += abs(error) <= 1.96 * tracker.filter.soc_sd
-        self.doubted += bool(tracker.why_doubted)
+        self.doubted += bool(tracker.doubt_reason)
         stamp_ns = round(self._steps * STEP_S * 1e9)
         self.consumption.move(stamp_ns, abs(speed_m_s * self.rng.normal(1.0, 0.01)), yaw_rate_rad_s)
-        self.consumption.draw(Drawn(stamp_ns, self._counted_j, not tracker.why_doubted))
+        self.consumption.draw(Drawn(stamp_ns, self._counted_j, not tracker.doubt_reason))
 
     # -- decisions ----------------------------------------------------------------------------------------------
 

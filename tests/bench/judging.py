@@ -155,7 +155,7 @@ def _listed(title: str, found: Iterable[tuple[Named, str]], figures: dict[Named,
     lines = []
     for (section, name), why in found:
         figure = figures[section, name]
-        lines.append(f"  {section}: {name}: {figure.value_words()}, bound {figure.bound_words()}")
+        lines.append(f"  {section}: {name}: {figure.value_text()}, bound {figure.bound_text()}")
         if why:
             lines.append(f"    {why}")
     return [f"{title}:", *lines] if lines else []

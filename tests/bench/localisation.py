@@ -163,7 +163,7 @@ class _Watched:
         self._outside = self._longest = 0
         self._diverged = 0
         self._was_lost = False
-        self._told_s = self._wrong_s = math.inf
+        self._reported_s = self._wrong_s = math.inf
 
     def note(self, step: int, true: NDArray[np.float64], localiser: Localiser) -> None:
         pose, covariance = localiser.pose, localiser.covariance
@@ -180,7 +180,7 @@ class _Watched:
         since_s = (step + 1) * STEP_S - KIDNAPPED_S
         if since_s > 0:
             if is_lost:
-                self._told_s = min(self._told_s, since_s)
+                self._reported_s = min(self._reported_s, since_s)
             if is_lost or dx * dx + dy * dy > FOUND_M**2:
                 self._wrong_s = since_s
 
@@ -190,7 +190,7 @@ class _Watched:
             self._diverged,
             self._longest * STEP_S,
             statistics.fmean(self._nees),
-            self._told_s,
+            self._reported_s,
             self._wrong_s,
         )
 
@@ -219,13 +219,13 @@ class _Eyes:
         ranges_m = cast_rays(self._walls, self._geometry, true, self._angles_rad, RANGE_M, self._nobody)
         ranges_m[ranges_m < RANGE_M] += RANGE_NOISE_M * self._rng.standard_normal(int((ranges_m < RANGE_M).sum()))
         points = beam_ends(self._angles_rad, ranges_m, RANGE_M)
-        self._begin_anew(localiser)
+        self._restart(localiser)
         anchor, variances, drift, with_yaw = self._begun
         own = LocalMap(self._own, IDENTITY, anchor, variances, drift, 1, 1, self._trajectory, with_yaw=with_yaw)
         localiser.see(points, own)
         if localiser.lost and step % SEARCH_STEPS == 0:
             self._find(localiser)
-        self._begin_anew(localiser)
+        self._restart(localiser)
         if not localiser.fits:
             return
         for grid in (self._own,) if localiser.lost else (self._team, self._own):
@@ -233,7 +233,7 @@ class _Eyes:
                 localiser.pose, self._angles_rad, ranges_m, RANGE_M, step, self._nobody, localiser.drift
             )
 
-    def _begin_anew(self, localiser: Localiser) -> None:
+    def _restart(self, localiser: Localiser) -> None:
         """As the mapper: a robot that was lost or found begins its own map anew."""
         if localiser.beginnings != self._trajectory:
             self._trajectory = localiser.beginnings

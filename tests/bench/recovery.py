@@ -220,7 +220,7 @@ class RecoveryTeam:
                 continue
             event = json.loads(line)
             if event["event"] == "part":
-                self._note_part(event, at_s)
+                self._record_part(event, at_s)
             elif event["event"] == "dashboard":
                 self.page = event["url"]
             elif event["event"] == "result":
@@ -231,7 +231,7 @@ class RecoveryTeam:
         for _ in self._events():
             pass
 
-    def _note_part(self, event: dict[str, Any], at_s: float) -> None:
+    def _record_part(self, event: dict[str, Any], at_s: float) -> None:
         part, kind = event["part"], event["kind"]
         if kind == "started":
             self.pids[part] = event["pid"]

@@ -52,7 +52,7 @@ PARTS: list[tuple[type, str, str]] = [
     (Publisher, "put_bytes", "wire: encode, put, deliver"),
     (Inbox, "drain", "wire: decode"),
     (ZenohBus, "send_data", "CAN: send and deliver"),
-    (ZenohBus, "take_frames", "CAN: receive"),
+    (ZenohBus, "read_frames", "CAN: receive"),
 ]
 """Class, method, part."""
 RESTING = {

@@ -21,7 +21,7 @@ from rich.console import Console
 
 from robrain import Scenario
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
-from robrain.recording.drawing.palette import FREE, look_of
+from robrain.recording.drawing.palette import FREE, style_of
 from robrain.sim.lockstep.lockstep import LockstepRun
 from tests.bench.real_time_factor import calibration_ns
 from tests.bench.results import ROOT
@@ -128,7 +128,7 @@ def shows_floor_and_robots(page: Page) -> bool:
     if page.locator("canvas").count() == 0:
         return False
     picture = picture_of(page)
-    robots = [share_of(picture, look_of(index).color, within=40) > ROBOT_SHARE for index in range(ROBOTS)]
+    robots = [share_of(picture, style_of(index).color, within=40) > ROBOT_SHARE for index in range(ROBOTS)]
     return share_of(picture, FREE) > FLOOR_SHARE and sum(robots) >= SEEN_ROBOTS
 
 

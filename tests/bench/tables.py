@@ -60,7 +60,7 @@ def section_table(name: str, results: Results) -> str:
     """One section's figures."""
     result = results.sections[name]
     rows = [
-        (figure.name, figure.value_words(), figure.bound_words(), _kept_words(figure, result.measured), figure.beside)
+        (figure.name, figure.value_text(), figure.bound_text(), _kept_words(figure, result.measured), figure.beside)
         for figure in result.figures
     ]
     about = f"{SECTIONS[name].about} {_when(result.measured)}."
@@ -108,7 +108,7 @@ def pages() -> list[Path]:
 
 
 def _value_and_bound(figure: Figure) -> tuple[str, str]:
-    return figure.value_words(), figure.bound_words()
+    return figure.value_text(), figure.bound_text()
 
 
 def _kept_words(figure: Figure, measured: Conditions) -> str:

@@ -70,7 +70,7 @@ def _restart(folder: Path) -> list[Figure]:
 
     def begin() -> None:
         again = Journal(path)
-        TaskBook(VirtualClock(), 0, lambda _event: None, again).tell_again(256)
+        TaskBook(VirtualClock(), 0, lambda _event: None, again).republish(256)
         again.close()
 
     took_ms = min(_took_ms(begin) for _ in range(RESTARTS))
@@ -89,7 +89,7 @@ def _steps() -> list[Figure]:
             book.add(_visit(f"t{number}", after=(f"t{number - 1}",) if number % 3 == 2 else ()))
         for number in range(ROBOTS):
             name = f"r{number}"
-            roster.note_presence(Change({"robot": name}, True))
+            roster.record_presence(Change({"robot": name}, True))
             capabilities.plugins[name] = frozenset({"visit"})
             record = book.offered(f"t{number * 3}", name)
             book.move(record.task.id, TaskState.RUNNING)
@@ -99,7 +99,7 @@ def _steps() -> list[Figure]:
                 if record.robot:
                     status = TaskStatus(id=record.task.id, epoch=record.epoch, state=TaskState.RUNNING)
                     pose = Pose2D(1.0, 1.0, 0.0)
-                    roster.note_state(RobotState(robot=record.robot, pose=pose, task=status), clock.now_ns())
+                    roster.record_state(RobotState(robot=record.robot, pose=pose, task=status), clock.now_ns())
 
         def step() -> None:
             now_ns = clock.now_ns()

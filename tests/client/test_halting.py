@@ -48,7 +48,7 @@ class ScriptedTransport:
     def open_folder(self, robot: str, folder: Path) -> None:
         raise AssertionError("nothing is loaded here")
 
-    def note_asked(self, key: str, request: bytes) -> None:
+    def record_query(self, key: str, request: bytes) -> None:
         pass
 
     def close(self) -> None:

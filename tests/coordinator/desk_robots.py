@@ -79,7 +79,7 @@ class DeskRobot(FakeRobot):
         now_ns = self._now_ns
         for received in self._inbox.drain():
             if not self.isolated:
-                self.desk.hear_coordinator(received.message, self.name, now_ns)
+                self.desk.renew_lease(received.message, self.name, now_ns)
         if self.halted:
             self.desk.halted()
         self.desk.check_lease(now_ns)

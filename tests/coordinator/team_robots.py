@@ -56,7 +56,7 @@ class TeamRobot(DeskRobot):
 
     def _offered(self, request) -> TaskAnswer:
         self._check_reachable()
-        reason = self.consensus.why_not_now(request.asked.task.id, self._now_ns)
+        reason = self.consensus.offer_refusal(request.asked.task.id, self._now_ns)
         return super()._offered(request) if reason is None else TaskAnswer.refused(reason)
 
     def _withdrawn(self, request) -> TaskAnswer:

@@ -308,7 +308,7 @@ def test_a_patch_that_waited_and_does_not_fit_is_counted_as_refused(team):
     team.run(0.2)
     refusals = team.coordinator._wire.refusals
     assert refusals.counts() == []
-    team.coordinator.take_held_map()
+    team.coordinator.merge_held_patches()
     (refused,) = refusals.counts()
     assert (refused.topic, refused.code) == (ROBOT_MAP.name, RefusalCode.NOT_PLAUSIBLE)
     assert "the map of r1 cannot be merged" in refused.why

@@ -59,14 +59,14 @@ def test_a_state_under_anothers_key_is_not_taken_for_the_robots(team):
 def test_one_state_that_cannot_be_handled_is_set_aside_and_the_others_count(team, monkeypatch):
     for name in ("r1", "r2", "r3"):
         team.robot(name)
-    note = team.coordinator.roster.note_state
+    note = team.coordinator.roster.record_state
 
     def faulty(said, now_ns):
         if said.robot == "r2":
             raise ZeroDivisionError("a defect")
         note(said, now_ns)
 
-    monkeypatch.setattr(team.coordinator.roster, "note_state", faulty)
+    monkeypatch.setattr(team.coordinator.roster, "record_state", faulty)
     team.run(1.0)
     summary = team.summary
     assert [robot.up for robot in summary.robots] == [True, False, True]
@@ -81,14 +81,14 @@ def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team,
     team.robot("r1").accepts = False
     team.run(0.5)
     lifecycle = team.coordinator.lifecycle
-    why_over = lifecycle._why_over
+    why_over = lifecycle._end_reason_of
 
     def faulty(record, now_ns, **others):
         if record.task.id == "bad":
             raise KeyError("a defect")
         return why_over(record, now_ns, **others)
 
-    monkeypatch.setattr(lifecycle, "_why_over", faulty)
+    monkeypatch.setattr(lifecycle, "_end_reason_of", faulty)
     for name in ("bad", "late"):
         team.submit(Task(id=name, kind="visit", place=Point2D(6.0, 4.0)), deadline_in_s=1.0)
     team.run(2.0)
@@ -97,7 +97,7 @@ def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team,
 
 
 STAGES = {
-    "answers": "lifecycle.hear_answers",
+    "answers": "lifecycle.process_answers",
     "halts": "halts.hear",
     "tasks": "lifecycle.settle",
     "motes": "motes.step",

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from robrain.dashboard.layers.marker_layers import scan_points
-from robrain.dashboard.scene.camera import OVERVIEW_ELEVATION_RAD, TOP_ELEVATION_RAD, Bounds, stand_to_see
+from robrain.dashboard.scene.camera import OVERVIEW_ELEVATION_RAD, TOP_ELEVATION_RAD, Bounds, viewpoint_of
 from robrain.dashboard.state.robot_view import RobotView
 from robrain.dashboard.state.team_view import RateMeter
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -22,7 +22,7 @@ FOV_RAD = math.radians(45)
 @pytest.mark.parametrize("aspect", [0.6, 1.1, 2.5])
 @pytest.mark.parametrize("bounds", [(-12.0, -8.0, 12.0, 8.0), (100.0, 0.0, 103.0, 60.0), (0.0, 0.0, 50.0, 2.0)])
 def test_all_of_the_map_is_in_the_picture_and_fills_it(bounds: Bounds, aspect: float, elevation_rad: float) -> None:
-    stand = stand_to_see(bounds, elevation_rad, aspect, FOV_RAD)
+    stand = viewpoint_of(bounds, elevation_rad, aspect, FOV_RAD)
     eye, look_at = np.array(stand.position), np.array(stand.look_at)
     forward = (look_at - eye) / np.linalg.norm(look_at - eye)
     right = np.cross(forward, (0.0, 0.0, 1.0))

@@ -148,7 +148,7 @@ def agreeing(robot: str, agreement: float | None) -> RobotState:
     return RobotState(robot=robot, pose=Pose2D(0.0, 0.0, 0.0), map_agreement=agreement)
 
 
-def words_of(view: TeamView, now_s: float = 0.0) -> list[str]:
+def text_of(view: TeamView, now_s: float = 0.0) -> list[str]:
     return [finding.words for finding in headline_of(vitals_of(view, now_s)).findings]
 
 
@@ -164,16 +164,16 @@ def test_map_and_silent_robots_are_judged_by_the_truth_where_it_is_told() -> Non
     view = seen(("r1", 0.95), ("r2", 0.95), ("r3", 0.1))
     well, off = PoseAccuracy(error_m=0.1), PoseAccuracy(error_m=0.8, silent_for_s=0.2)
     tell(view, ARENA_TRUTH, truth_of(("r1", well), ("r2", well), ("r3", None), off=20))
-    assert words_of(view) == []  # what robots say of their own scans does not count then
+    assert text_of(view) == []  # what robots say of their own scans does not count then
     far = PoseAccuracy(error_m=2.5, silent_for_s=3.0)
     tell(view, ARENA_TRUTH, truth_of(("r1", off), ("r2", far), ("r3", None), off=60))
-    assert words_of(view) == ["r2: 2.5 m off, not reported", "6.0 % of the map wrong, 6 m of walls doubled"]
+    assert text_of(view) == ["r2: 2.5 m off, not reported", "6.0 % of the map wrong, 6 m of walls doubled"]
     assert 'class="rb-bad">▲</i>' in strip_html(view, 0.0)
-    assert words_of(view, 60.0) == ["6.0 % of the map wrong, 6 m of walls doubled"]  # nobody in contact
+    assert text_of(view, 60.0) == ["6.0 % of the map wrong, 6 m of walls doubled"]  # nobody in contact
 
 
 def test_without_a_truth_the_robot_whose_lidar_agrees_least_counts() -> None:
     view = seen(("r1", 0.9), ("r2", 0.6), ("r3", None))
-    assert words_of(view) == ["r2: lidar agrees 60 % with map"]
-    assert words_of(seen(("r1", None))) == []
-    assert words_of(view, 60.0) == []  # it is not in contact any more
+    assert text_of(view) == ["r2: lidar agrees 60 % with map"]
+    assert text_of(seen(("r1", None))) == []
+    assert text_of(view, 60.0) == []  # it is not in contact any more

@@ -12,7 +12,7 @@ from robrain.dashboard.html.plugin_html import (
     result_html,
     robot_card_html,
 )
-from robrain.dashboard.html.task_html import queue_html, why_html
+from robrain.dashboard.html.task_html import explanation_html, queue_html
 from robrain.dashboard.panels.halt_control import acknowledgements_html
 from robrain.dashboard.panels.page import scale_html
 from robrain.dashboard.panels.replay_bar import marks_html
@@ -182,7 +182,7 @@ def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
         result_html(EVIL, b"", EVIL),
         queue_html(view, is_live=True),
         gantt_html(view),
-        why_html(why),
+        explanation_html(why),
         acknowledgements_html(view, 1),
         scale_html(EVIL, 0.0, 1.0),
         marks_html([Mark(1.0, "fault", EVIL)], 10.0, 2.0, playing=True),

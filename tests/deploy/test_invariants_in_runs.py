@@ -104,13 +104,13 @@ def cut_off(team: Team) -> None:
     run = team.transport.run  # type: ignore[attr-defined]
     host = next(host for host in run.hosts if host.name == name)
     roster: Roster = run.coordinator.roster
-    note = roster.note_state
+    note = roster.record_state
 
     def note_others(state: RobotState, now_ns: int) -> None:
         if state.robot != name:
             note(state, now_ns)
 
-    roster.note_state = note_others  # type: ignore[method-assign]
+    roster.record_state = note_others  # type: ignore[method-assign]
     host._inbox.drain = list
     team.run_for(10.0)
     assert team.get("long").robot not in ("", name)

@@ -77,7 +77,7 @@ def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
 def test_a_busy_process_has_time_to_say_that_it_has_the_name(join, monkeypatch):
     said: list[str] = []
     with claim_robot(join(), TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
-        monkeypatch.setattr(first, "_tell_who", lambda _: time.sleep(BUSY_S) or first.info)
+        monkeypatch.setattr(first, "_reply_process", lambda _: time.sleep(BUSY_S) or first.info)
         assert take(first)
         with pytest.raises(NameTaken, match=f"process {first.info.pid} on {first.info.host}"):
             second.take(said.append, lambda: False)

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.deploy.doctor.team_checks import check_robots
-from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, show_status, standing_of
+from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, robot_status, show_status
 from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.robots.witness_messages import Lead
@@ -11,7 +11,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import TaskState
 
 FIELD = MoteFieldState(motes=10, dead=1, delivery_ratio=0.968, age_s=5.2, oldest_s=34.4, coverage=0.961, on_duty=3)
-UP = [standing_of("r1", RobotState(robot="r1"))]
+UP = [robot_status("r1", RobotState(robot="r1"))]
 BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.87, remaining_j=1.0)
 FAULTS = [PluginFault(plugin=name, why="Traceback:\nOSError: no bus") for name in ("mocdevice", "driver")]
 
@@ -24,7 +24,7 @@ def _shown(capsys: pytest.CaptureFixture[str], *standing: RobotStanding) -> list
 def test_robot_has_one_line_with_battery_place_and_task(capsys: pytest.CaptureFixture[str]) -> None:
     task = TaskStatus(id="visit-3", epoch=1, state=TaskState.RUNNING)
     state = RobotState(robot="r1", battery=BATTERY, pose=Pose2D(3.24, -4.0, 0.0), task=task)
-    standing = standing_of("r1", state)
+    standing = robot_status("r1", state)
     assert (standing.soc, standing.place, standing.task) == (0.87, Point2D(3.24, -4.0), "visit-3")
     assert _shown(capsys, standing) == [
         "team default: coordinator up",
@@ -35,12 +35,12 @@ def test_robot_has_one_line_with_battery_place_and_task(capsys: pytest.CaptureFi
 
 def test_ended_task_is_not_shown_and_a_lost_robot_has_no_place() -> None:
     task = TaskStatus(id="visit-3", epoch=1, state=TaskState.DONE)
-    standing = standing_of("r1", RobotState(robot="r1", pose=Pose2D(1.0, 1.0, 0.0), lost="bumped", task=task))
+    standing = robot_status("r1", RobotState(robot="r1", pose=Pose2D(1.0, 1.0, 0.0), lost="bumped", task=task))
     assert (standing.task, standing.place) == ("", None)
 
 
 def test_one_reason_is_printed_once_for_all_robots_and_plugins(capsys: pytest.CaptureFixture[str]) -> None:
-    standing = [standing_of(name, RobotState(robot=name, faulted=FAULTS)) for name in ("r1", "r2")]
+    standing = [robot_status(name, RobotState(robot=name, faulted=FAULTS)) for name in ("r1", "r2")]
     lines = _shown(capsys, *standing)
     assert lines[2:] == [
         "r1 faulted – – – 2",
@@ -57,7 +57,7 @@ def test_robot_that_has_gone_is_shown_with_its_last_task(capsys: pytest.CaptureF
 def test_table_fits_into_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
     state = RobotState(robot="transporter-12", battery=BATTERY, pose=Pose2D(-123.4, -123.4, 0.0), faulted=FAULTS)
     show_status(
-        TeamStatus(team="default", coordinator=True, robots=[], standing=[standing_of("transporter-12", state)])
+        TeamStatus(team="default", coordinator=True, robots=[], standing=[robot_status("transporter-12", state)])
     )
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
 
@@ -90,7 +90,7 @@ def test_a_field_that_the_coordinator_leaves_alone_is_not_mentioned(capsys) -> N
     ],
 )
 def test_each_robot_is_shown_as_it_is(state: RobotState | None, condition: RobotCondition, why: str) -> None:
-    standing = standing_of("r1", state)
+    standing = robot_status("r1", state)
     assert (standing.condition, standing.why) == (condition, why)
 
 
@@ -111,6 +111,6 @@ def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]
     ],
 )
 def test_doctor_checks_robots_that_run(state: RobotState | None, ok: bool, sentence: str) -> None:
-    status = TeamStatus(team="default", coordinator=True, robots=["r1"], standing=[standing_of("r1", state)])
+    status = TeamStatus(team="default", coordinator=True, robots=["r1"], standing=[robot_status("r1", state)])
     (check,) = check_robots(status)
     assert (check.ok, check.sentence, bool(check.remedy)) == (ok, sentence, not ok)

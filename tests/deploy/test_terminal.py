@@ -9,7 +9,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from robrain.deploy.command_line.terminal import new_console, results, say, text_column
-from robrain.deploy.run.run_display import tell_recorded
+from robrain.deploy.run.run_display import print_recorded
 from tests.product import FOLDERS, ROOT
 
 NAME = "rec:bus:[1][red]x[/].mcap"
@@ -35,7 +35,7 @@ def test_messages_and_progress_are_printed_literally(capsys: pytest.CaptureFixtu
 
 
 def test_a_proposed_command_can_be_copied_into_a_shell(capsys: pytest.CaptureFixture[str]) -> None:
-    tell_recorded(f"run #3 {NAME}")
+    print_recorded(f"run #3 {NAME}")
     assert shlex.split(capsys.readouterr().err)[-2:] == ["replay", f"run #3 {NAME}"]
 
 

@@ -41,7 +41,7 @@ def test_missing_value_keeps_no_bound(value: float) -> None:
     figure = deterministic("found again after", value, "s", at_least(-1e9))
     assert figure.value is None
     assert figure.kept is False
-    assert figure.value_words() == "none"
+    assert figure.value_text() == "none"
 
 
 def test_figure_without_a_bound_is_neither_kept_nor_missed() -> None:

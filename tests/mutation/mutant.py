@@ -171,7 +171,7 @@ def _of_statement(parent: ast.AST, field: str, index: int, node: ast.stmt) -> It
         return  # a docstring, or `...`
     if _only_logs(node):
         return
-    yield from _left_out(parent, field, index, node)
+    yield from _skipped(parent, field, index, node)
     if isinstance(node, ast.Raise):
         return  # the rest is the error message
     if isinstance(node, ast.AugAssign) and type(node.op) in OPERATORS:
@@ -204,7 +204,7 @@ def _of_value(node: ast.AST, name: str, value: object) -> Iterator[_Change]:
                         yield from _of_value(item, inner, inner_value)
 
 
-def _left_out(parent: ast.AST, field: str, index: int, node: ast.stmt) -> Iterator[_Change]:
+def _skipped(parent: ast.AST, field: str, index: int, node: ast.stmt) -> Iterator[_Change]:
     new: ast.stmt
     if isinstance(node, ast.Return):
         if node.value is None or (isinstance(node.value, ast.Constant) and node.value.value is None):

@@ -11,10 +11,10 @@ class Wire:
         self.session = session
         self.clock = VirtualClock()
         self.outside = []
-        self.robot = Endpoint(session, "t", self.clock, Drive.LOCKSTEP, on_outside=self._note)
+        self.robot = Endpoint(session, "t", self.clock, Drive.LOCKSTEP, on_outside=self._record)
         self.other = Endpoint(session, "t", self.clock, Drive.LOCKSTEP)
 
-    def _note(self, key, payload):
+    def _record(self, key, payload):
         self.outside.append((key, payload))
 
     def close(self):

@@ -27,7 +27,7 @@ from robrain.recording.drawing.palette import (
     OCCUPIED,
     UNKNOWN,
     WARNING,
-    look_of,
+    style_of,
 )
 from robrain.recording.foxglove import channels as foxglove_scene
 from robrain.recording.foxglove import messages as make
@@ -162,7 +162,7 @@ def test_a_robot_is_drawn_in_its_frame_with_footprint_nose_and_name() -> None:
     height_m = foxglove_scene.ROBOT_HEIGHT_M
     assert (xyz(body.size), xyz(body.pose.position)) == ((1.0, 1.0, height_m), (0.0, 0.0, height_m / 2))
     assert (body.bottom_scale, body.top_scale) == (1.0, 0.9)
-    assert rgba(body.color) == (*look_of(1).color, 1.0)
+    assert rgba(body.color) == (*style_of(1).color, 1.0)
     [nose] = entity.arrows
     assert (nose.shaft_length, nose.head_length, nose.head_diameter) == (0.3, 0.3, 0.3)
     assert nose.shaft_diameter == 0.125
@@ -179,7 +179,7 @@ def test_a_robot_is_drawn_in_its_frame_with_footprint_nose_and_name() -> None:
 @pytest.mark.parametrize(
     ("halted", "lost", "color", "text"),
     [(True, "", HALTED, "r1 HALTED"), (True, "x", HALTED, "r1 HALTED"), (False, "x", LOST, "r1 lost"),
-     (False, "", look_of(0).color, "r1")],
+     (False, "", style_of(0).color, "r1")],
 )  # fmt: skip
 def test_a_robot_that_is_halted_or_lost_looks_so(halted: bool, lost: str, color: Any, text: str) -> None:
     entity = foxglove_scene.robot_entity(RobotState(robot="r1", halted=halted, lost=lost), 0, 0)
@@ -205,7 +205,7 @@ def test_robots_that_know_where_they_are_are_drawn() -> None:
     states = {"r1": RobotState(robot="r1"), "r2": RobotState(robot="r2", pose=Pose2D(0.0, 0.0, 0.0))}
     found = foxglove_scene.robots_scene(states, {"r1": 0, "r2": 1}, 7)
     assert [(entity.id, rgba(entity.cylinders[0].color)) for entity in found.entities] == [
-        ("robot r2", (*look_of(1).color, 1.0)),
+        ("robot r2", (*style_of(1).color, 1.0)),
     ]
 
 

@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import Writer
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
-from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
+from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.maps.patch_cells import MAX_CELLS
@@ -167,6 +167,6 @@ def test_a_state_tells_the_map_once_and_before_everything_else(recording: Path) 
         (part,) = patches[0].parts
         assert (part.robot, part.submap, part.observed_ms) == ("r1", 0, 112)
         atlas = SubmapAtlas(GEOMETRY)
-        take_message(atlas, patches[0])
+        merge_message(atlas, patches[0])
         assert known_columns(atlas) == list(range(13))
     player.close()

@@ -27,9 +27,7 @@ def missed(figures: list[Figure]) -> list[str]:
     fixed = [figure for figure in figures if figure.kind is FigureKind.DETERMINISTIC]
     assert fixed
     return [
-        f"{figure.name}: {figure.value_words()}, bound {figure.bound_words()}"
-        for figure in fixed
-        if figure.kept is False
+        f"{figure.name}: {figure.value_text()}, bound {figure.bound_text()}" for figure in fixed if figure.kept is False
     ]
 
 
@@ -38,9 +36,9 @@ def misprinted(section: str, figures: list[Figure]) -> list[str]:
     fixed = [figure for figure in figures if figure.kind is FigureKind.DETERMINISTIC]
     printed = {figure.name: PRINTED.get((section, figure.name)) for figure in fixed}
     return [
-        f"{figure.name}: measured {figure.value_words()}, printed {old.value_words() if old else 'nothing'}"
+        f"{figure.name}: measured {figure.value_text()}, printed {old.value_text() if old else 'nothing'}"
         for figure in fixed
-        if (old := printed[figure.name]) is None or old.value_words() != figure.value_words()
+        if (old := printed[figure.name]) is None or old.value_text() != figure.value_text()
     ]
 
 

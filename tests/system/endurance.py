@@ -248,7 +248,7 @@ def write_csv(samples: Sequence[Sample], path: Path) -> None:
 
 def draw_plot(samples: Sequence[Sample], path: Path) -> None:
     """Memory, CPU, descriptors and threads of each process over time, in one picture."""
-    from robrain.lab.report.figure_style import figure_style, line_look, new_figure
+    from robrain.lab.report.figure_style import figure_style, line_style, new_figure
 
     with figure_style():
         figure = new_figure(11.0, 8.0)
@@ -258,7 +258,7 @@ def draw_plot(samples: Sequence[Sample], path: Path) -> None:
             minutes = [one.time_s / 60.0 for one in own]
             memory_mb, descriptors, threads = zip(*(one[3:6] for one in own), strict=True)
             for one, values in zip(axes, (memory_mb, _cpu(own), descriptors, threads), strict=True):
-                one.plot(minutes, values, label=name, **line_look(index))
+                one.plot(minutes, values, label=name, **line_style(index))
         for one, title in zip(axes, titles, strict=True):
             one.set_title(title)
             one.set_ylim(bottom=0)

@@ -140,11 +140,11 @@ def solve_public(
         left_out=len(plan.unassigned),
         over_capacity=over,
         routes=[[index + 1 for index in route] for route in routes],
-        note=_note(plan, over, instance.capacity),
+        note=_record(plan, over, instance.capacity),
     )
 
 
-def _note(plan: Plan, over: int, capacity: float) -> str:
+def _record(plan: Plan, over: int, capacity: float) -> str:
     if over:
         return (
             f"{over} routes carry more than {capacity:g}: capacities are no part of the model, and so the value is"

@@ -183,7 +183,7 @@ def _unknown_starts(case: Case) -> Iterator[JoiningRun]:
         while run.sim_time_s < until_s:
             watch.go_on()
             for name in watch.names:
-                watch.look_for_overlap(name)
+                watch.record_overlap(name)
             if all(name in watch.joined_s for name in watch.names):
                 until_s = min(until_s, max(watch.joined_s.values()) + SETTLED_S)
     finally:
@@ -248,7 +248,7 @@ class _Watch:
                 self.joined_s.setdefault(name, run.sim_time_s)
                 self.error_m[name] = max(self.error_m[name], board.pose.distance_m(true[name]))
 
-    def look_for_overlap(self, name: str) -> None:
+    def record_overlap(self, name: str) -> None:
         """Note when the maps of a robot and of the team begin to overlap."""
         if name in self.overlap_s:
             return

@@ -230,7 +230,7 @@ class Bm2(Device):
     def step(self) -> None:
         if self._port is None:
             return
-        for frame in self._port.take_frames():
+        for frame in self._port.read_frames():
             try:
                 values = self._frames.read(frame)
             except BadFrame:

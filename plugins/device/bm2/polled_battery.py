@@ -72,11 +72,11 @@ class PolledBattery(Device):
 
     def activate(self) -> None:
         self._silence = Silence(to_ns(self.parameters.silent_s))
-        self._heard_ns = self.env.clock.now_ns()
+        self._received_ns = self.env.clock.now_ns()
         try:
-            self._read_once(self._heard_ns)
+            self._read_once(self._received_ns)
         except (OSError, BadReading) as error:
-            self._note_failure(error)
+            self._record_failure(error)
             self._close()
             raise BatteryAbsent(f"nothing can be read from {self.where}: {self._last_error}") from error
 
@@ -85,7 +85,7 @@ class PolledBattery(Device):
         try:
             self._read_once(now_ns)
         except (OSError, BadReading) as error:
-            self._note_failure(error)
+            self._record_failure(error)
             self._check(now_ns)
 
     def deactivate(self) -> None:
@@ -108,10 +108,10 @@ class PolledBattery(Device):
             self._is_open = True
         reading = self.read()
         self._readings += 1
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._latest = counted(self._latest, now_ns, *reading, gap_s=GAP_S)
 
-    def _note_failure(self, error: OSError | BadReading) -> None:
+    def _record_failure(self, error: OSError | BadReading) -> None:
         self._last_error = getattr(error, "strerror", None) or str(error) or type(error).__name__
         if isinstance(error, BadReading):
             self._rejected += 1
@@ -125,7 +125,7 @@ class PolledBattery(Device):
             self.close()
 
     def _check(self, now_ns: int) -> None:
-        silent_ns = self._silence.since(self._heard_ns, now_ns)
+        silent_ns = self._silence.since(self._received_ns, now_ns)
         if silent_ns > self._silence.limit_ns:
             silent_s = silent_ns / NS_PER_S
             raise BatteryAbsent(f"nothing read for {silent_s:.1f} s from {self.where}: {self._last_error}")

@@ -243,7 +243,7 @@ class SerialImu(Device):
         self._codec = self._new_codec()
         self.env.board.gyro_contradiction = None
         self._silence = Silence(to_ns(wanted.silent_s))
-        self._opened_ns = self._heard_ns = self.env.clock.now_ns()
+        self._opened_ns = self._received_ns = self.env.clock.now_ns()
 
     def step(self) -> None:
         if self._line is None:
@@ -256,12 +256,12 @@ class SerialImu(Device):
         now_ns = self.env.clock.now_ns()
         motions = [motion for motion in self._codec.feed(data) if self._is_possible(motion)]
         if motions:
-            self._heard_ns = now_ns
+            self._received_ns = now_ns
             self._take(motions, now_ns)
             return
-        if self._heard_ns == self._opened_ns and 0 <= now_ns - self._opened_ns < to_ns(self.parameters.start_s):
+        if self._received_ns == self._opened_ns and 0 <= now_ns - self._opened_ns < to_ns(self.parameters.start_s):
             return
-        silent_ns = self._silence.since(self._heard_ns, now_ns)
+        silent_ns = self._silence.since(self._received_ns, now_ns)
         if silent_ns > self._silence.limit_ns:
             noise = self._codec.stray_bytes
             but = f", but {noise} bytes that are none: check baud and wiring" if noise else ""

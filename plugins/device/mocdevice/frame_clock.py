@@ -49,7 +49,7 @@ class FrameClock:
         """Current estimate of the robot's time less frame time."""
         self._counts = stamped_at is StampedAt.ARRIVAL
         self._period_ns = period_ns
-        self._anew_ns = ANEW_FRAMES * period_ns
+        self._restart_ns = ANEW_FRAMES * period_ns
         self._knows_stamps = False
         self._counter: int | None = None
         self._frame_ns = self._stamp_ns = 0
@@ -76,7 +76,7 @@ class FrameClock:
         before, self._counter = self._counter, counter
         step = (counter - before) % MODULUS if before is not None else MODULUS
         frame_ns = self._frame_ns + step * self._period_ns
-        if step > LONGEST_GAP or stamp_ns - frame_ns - self.offset_ns > self._anew_ns:
+        if step > LONGEST_GAP or stamp_ns - frame_ns - self.offset_ns > self._restart_ns:
             frame_ns = max(stamp_ns - self.offset_ns, self._frame_ns)
             self._frames = 0
             self._least_ns = self._least_before_ns = stamp_ns - frame_ns
@@ -84,7 +84,7 @@ class FrameClock:
         self._observe(stamp_ns - frame_ns)
         return frame_ns
 
-    def start_anew(self) -> None:
+    def restart_stamp(self) -> None:
         """Use the next frame's stamp as its time of measurement: the controller has restarted."""
         self._counter = None
 

@@ -205,7 +205,7 @@ class CanLink:
         self._rejected = self._foreign = self._errors = 0
         self._refused = self._others = 0
         """Frames since the last report: refused ones, and all that are not this robot's own."""
-        self._why_refused = ""
+        self._refusal = ""
 
     def command(self, values: Sequence[float]) -> None:
         """As WheelLink."""
@@ -229,7 +229,7 @@ class CanLink:
         if self.broken is not None:
             return reports
         try:
-            frames = self._port.take_frames()
+            frames = self._port.read_frames()
         except (can.CanError, OSError) as error:
             self.broken = BusFault(self._plugin, f"the CAN bus cannot be read: {error}")
             return reports
@@ -270,7 +270,7 @@ class CanLink:
     def refusal(self) -> str:
         """As WheelLink."""
         if self._refused:
-            return f"{self._refused} frames were refused: {self._why_refused}"
+            return f"{self._refused} frames were refused: {self._refusal}"
         names = ", ".join(dict.fromkeys(one.codec.name for one in self._frames.encoders))
         return f"{self._others} frames came, but not all counts of {names}" if self._others else ""
 
@@ -296,7 +296,7 @@ class CanLink:
     def _refuse(self, error: BadFrame) -> None:
         self._rejected += 1
         self._refused += 1
-        self._why_refused = str(error)
+        self._refusal = str(error)
 
     def _read_encoders(self, frame: Frame) -> WheelReport | None:
         """The counts of all wheels, if this frame completes them."""
@@ -308,10 +308,10 @@ class CanLink:
             except BadFrame as error:
                 self._refuse(error)
                 return None
-            return self._note_part(number, values, frame)
+            return self._record_part(number, values, frame)
         return None  # of no wheel
 
-    def _note_part(self, number: int, values: tuple[float, ...], frame: Frame) -> WheelReport | None:
+    def _record_part(self, number: int, values: tuple[float, ...], frame: Frame) -> WheelReport | None:
         counter, wheels = None, self._frames.encoders[number]
         if self._frames.has_counter:
             counter = int(values[-1])

@@ -116,7 +116,7 @@ class WheelDevice(Device):
         self._frame_clock = FrameClock(opened.stamped_at, self._period_ns)
         self._acknowledged_ns: int | None = None
         self._statuses = self._measured_ns = 0
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
         self._since_ns, self._start_ns = self.env.clock.now_ns(), to_ns(opened.start_s)
         self._silence = Silence(self._silent_ns)
         self._first = FirstWord(self._since_ns)
@@ -150,7 +150,7 @@ class WheelDevice(Device):
 
     def drive(self, twist: Twist2D) -> None:
         """Command a velocity, body frame. It holds for 200 ms; beyond the wheels' limit its direction is kept."""
-        if self._is_again and self._heard_ns is None:
+        if self._is_again and self._received_ns is None:
             return  # it may hear and not be heard: no motion before it has spoken
         forward_m_s, left_m_s, yaw_rad_s = twist.forward_m_s, twist.left_m_s, twist.yaw_rad_s
         # Plain comparisons: this runs many times a second.
@@ -186,7 +186,7 @@ class WheelDevice(Device):
         """Whether the wheel encoders send data."""
         if self._pending:
             self._catch_up()
-        return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
+        return self._received_ns is not None and self.env.clock.now_ns() - self._received_ns <= self._silent_ns
 
     def pose(self) -> Pose2D:
         """T_odom_robot from the wheel encoders."""
@@ -198,7 +198,7 @@ class WheelDevice(Device):
         """`pose` and `is_fresh` in one call, for who asks many times a second."""
         if self._pending:
             self._catch_up()
-        heard_ns = self._heard_ns
+        heard_ns = self._received_ns
         is_fresh = heard_ns is not None and self.env.clock.now_ns() - heard_ns <= self._silent_ns
         return self._odometry.pose, is_fresh
 
@@ -262,7 +262,7 @@ class WheelDevice(Device):
         if link is None:
             return
         for report in link.take():
-            self._note(report)
+            self._record(report)
 
     def _check(self, link: WheelLink) -> None:
         if link.broken is not None:
@@ -270,8 +270,8 @@ class WheelDevice(Device):
         if link.statuses != self._statuses:
             self._statuses = link.statuses
             if link.has_failed:
-                self._note_failure(link)
-        since_ns, now_ns = self._heard_ns, self.env.clock.now_ns()
+                self._record_failure(link)
+        since_ns, now_ns = self._received_ns, self.env.clock.now_ns()
         if since_ns is None:
             if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
                 if self._first.is_missing(now_ns):
@@ -287,7 +287,7 @@ class WheelDevice(Device):
             silent_s = silent_ns / NS_PER_S
             raise BusFault(self.env.plugin, f"no encoder frame for {silent_s:.2f} s: {link.refusal or self._where}")
 
-    def _note_failure(self, link: WheelLink) -> None:
+    def _record_failure(self, link: WheelLink) -> None:
         now_ns = self.env.clock.now_ns()
         if self._is_again and self._acknowledged_ns is None:
             self._acknowledged_ns = now_ns
@@ -295,20 +295,20 @@ class WheelDevice(Device):
         elif self._acknowledged_ns is None or now_ns - self._acknowledged_ns > ACKNOWLEDGE_NS:
             raise MotorFault(self.env.plugin, "the motor controller reports that its power stage has failed")
 
-    def _note(self, report: WheelReport) -> None:
+    def _record(self, report: WheelReport) -> None:
         counter, now_ns = report.counter, self.env.clock.now_ns()
         measured_ns, missing = self._frame_clock.note(counter, report.stamp_ns, now_ns), report.missing
-        if counter is None and self._heard_ns is not None:  # by the time since the one before
+        if counter is None and self._received_ns is not None:  # by the time since the one before
             missing = max(0, round((measured_ns - self._measured_ns) / self._period_ns) - 1)
         self._measured_ns, before = measured_ns, self._odometry.ticks
         if self._odometry.take(report.counts, measured_ns, missing):
             self._believed += 1
         else:
             self._rejected += 1
-            self._frame_clock.start_anew()
-        if self._heard_ns is None and self._is_again:
+            self._frame_clock.restart_stamp()
+        if self._received_ns is None and self._is_again:
             self.condition.notify(DriveCondition(True, "the motor controller speaks again"))
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         board = self.env.board
         if board.yaw_rates or self._has_gyro:
             self._correct_yaw(report.counts, before, measured_ns + self._frame_clock.offset_ns)

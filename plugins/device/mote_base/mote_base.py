@@ -47,7 +47,7 @@ class SerialLineLink:
         self._device = device
         self._baud = baud
         self._backoff = backoff
-        self._why_down = ""
+        self._down_reason = ""
         self._reopened = 0
         self._left = b""
         self._link = SerialLink(ack_timeout_ns=ack_timeout_ns, resends=resends)
@@ -77,7 +77,7 @@ class SerialLineLink:
 
     def why_down(self) -> str:
         """Why the line is not open."""
-        return self._why_down
+        return self._down_reason
 
     def counters(self) -> dict[str, int]:
         """What line and packets have met with."""
@@ -109,7 +109,7 @@ class SerialLineLink:
         except (OSError, ValueError):
             self._backoff.failed(now_ns)
             return
-        self._why_down, self._left = "", b""
+        self._down_reason, self._left = "", b""
         self._reopened += 1
         self._backoff.succeeded()
 
@@ -121,7 +121,7 @@ class SerialLineLink:
 
     def _lose(self, error: OSError, now_ns: int) -> None:
         self.close()
-        self._why_down = f"{self._device}: {error}"
+        self._down_reason = f"{self._device}: {error}"
         self._backoff.failed(now_ns)
 
 
@@ -193,7 +193,7 @@ class SfLink:
         self._unsent = self._reconnects = 0
         self._capacity = capacity
         self._backoff = backoff
-        self._why_down = ""
+        self._down_reason = ""
         self._to_send = b""
         self._decoder = PacketDecoder()
         self._early: list[bytes] = []
@@ -234,9 +234,9 @@ class SfLink:
             pass
         except (OSError, BadGreeting) as error:
             self._lose(str(error), now_ns)
-        if self._why_down and self._socket is not None:
+        if self._down_reason and self._socket is not None:
             if self._decoder.has_greeted:
-                self._why_down = ""
+                self._down_reason = ""
                 self._reconnects += 1
                 self._backoff.succeeded()
             elif self._backoff.is_due(now_ns):
@@ -245,7 +245,7 @@ class SfLink:
 
     def send(self, packet: bytes, now_ns: int) -> None:
         """Hand a packet to the forwarder; without a connection it is counted as not sent."""
-        if self._socket is None or self._why_down or len(self._to_send) > MAX_UNSENT_BYTES:
+        if self._socket is None or self._down_reason or len(self._to_send) > MAX_UNSENT_BYTES:
             self._unsent += 1
             return
         self._to_send += encode(packet)
@@ -258,7 +258,7 @@ class SfLink:
 
     def why_down(self) -> str:
         """Why there is no connection."""
-        return self._why_down
+        return self._down_reason
 
     def counters(self) -> dict[str, int]:
         """Packets that could not be sent, and connections after the first."""
@@ -286,7 +286,7 @@ class SfLink:
 
     def _lose(self, why: str, now_ns: int) -> None:
         self.close()
-        self._why_down = f"{self._address[0]}:{self._address[1]}: {why}"
+        self._down_reason = f"{self._address[0]}:{self._address[1]}: {why}"
         self._to_send = b""
         if self._backoff.is_due(now_ns):
             self._backoff.failed(now_ns)
@@ -403,8 +403,8 @@ class MoteBase(Device):
         self._guard = FloodGuard(self.parameters.flood_packets_s)
         self._packets = self._malformed = self._muted = self._floods = self._sent = 0
         self._dropped_before = 0
-        self._told_down = ""
-        self._told_flood = False
+        self._reported_down = ""
+        self._reported_flood = False
         self._backoff = Backoff(self.parameters.reconnect_first_s, self.parameters.reconnect_longest_s)
         self._down_ns = 0
 
@@ -425,7 +425,7 @@ class MoteBase(Device):
         packets = self._link.receive(now_ns)
         if packets or self._guard.since_ns is not None:
             self._take(packets, self._link.dropped, now_ns)
-        self._tell_of_line(self._link.why_down(), now_ns)
+        self._report_line(self._link.why_down(), now_ns)
 
     def deactivate(self) -> None:
         if self._link is not None:
@@ -461,12 +461,12 @@ class MoteBase(Device):
     @external
     def health(self) -> LineHealth:
         """State of the connection; if it is lost, since when, and the time of the next attempt."""
-        if not self._told_down:
+        if not self._reported_down:
             return LineHealth(is_up=True, why_down="", down_s=0.0, tries=0, next_try_s=0.0)
         now_ns = self.env.clock.now_ns()
         return LineHealth(
             is_up=False,
-            why_down=(self._link.why_down() if self._link is not None else "") or self._told_down,
+            why_down=(self._link.why_down() if self._link is not None else "") or self._reported_down,
             down_s=(now_ns - self._down_ns) / NS_PER_S,
             tries=self._backoff.tries,
             next_try_s=self._backoff.wait_s(now_ns),
@@ -477,7 +477,7 @@ class MoteBase(Device):
         self._dropped_before = dropped
         admitted = min(self._guard.admit(arrived, now_ns), len(packets))
         self._muted += len(packets) - admitted
-        self._tell_of_flood(arrived, now_ns)
+        self._report_flood(arrived, now_ns)
         for packet in packets[:admitted]:
             try:
                 message = ActiveMessage.unpack(packet)
@@ -487,16 +487,16 @@ class MoteBase(Device):
             self._packets += 1
             self.heard.notify(HeardPacket(message, now_ns))
 
-    def _tell_of_flood(self, arrived: int, now_ns: int) -> None:
+    def _report_flood(self, arrived: int, now_ns: int) -> None:
         since_ns = self._guard.since_ns
         if since_ns is None:
-            if self._told_flood:
-                self._told_flood = False
+            if self._reported_flood:
+                self._reported_flood = False
                 self.trouble.notify(Trouble("flood_over", f"{self.env.plugin} is quiet again"))
             return
         limit = self._guard.limit
-        if not self._told_flood:
-            self._told_flood = True
+        if not self._reported_flood:
+            self._reported_flood = True
             self._floods += 1
             why = f"{self.env.plugin} floods: more than {limit} packets in a second, {arrived} of them at once"
             self.trouble.notify(Trouble("flood", why))
@@ -506,9 +506,9 @@ class MoteBase(Device):
             why = f"{self.env.plugin} has flooded for {lasted_s:.0f} s: more than {limit} packets in a second"
             raise PluginError(self.env.plugin, why)
 
-    def _tell_of_line(self, why_down: str, now_ns: int) -> None:
-        if bool(why_down) != bool(self._told_down):
-            self._told_down, self._down_ns = why_down, now_ns
+    def _report_line(self, why_down: str, now_ns: int) -> None:
+        if bool(why_down) != bool(self._reported_down):
+            self._reported_down, self._down_ns = why_down, now_ns
             self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
 
     def _open_zenoh(self) -> PacketLink:

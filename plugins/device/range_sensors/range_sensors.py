@@ -94,7 +94,7 @@ class RangeSensorsDevice(Device):
     def activate(self) -> None:
         wanted = self.parameters
         self._silence = Silence(to_ns(wanted.silent_s))
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
         filters: can.typechecking.CanFilters = [{"can_id": FRAMES_ID, "can_mask": FRAMES_MASK, "extended": False}]
         self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
         self._port = frame_port(self._bus)
@@ -133,7 +133,7 @@ class RangeSensorsDevice(Device):
 
     def _listen(self, port: FramePort) -> None:
         try:
-            frames = port.take_frames()
+            frames = port.read_frames()
         except (can.CanError, OSError) as error:
             raise RangeSensorFault(self.env.plugin, f"the CAN bus cannot be read: {error}") from error
         for frame in frames:
@@ -147,12 +147,12 @@ class RangeSensorsDevice(Device):
                 self._read_bumps(frame.data)
 
     def _check(self) -> None:
-        if self._heard_ns is None:
+        if self._received_ns is None:
             return
         now_ns = self.env.clock.now_ns()
-        if now_ns - self._heard_ns <= self._silence.begins_ns:
+        if now_ns - self._received_ns <= self._silence.begins_ns:
             return
-        silent_ns = self._silence.since(self._heard_ns, now_ns)
+        silent_ns = self._silence.since(self._received_ns, now_ns)
         if silent_ns > self._silence.limit_ns:
             raise RangeSensorFault(
                 self.env.plugin,
@@ -194,6 +194,6 @@ class RangeSensorsDevice(Device):
             self._rejected += 1
             return None
         self._believed += 1
-        self._heard_ns = self.env.clock.now_ns()
+        self._received_ns = self.env.clock.now_ns()
         self._sequences[identifier].note(int(values[-1]))
         return values

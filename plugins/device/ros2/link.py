@@ -197,7 +197,7 @@ class Ros2Link:
         try:
             while not self._closing.is_set() and not self._is_forgotten():
                 self._executor.spin_once(timeout_sec=SPIN_S)
-                self._do_what_was_asked()
+                self._run_requests()
         except (rclpy.executors.ExternalShutdownException, rclpy.executors.ShutdownException):
             self.failure = "the ROS 2 context was shut down"
         except Exception as error:  # whatever a library under rclpy raises is reported as the devices' fault
@@ -206,12 +206,12 @@ class Ros2Link:
         finally:
             with self._asking:
                 self.failure = self.failure or "the ROS 2 node was closed"
-            self._do_what_was_asked()
+            self._run_requests()
             self._executor.shutdown(timeout_sec=0.0)
             self.node.destroy_node()
             self._context.try_shutdown()
 
-    def _do_what_was_asked(self) -> None:
+    def _run_requests(self) -> None:
         while self._asked:
             function, done = self._asked.popleft()
             try:

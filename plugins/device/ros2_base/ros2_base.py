@@ -155,12 +155,12 @@ class Ros2Base(Device):
         self._is_again = board.T_odom_robot is not None
         """The robot has told odometry before: this is a restart, or a reload."""
         start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
-        self._path = ToldPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.told_odometry)
-        self._heard_ns: int | None = None
+        self._path = ToldPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
+        self._received_ns: int | None = None
         self._since_ns = self.env.clock.now_ns()
         link = self._link = open_link(self.env, wanted)
         if self._is_again and link.is_gone(wanted.topic(wanted.odom)):
-            raise BusFault(self.env.plugin, self._silent_words("no odometry"))
+            raise BusFault(self.env.plugin, self._silence_text("no odometry"))
         self._publisher = link.publisher(
             TwistStamped if wanted.stamped else Twist, wanted.topic(wanted.cmd_vel), COMMAND_QOS
         )
@@ -199,7 +199,7 @@ class Ros2Base(Device):
 
     def drive(self, twist: Twist2D) -> None:
         """Command a velocity, body frame. It holds for 200 ms; beyond the base's limits its curvature is kept."""
-        if self._gate is None or (self._is_again and self._heard_ns is None):
+        if self._gate is None or (self._is_again and self._received_ns is None):
             return  # it may hear and not be heard: no motion before it has spoken
         wanted = self.parameters
         forward, left, yaw = twist.forward_m_s, twist.left_m_s * wanted.holonomic, twist.yaw_rad_s
@@ -219,7 +219,7 @@ class Ros2Base(Device):
     def is_fresh(self) -> bool:
         """Whether the robot reports its odometry."""
         self._catch_up()
-        return self._heard_ns is not None and self.env.clock.now_ns() - self._heard_ns <= self._silent_ns
+        return self._received_ns is not None and self.env.clock.now_ns() - self._received_ns <= self._silent_ns
 
     def pose(self) -> Pose2D:
         """T_odom_robot by the robot's odometry."""
@@ -281,7 +281,7 @@ class Ros2Base(Device):
             return "the device is not active"
         found = []
         if not self.is_fresh():
-            found.append(self._silent_words("no odometry"))
+            found.append(self._silence_text("no odometry"))
         if not publisher.listeners():
             found.append(f"nothing listens to {wanted.topic(wanted.cmd_vel)}")
         if self._odometry is not None and self._odometry.why_rejected:
@@ -310,30 +310,30 @@ class Ros2Base(Device):
             if not self._path.take(told, measured_ns, number):
                 self._jumps += 1
             self._believed += 1
-            if self._heard_ns is None and self._is_again:
+            if self._received_ns is None and self._is_again:
                 self.condition.notify(DriveCondition(True, "the robot reports its odometry again"))
-            self._heard_ns = self.env.clock.now_ns()
+            self._received_ns = self.env.clock.now_ns()
             board = self.env.board
-            board.T_odom_robot, board.told_odometry = self._path.pose, self._path.before
+            board.T_odom_robot, board.published_odometry = self._path.pose, self._path.before
 
     def _check(self) -> None:
-        link, since_ns = self._link, self._heard_ns
+        link, since_ns = self._link, self._received_ns
         if link is not None and link.failure:
             raise BusFault(self.env.plugin, link.failure)
         now_ns = self.env.clock.now_ns()
         if since_ns is None:
             if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
                 if self._first.is_missing(now_ns):
-                    logger.warning("%s: %s", self.env.robot, self._silent_words("no odometry yet"))
+                    logger.warning("%s: %s", self.env.robot, self._silence_text("no odometry yet"))
                 return
             since_ns = self._since_ns
         if now_ns - since_ns <= self._silence.begins_ns:
             return
         silent_ns = self._silence.since(since_ns, now_ns)
         if silent_ns > self._silent_ns:
-            raise BusFault(self.env.plugin, self._silent_words(f"no odometry for {silent_ns / NS_PER_S:.2f} s"))
+            raise BusFault(self.env.plugin, self._silence_text(f"no odometry for {silent_ns / NS_PER_S:.2f} s"))
 
-    def _silent_words(self, what: str) -> str:
+    def _silence_text(self, what: str) -> str:
         link, wanted = self._link, self.parameters
         topic = wanted.topic(wanted.odom)
         if link is None or not link.publishers(topic):

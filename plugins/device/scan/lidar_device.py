@@ -32,7 +32,7 @@ class HasSilence(Protocol):
 
 
 class LidarDevice(Device):
-    """Hands on each turn of a lidar; subclasses take the turns in with `take_turns`."""
+    """Hands on each turn of a lidar; subclasses take the turns in with `read_turns`."""
 
     interface = ScanInterface
     parameters: HasSilence
@@ -47,15 +47,15 @@ class LidarDevice(Device):
 
     def activate(self) -> None:
         self._silence = Silence(to_ns(self.parameters.silent_s))
-        self._heard_ns = self.env.clock.now_ns()
-        self._first = FirstWord(self._heard_ns)
+        self._received_ns = self.env.clock.now_ns()
+        self._first = FirstWord(self._received_ns)
         self.begin()
 
     def begin(self) -> None:
         """Open the line to the lidar."""
         raise NotImplementedError
 
-    def take_turns(self, now_ns: int) -> None:
+    def read_turns(self, now_ns: int) -> None:
         """Call `note` with each turn that has arrived."""
         raise NotImplementedError
 
@@ -73,14 +73,14 @@ class LidarDevice(Device):
             return
         board.doubted_scan = None
         board.has_scanned = True
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._ranges_mm = ranges_mm
         self._latest = scan
         self.scanned.notify(scan)
 
     def step(self) -> None:
         board, now_ns = self.env.board, self.env.clock.now_ns()
-        self.take_turns(now_ns)
+        self.read_turns(now_ns)
         if self._doubt:
             board.doubted_scan = self._ranges_mm
             self.fail(self._doubt)
@@ -88,9 +88,9 @@ class LidarDevice(Device):
             if self._first.is_missing(now_ns):
                 logger.warning("%s: the lidar has sent no turn yet%s", self.env.robot, self.where())
             return
-        if now_ns - self._heard_ns <= self._silence.begins_ns:
+        if now_ns - self._received_ns <= self._silence.begins_ns:
             return
-        silent_ns = self._silence.since(self._heard_ns, now_ns)
+        silent_ns = self._silence.since(self._received_ns, now_ns)
         if silent_ns >= self._silence.limit_ns:
             silent_s = silent_ns / NS_PER_S
             what = "no turn" if board.doubted_scan is None else "nothing but the turn that it froze in"

@@ -44,7 +44,7 @@ class ScanDevice(LidarDevice):
         self.env.wire.subscribe(self._inbox, ARENA_SCAN, robot=self.env.robot)
         self.env.wake_on(self._inbox)
 
-    def take_turns(self, now_ns: int) -> None:
+    def read_turns(self, now_ns: int) -> None:
         for received in self._inbox.drain():
             scan: Scan = received.message
             self.note(self._convert(scan), scan.ranges_mm, now_ns)

@@ -21,7 +21,7 @@ from robrain.algorithms.localization.scan_agreement import COMPARED_MIN, agreeme
 from robrain.algorithms.mapping.local_map import ArenaFix, LocalPose
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.algorithms.slam.mates_in_scan import mate_circles, wall_ends
+from robrain.algorithms.slam.mates_in_scan import robot_circles, wall_ends
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.localisation.interface import Divergence, LocalisationHealth, LocalisationInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
@@ -155,7 +155,7 @@ class Localisation(Skill):
         self._signals = self._matches = 0
         self._last_fit = 0.0
         self._scan_due_ns = 0
-        self._matched_way_m = 0.0
+        self._matched_path_m = 0.0
         self._agree_due_ns = 0
         self._until_ns = 0 if start.scan_matching else STAMP_MAX
         self._checked_version = 0
@@ -166,9 +166,9 @@ class Localisation(Skill):
         self._tell()
 
     def step(self) -> None:
-        self._follow_map()
+        self._update_from_map()
         self._move()
-        self._hear()
+        self._receive()
         self._match()
         self._tell()
         self.env.board.pose = self._T_arena_odom.compose(self._odometry)
@@ -228,7 +228,7 @@ class Localisation(Skill):
         if displacement != STILL:
             self._localiser.move(displacement)
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         heard = self.env.board.mote_ranges
         while heard:
             sample = heard.popleft()
@@ -236,7 +236,7 @@ class Localisation(Skill):
                 self._localiser.hear(sample)
                 self._signals += 1
 
-    def _follow_map(self) -> None:
+    def _update_from_map(self) -> None:
         """Move the estimate with the robot's own map, which loop closures may have moved."""
         board = self.env.board
         if board.misplaced:
@@ -264,22 +264,22 @@ class Localisation(Skill):
             return
         until_ns = self._driver.odometry_until_ns()
         while self._waiting and self._waiting[0].stamp_ns <= until_ns:
-            self._take_scan(self._waiting.popleft())
+            self._handle_scan(self._waiting.popleft())
 
-    def _take_scan(self, scan: LaserScan) -> None:
+    def _handle_scan(self, scan: LaserScan) -> None:
         self._check_start(scan)
         board, now_ns = self.env.board, self.env.clock.now_ns()
         self._until_ns = scan.stamp_ns
-        self._follow_map()
+        self._update_from_map()
         self._move()
-        way_m = self._localiser.way_m - self._matched_way_m
+        way_m = self._localiser.way_m - self._matched_path_m
         is_due = now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
         if board.map is None or not is_due:
             self._tell()
             return
         self._checked.append(scan.stamp_ns)
         self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
-        self._matched_way_m = self._localiser.way_m
+        self._matched_path_m = self._localiser.way_m
         T_robot_sensor = self._T_robot_sensor(scan)
         points = self._wall_points(scan, T_robot_sensor)
         if board.local_map is not None and board.local_map.trajectory == self._trajectory:
@@ -304,9 +304,9 @@ class Localisation(Skill):
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> Floats:
         """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
-        told = self.env.board.mate_places
+        told = self.env.board.robot_places
         mates = NO_MATES if told is None else told
-        circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
+        circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
         return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 
     def _T_robot_sensor(self, scan: LaserScan) -> Pose2D:
@@ -328,7 +328,7 @@ class Localisation(Skill):
             self.env.board.false_start = True
             self._tell()
 
-    def _take_fix(self) -> None:
+    def _handle_fix(self) -> None:
         """Motes have found where the robot is in the arena: the frame in which it maps is placed by that."""
         localiser, board = self._localiser, self.env.board
         fix, localiser.arena_fix = localiser.arena_fix, None
@@ -356,7 +356,7 @@ class Localisation(Skill):
         self._is_corrected = True
 
     def _tell(self) -> None:
-        self._take_fix()
+        self._handle_fix()
         self._centre()
         localiser, board = self._localiser, self.env.board
         told, maps = localiser.estimate(), self.parameters.scan_matching

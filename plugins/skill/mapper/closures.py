@@ -136,7 +136,7 @@ class ClosureDesk:
         self.search.forget()
         self._looks.clear()
 
-    def why_wrong(self) -> str:
+    def misplacement_reason(self) -> str:
         """Why the robot cannot be where it believes to be; empty while it may be.
 
         One mate that is wrong contradicts all others, so submaps of two robots have to speak against this one.
@@ -215,10 +215,10 @@ class ClosureDesk:
                 why = f"{message.robot}: a loop closure lies far outside the map"
             else:
                 other = message.robot, closure.submap
-                self._graph.close_with_mate(closure.mate_submap, closure.at_mate, other, closure.at, information)
+                self._graph.add_robot_closure(closure.mate_submap, closure.at_mate, other, closure.at, information)
         return why
 
-    def hear_places(self, patch: MapPatch) -> None:
+    def receive_submap_poses(self, patch: MapPatch) -> None:
         """Note the poses of a mate's submaps and their variances."""
         moved = False
         for part in patch.parts or (patch,):

@@ -104,8 +104,8 @@ class Frames:
         self._atlas = atlas
         self._graph = graph
         self._own = own
-        self._mates_in = mates_in
-        self._mates = mates
+        self._robot_places_in = mates_in
+        self._others = mates
         self._answers: deque[tuple[MapFrame, _Answer]] = deque(maxlen=ANSWERS_MAX)
         self._turn = 0
         self._prior: tuple[Pose2D, Floats] | None = None
@@ -133,7 +133,7 @@ class Frames:
         self._enter(frame, why)
         self._place({(self._robot, number): self._graph.own[number].T_arena_local for number in numbers})
 
-    def why_unsure(self) -> str:
+    def uncertainty_reason(self) -> str:
         """Why the robot should leave the map of the team: it hardly knows its place. Empty if it does, or is alone."""
         current = self._graph.current
         if current is None or self.frame != ARENA:
@@ -144,7 +144,7 @@ class Frames:
         has_mates = any(key[0] != self._robot and each.frame == ARENA for key, each in self._atlas.submaps.items())
         return f"its place is known to ± {sigma_m:.1f} m only" if has_mates else ""
 
-    def take_fix(self, fix: ArenaFix) -> None:
+    def apply_fix(self, fix: ArenaFix) -> None:
         """Motes have told where the robot is in the arena."""
         if self.frame != ARENA and fix.trajectory == self._own.trajectory:
             self._join(ARENA, fix.T_arena_frame, fix.at, fix.covariance)
@@ -186,10 +186,10 @@ class Frames:
         self._turn += 1
         frame, turn = better[self._turn % len(better)], self._turn // len(better)
         own, other = self._atlas.grid, self._atlas.composed(frame)
-        known, mates = self._mates_in(self.frame), self._mates_in(frame)
+        known, mates = self._robot_places_in(self.frame), self._robot_places_in(frame)
         bodies = np.concatenate((self._own_bodies(here), known))
         # Whoever tells no place in a map's frame may be drawn there as an obstacle.
-        strangers = min(max(2 * self._mates() - len(known) - len(mates), 0), STRANGERS_MAX)
+        strangers = min(max(2 * self._others() - len(known) - len(mates), 0), STRANGERS_MAX)
         evidence_min = KNOWN_EVIDENCE_MIN if self._was_in(frame) else EVIDENCE_MIN
         evidence_min = min(evidence_min, round(EVIDENCE_SHARE * other.geometry.width * other.geometry.height))
         was_at = [node.pose for node in self._graph.own.values() if node.frame == self.frame][:-1]

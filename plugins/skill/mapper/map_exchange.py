@@ -12,8 +12,8 @@ from robrain.algorithms.slam.map_patch import (
     in_own_time,
     joined_message,
     map_stamp_ms,
+    merge_message,
     pose_message,
-    take_message,
     to_message,
     whole_map,
 )
@@ -103,7 +103,7 @@ class MapHearing:
                 # Catch up with a robot that was there before; one that has just started has nothing to tell.
                 self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
         self._allowed_ms = map_stamp_ms(self._wire.clock.now_ns()) + AHEAD_MAX_MS
-        self._take_all(self._inbox.drain())
+        self._merge_all(self._inbox.drain())
 
     def whole(self) -> MapPatch | None:
         """The robot's own submaps, and those of robots that are absent or were restarted, with the current time."""
@@ -112,7 +112,7 @@ class MapHearing:
         message = whole_map(self._robot, self._atlas, keys)
         return message and msgspec.structs.replace(message, stamp_ns=self._wire.clock.now_ns())
 
-    def _take_all(self, received: Sequence[Received]) -> None:
+    def _merge_all(self, received: Sequence[Received]) -> None:
         """Take messages in, one after the other; successive patches of which only cells are new are drawn at once."""
         heard = self._met - {self._robot}
         now_ns = self._wire.clock.now_ns()
@@ -149,10 +149,10 @@ class MapHearing:
             if patch.parts:
                 patch = self._without_own(patch)
             move = self._frames.move_of(patch)
-            take_message(self._atlas, patch)
+            merge_message(self._atlas, patch)
             if self.others is not None:
                 before = tuple(part for part in patch.parts if self._was_before(part))
-                take_message(self.others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
+                merge_message(self.others, msgspec.structs.replace(patch, parts=before, rows=0, columns=0, cells=b""))
         except ValueError as error:
             if patch.robot not in self._refused:
                 self._refused.add(patch.robot)
@@ -160,7 +160,7 @@ class MapHearing:
             return str(error)
         # It still knows them: it was out of reach, not restarted.
         self._orphans.difference_update((patch.robot, part.submap) for part in patch.parts if part.robot == patch.robot)
-        self._desk.hear_places(patch)
+        self._desk.receive_submap_poses(patch)
         if move is not None:
             self._frames.follow(move)
         return ""

@@ -13,7 +13,7 @@ from robrain.agent.plugin import Skill, external
 from robrain.algorithms.mapping.local_map import LocalPose
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.map_patch import map_stamp_ms
-from robrain.algorithms.slam.mates_in_scan import mate_circles, sees_through, wall_ends
+from robrain.algorithms.slam.mates_in_scan import robot_circles, sees_through, wall_ends
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
@@ -90,20 +90,20 @@ class Mapper(Skill):
     """Why scans are left out, from now on; empty when they are taken in again."""
 
     def init(self) -> None:
-        self._taken = self._left_out = 0
+        self._taken = self._skipped = 0
         geometry = self.parameters.geometry()
         self._atlas = SubmapAtlas(geometry)
         self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
         self._own = OwnSubmaps(geometry, self._graph, self.parameters.submap)
         self._desk = ClosureDesk(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
         self._frames = Frames(
-            self.env.robot, self._atlas, self._graph, self._own, self._mates_in, lambda: self._teammates.count()
+            self.env.robot, self._atlas, self._graph, self._own, self._robot_places_in, lambda: self._teammates.count()
         )
         self._view: MapView | None = None
         self._telling = MapTelling(self.env.robot, geometry)
         self._hearing = MapHearing(self.env.robot, self._atlas, self._desk, self._frames)
         self._began_ns: int | None = None
-        self._has_begun_anew = False
+        self._has_restarted = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._closure_due_ns = self._solve_due_ns = self._search_due_ns = 0
         self._seen: _Seen | None = None
@@ -127,15 +127,15 @@ class Mapper(Skill):
 
     def step(self) -> None:
         self._hearing.step()
-        self._tell_move()
-        self.env.board.mate_places = self._mates()
+        self._publish_move()
+        self.env.board.robot_places = self._others()
         self._integrate()
         if self.env.board.false_start:
-            self._begin_anew()
+            self._restart()
         if not self._is_starting(START_S):
             self._hearing.others = None
         self._tell_others()
-        self._take_own_patch()
+        self._draw_own_patch()
         self._find_frame()
         self._solve()
         if self._is_starting(TELL_AFTER_S):
@@ -164,7 +164,7 @@ class Mapper(Skill):
         """Counters of scans and patches."""
         return MapperCounters(
             scans=self._taken,
-            scans_left_out=self._left_out,
+            scans_left_out=self._skipped,
             why_left_out=self.env.board.map_paused,
             patches_dropped=self._hearing.dropped,
             submaps=len(self._atlas.submaps),
@@ -185,17 +185,17 @@ class Mapper(Skill):
             scan = self._waiting.popleft()
             # An unmatched scan could be of another place, to which somebody has carried the robot.
             if local_pose.checked is None or scan.stamp_ns in local_pose.checked:
-                self._take_scan(scan, local_pose)
+                self._handle_scan(scan, local_pose)
 
-    def _take_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
+    def _handle_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
         if self.env.board.false_start:
-            self._begin_anew()
+            self._restart()
         self._pause(self._why_not(local_pose))
         if self.env.board.map_paused:
-            self._left_out += 1
+            self._skipped += 1
             return
         if not local_pose.fits:
-            self._left_out += 1
+            self._skipped += 1
             return
         self._taken += 1
         if local_pose.trajectory != self._own.trajectory:
@@ -205,9 +205,9 @@ class Mapper(Skill):
             self._desk.begin_anew()
             self._frames.begin(map_stamp_ms(scan.stamp_ns), local_pose.lost)
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
-        self.env.board.mate_places = told = self._mates()
+        self.env.board.robot_places = told = self._others()
         sensor = self._own.T_arena_local.compose(local)
-        circles = mate_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, told)
+        circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, told)
         if self._own.is_over():
             self._finish_submap()
             covariance = np.array(self.env.board.pose_covariance).reshape(3, 3)
@@ -222,14 +222,14 @@ class Mapper(Skill):
             _in_local(circles, self._own.T_arena_local),
             local_pose.drift,
         )
-        self._tell_board()
-        self._look_for_closure(scan, local, circles)
+        self._update_board()
+        self._search_closure(scan, local, circles)
         self._seen = _Seen(scan, local)
 
-    def _take_own_patch(self) -> None:
+    def _draw_own_patch(self) -> None:
         """Draw what the robot has seen, and queue the patch."""
         self._own.contradict(self._atlas.grid)
-        own = self._own.take_patch()
+        own = self._own.pop_patch()
         if own is None:
             return
         key = (self.env.robot, own.submap)
@@ -240,15 +240,15 @@ class Mapper(Skill):
 
     def _finish_submap(self) -> None:
         """Queue the last patch of the current submap, and its surfaces."""
-        self._take_own_patch()
+        self._draw_own_patch()
         number = self._own.number
         if number is None:
             return
         surfaces = self._own.surfaces()
-        self._atlas.take_surfaces((self.env.robot, number), surfaces)
+        self._atlas.set_surfaces((self.env.robot, number), surfaces)
         self._telling.finished(number, self._own, surfaces)
 
-    def _look_for_closure(self, scan: LaserScan, local: Pose2D, circles: Floats) -> None:
+    def _search_closure(self, scan: LaserScan, local: Pose2D, circles: Floats) -> None:
         now_ns, number = self.env.clock.now_ns(), self._own.number
         if now_ns < self._closure_due_ns or number is None:
             return
@@ -276,40 +276,40 @@ class Mapper(Skill):
         current = self._graph.current
         if current is not None and current.number == self._own.number:
             self._own.T_arena_local = current.T_arena_local
-            self._tell_board()
+            self._update_board()
 
-    def _tell_board(self) -> None:
+    def _update_board(self) -> None:
         board = self.env.board
         board.local_map, board.frame = self._own.local_map(), self._own.frame
 
     def _find_frame(self) -> None:
         """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
         board, now_ns = self.env.board, self.env.clock.now_ns()
-        if why := self._desk.why_wrong():
+        if why := self._desk.misplacement_reason():
             # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
             nodes = self._graph.own.values()
             self._withdraw([node.number for node in nodes if node.trajectory == self._own.trajectory])
             self._own.begin_trajectory(self._own.trajectory)
             board.misplaced = why
-        elif why := self._frames.why_unsure():
+        elif why := self._frames.uncertainty_reason():
             self._frames.part(why)
         fix, board.arena_fix = board.arena_fix, None
         if fix is not None:
-            self._frames.take_fix(fix)
+            self._frames.apply_fix(fix)
         is_due = self._frames.frame != ARENA and now_ns >= self._search_due_ns and self._own.number is not None
         if is_due and self._seen is not None:
             self._search_due_ns = now_ns + to_ns(SEARCH_PERIOD_S)
             self._frames.search(self._own.T_arena_local.compose(self._seen.local), self._may_be_at)
-        self._tell_move()
+        self._publish_move()
 
-    def _tell_move(self) -> None:
+    def _publish_move(self) -> None:
         """Submaps have changed their frame: tell the team, and localisation."""
         if not self._frames.told:
             return
         self._telling.moved(self._frames.told)
         self._frames.told = []
-        self._tell_board()
-        self.env.board.mate_places = self._mates()
+        self._update_board()
+        self.env.board.robot_places = self._others()
 
     def _may_be_at(self, frame: MapFrame, pose: Pose2D) -> bool:
         """Whether motes and the mates of a frame allow the robot to be at a pose of it."""
@@ -318,7 +318,7 @@ class Mapper(Skill):
         if self._seen is None:
             return True
         scan = self._seen.scan
-        return not sees_through(scan.angles_rad, scan.ranges_m, scan.range_max_m, pose, self._mates_in(frame))
+        return not sees_through(scan.angles_rad, scan.ranges_m, scan.range_max_m, pose, self._robot_places_in(frame))
 
     def _why_not(self, local_pose: LocalPose) -> str:
         """Why a scan must not be put into the map now; walls in the wrong place are worse than none.
@@ -345,10 +345,10 @@ class Mapper(Skill):
     def _is_starting(self, for_s: float) -> bool:
         return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         """Withdraw what was mapped from a wrong start pose."""
-        if not self._has_begun_anew:
-            self._has_begun_anew = True
+        if not self._has_restarted:
+            self._has_restarted = True
             self._withdraw(list(self._graph.own))
             self._own.begin_trajectory(self._own.trajectory)
 
@@ -375,11 +375,11 @@ class Mapper(Skill):
             self.paused.notify(why)
         self.env.board.map_paused = why
 
-    def _mates(self) -> Floats:
+    def _others(self) -> Floats:
         """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""
-        return self._mates_in(self._own.frame)
+        return self._robot_places_in(self._own.frame)
 
-    def _mates_in(self, frame: MapFrame) -> Floats:
+    def _robot_places_in(self, frame: MapFrame) -> Floats:
         """(K, 3) published places of mates in a map frame and their radii, metres."""
         mates = self._teammates.in_frame(frame)
         if not mates:

@@ -85,7 +85,7 @@ class OwnSubmaps:
         """Number of the current submap; None before the first scan."""
         self._oldest = 0
         self._drift = NO_DRIFT
-        self._way_m = 0.0
+        self._path_m = 0.0
         self._last: Pose2D | None = None
 
     def begin_trajectory(self, trajectory: int) -> None:
@@ -97,7 +97,7 @@ class OwnSubmaps:
 
     def is_over(self) -> bool:
         """Whether the current submap is complete, or there is none, so that the next must begin."""
-        return self.number is None or self._way_m >= self._spec.way_m
+        return self.number is None or self._path_m >= self._spec.way_m
 
     def begin_submap(self, number: int, T_local_robot: Pose2D, drift: Drift, covariance: Floats) -> None:
         """Begin the next submap.
@@ -118,7 +118,7 @@ class OwnSubmaps:
             rad2 = max(drift[1] - self._drift[1], min(LEAST, LEAST_SHARE * yaw))
             covariance = np.diag((m2, m2, rad2))
         self.graph.begin(number, T_local_robot, self.T_arena_local, self.trajectory, covariance, self.frame)
-        self.number, self._way_m, self._drift = number, 0.0, drift
+        self.number, self._path_m, self._drift = number, 0.0, drift
 
     def integrate(
         self,
@@ -136,7 +136,7 @@ class OwnSubmaps:
         """
         if self._last is not None:
             turned_rad = math.remainder(sensor.yaw_rad - self._last.yaw_rad, math.tau)
-            self._way_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
+            self._path_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
         self._last = sensor
         heard_m = without_dropouts(ranges_m, range_max_m, self._spec.misses_min)
         self.grid.integrate_scan(sensor, angles_rad, heard_m, range_max_m, stamp_ms, ignore, drift)
@@ -151,11 +151,11 @@ class OwnSubmaps:
         if reach_m < 0.5 * resolution_m:
             self.grid.contradict(team.log_odds, self._margin, self._margin)
 
-    def take_patch(self) -> OwnPatch | None:
+    def pop_patch(self) -> OwnPatch | None:
         """Changes of the current submap since the last call; None if there are none."""
         if self.number is None:
             return None
-        patch = self.grid.take_patch()
+        patch = self.grid.pop_patch()
         if patch is None:
             return None
         return OwnPatch(

@@ -46,7 +46,7 @@ class Battery(Unit):
     def init(self) -> None:
         self._tracker = BatteryTracker(self.parameters, self.parameters.gauge, self.parameters.soc_at_start)
         self._last: BatteryMeasurement | None = None
-        self._told_ns = self._heard_ns = 0
+        self._reported_ns = self._received_ns = 0
         self._energy_j = 0.0
         self._drawn: Drawn | None = None
         self._is_low = self._is_cut_off = self._is_doubted = False
@@ -60,14 +60,14 @@ class Battery(Unit):
             return
         if last is None:
             self._tracker.begin(_values(measured), _report(measured))
-            self._heard_ns = now_ns
+            self._received_ns = now_ns
         elif measured.stamp_ns != last.stamp_ns:
             self._follow(last, measured)
-            self._heard_ns = now_ns
+            self._received_ns = now_ns
         else:
             # By the robot's own clock: that of the frames may be another one.
-            self._tracker.hear_nothing(to_seconds(now_ns - self._heard_ns), to_seconds(now_ns - self._told_ns))
-        self._told_ns = now_ns
+            self._tracker.no_reading(to_seconds(now_ns - self._received_ns), to_seconds(now_ns - self._reported_ns))
+        self._reported_ns = now_ns
         self._last = measured
         self._tell(measured)
 
@@ -93,7 +93,7 @@ class Battery(Unit):
 
     def _tell(self, measured: BatteryMeasurement) -> None:
         believed = self._tracker.filter
-        why, soc = self._tracker.why_doubted, believed.soc
+        why, soc = self._tracker.doubt_reason, believed.soc
         charging = measured.current_a < CHARGING_BELOW_A
         remaining_j, low_j, high_j = believed.interval_j()
         self.env.board.battery = BatteryState(

@@ -140,7 +140,7 @@ class Driver(OnBase):
             self._stand()
         now_ns = self.env.clock.now_ns()
         if self._hand.has_ended(now_ns + to_ns(HAND_PERIOD_S)):  # or would, before it looks again
-            self._let_go_of_the_hand()
+            self._release_hand()
         if self._hand.holds(now_ns):
             self._step_by_hand(now_ns, *self._moc.pose_if_fresh())
         elif self._to_turn_rad:
@@ -287,7 +287,7 @@ class Driver(OnBase):
         action = self._actions.start(name)
         self._set_out(path)
         self._action = action
-        self._length = path.way_left_m(pose)
+        self._length = path.remaining_m(pose)
         return action.id
 
     def _set_out(self, path: Path) -> None:
@@ -301,7 +301,7 @@ class Driver(OnBase):
             self._motion = Motion.DRIVING
             self.env.hurry()
 
-    def _let_go_of_the_hand(self) -> None:
+    def _release_hand(self) -> None:
         path, action = self._path, self._action
         self._stand()
         if path is not None:
@@ -354,7 +354,7 @@ class Driver(OnBase):
         heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(left_m_s, wanted.forward_m_s))
         free_m = self._lookout.free_m(pose, heading_rad)
         why = NEEDS_SPEED if self._arcs is not None and speed_m_s == 0 and wanted.yaw_rad_s else ""
-        self._note(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else why)
+        self._record(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else why)
         ahead_m = self._way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         slow_m_s = min(speed_m_s, limits.speed_m_s, limits.hand_speed_m_s)
         self._steering.go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m, may_reverse=True)
@@ -373,11 +373,11 @@ class Driver(OnBase):
             self._turn_by_arcs(left_rad, pose, is_fresh=is_fresh)
             return
         if is_fresh:
-            self._note("")
+            self._record("")
             self._steering.turn_by(left_rad)
             self._tell(abs(left_rad))
         else:
-            self._note(NO_ODOMETRY)
+            self._record(NO_ODOMETRY)
             self._turn.stand()
         self._moc.drive(Twist2D(0.0, 0.0, self._turn.x))
         self._give_up_if_blocked()
@@ -394,7 +394,7 @@ class Driver(OnBase):
         """What a base drives that may have no room to turn."""
         twist = self._steering.twist(pose, fastest_m_s=min(fastest_m_s, self.parameters.speed_m_s))
         has_room = self._arcs is None or self._arcs.has_room
-        self._note(blocked_why if blocked_why or has_room else NO_ROOM)
+        self._record(blocked_why if blocked_why or has_room else NO_ROOM)
         return twist
 
     def _step_path(self, path: Path, pose: Pose2D, is_fresh: bool) -> None:
@@ -405,7 +405,7 @@ class Driver(OnBase):
             return
         if self._sees(is_fresh=is_fresh):
             self._moc.drive(self._command(path, pose))
-            self._tell(path.way_left_m(pose))
+            self._tell(path.remaining_m(pose))
         self._give_up_if_blocked()
 
     def _command(self, path: Path, pose: Pose2D) -> Twist2D:
@@ -422,7 +422,7 @@ class Driver(OnBase):
         blocked_why = IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else ""
         turns_by_arcs = self._arcs is not None and not path.is_straight
         if not turns_by_arcs:
-            self._note(blocked_why)
+            self._record(blocked_why)
         ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
         fastest_m_s = min(limits.speed_m_s, path.fastest_m_s, path_m_s)
@@ -441,7 +441,7 @@ class Driver(OnBase):
             path.forget_progress()
         is_stuck = not is_there and path.is_stuck(pose, self.env.clock.now_ns())
         self._gap_m = found.gap_m if is_stuck else None
-        self._note("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
+        self._record("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
         if way.speed > SLOW_M_S:
             room_m = self._lookout.passage(pose, math.atan2(way.y, way.x)).free_m
             if way.stopping(DELAY_S) > room_m + SPARE_M:
@@ -470,12 +470,12 @@ class Driver(OnBase):
         """Look at what is around; a robot that is blind stands, and says why."""
         blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
         if blind_why:
-            self._note(blind_why)
+            self._record(blind_why)
             self._steering.stand()
             self._moc.drive(Twist2D())
         return not blind_why
 
-    def _note(self, blocked_why: str) -> None:
+    def _record(self, blocked_why: str) -> None:
         self._why = blocked_why
         if not blocked_why:
             self._motion = Motion.DRIVING

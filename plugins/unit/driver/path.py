@@ -95,7 +95,7 @@ class Path:
             self._turned_rad is None or abs(self.to_turn_rad(pose, 0.0)) < self._turned_rad
         )
 
-    def way_left_m(self, pose: Pose2D) -> float:
+    def remaining_m(self, pose: Pose2D) -> float:
         """Length of the rest of the way."""
         before = self._points[0]
         left_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)

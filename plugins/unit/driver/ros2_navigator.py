@@ -242,7 +242,7 @@ class Ros2Navigator(OnBase):
             if end.state is GoalState.ARRIVED:
                 self._arrive(wanted)
                 return
-            self._note(end.why)
+            self._record(end.why)
             wanted.again_ns = self.env.clock.now_ns() + to_ns(self.parameters.retry_s)
         if wanted is not None:
             self._go_on(wanted)
@@ -367,8 +367,8 @@ class Ros2Navigator(OnBase):
     def _put(self, wanted: NavigationGoal) -> None:
         """Send the goal in the frame of the robot's own odometry, which the team's frame odom differs from."""
         board, goal = self.env.board, wanted.pose
-        if board.told_odometry is not None and board.T_odom_robot is not None:
-            goal = board.told_odometry[0].compose(board.T_odom_robot.inverse()).compose(goal)
+        if board.published_odometry is not None and board.T_odom_robot is not None:
+            goal = board.published_odometry[0].compose(board.T_odom_robot.inverse()).compose(goal)
         if self._goals is not None:
             self._goals.send(wanted.number, goal, self.parameters.frame, divmod(self.env.clock.now_ns(), NS_PER_S))
 
@@ -397,7 +397,7 @@ class Ros2Navigator(OnBase):
             wanted.action.done(self._moc.pose())
         self.arrived.notify(Point2D(wanted.pose.x_m, wanted.pose.y_m))
 
-    def _note(self, why: str) -> None:
+    def _record(self, why: str) -> None:
         self._why = why
         if self._blocked_since_ns is None:
             self._blocked_since_ns = self.env.clock.now_ns()

@@ -153,22 +153,22 @@ class MoteRecord:
         self.duty_tries = 0
         self.stamp_ns = 0
         """When this robot heard it last."""
-        self._heard_from: Point2D | None = None
+        self._received_from: Point2D | None = None
         self._rssi_sum_dbm = 0.0
         self._packets = 0
 
-    def note_heard(self, reading: ReadingPayload, stamp_ns: int, heard_from: Point2D | None) -> None:
+    def record_packet(self, reading: ReadingPayload, stamp_ns: int, heard_from: Point2D | None) -> None:
         """One packet of it was heard by this robot."""
         self.latest = reading
         if self.latest_live is None or reading.age_ds == 0:
             self.latest_live = reading
             self.live_ns = stamp_ns
         self.stamp_ns = stamp_ns
-        self._heard_from = heard_from
+        self._received_from = heard_from
         self._rssi_sum_dbm += reading.rssi_dbm
         self._packets += 1
 
-    def note_answer(self, sequence: int) -> None:
+    def record_answer(self, sequence: int) -> None:
         """A stored reading has come. After the last one of a request no more will, whatever was lost before it."""
         if self.asked is not None and sequence == self.asked.sequences()[-1]:
             self.asked = None
@@ -180,7 +180,7 @@ class MoteRecord:
         self.wanted_period_ds, self.wanted_stamp_ns, self.duty_tries = period_ds, stamp_ns, 0
         return True
 
-    def as_heard(self) -> HeardMote | None:
+    def as_received(self) -> HeardMote | None:
         """For the table; None if this robot has never heard it."""
         if self.latest is None or self.latest_live is None:
             return None
@@ -190,7 +190,7 @@ class MoteRecord:
             rssi_dbm=self.latest.rssi_dbm,
             mean_rssi_dbm=self._rssi_sum_dbm / self._packets,
             stamp_ns=self.stamp_ns,
-            heard_from=self._heard_from,
+            heard_from=self._received_from,
             readings=self.readings,
             missing=self.window.missing,
             period_s=self.latest.period_ds / DECI,

@@ -46,7 +46,7 @@ class OverHops:
         """By mote: the mote that passes its readings on, None if it is heard directly, and since when that is known."""
         self._waiting: dict[tuple[int, int], tuple[bytes, int]] = {}
         """By mote and AM type: what is to be said, and since when."""
-        self._said_ns: dict[tuple[int, int], int] = {}
+        self._published_ns: dict[tuple[int, int], int] = {}
         self._lacking_ns: dict[int, int] = {}
         self._serial = 0
 
@@ -66,7 +66,7 @@ class OverHops:
                 del self._waiting[target, kind]
                 self._say(route, kind, payload)
 
-    def hear_direct(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
+    def received_direct(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
         """A base station that does not ask motes in its own reach has heard one: send it what it is missing.
 
         Its readings are acknowledged already.
@@ -75,7 +75,7 @@ class OverHops:
         self._want_missing(record, now_ns)
         self.hear(record.number, now_ns)
 
-    def hear_forwarded(self, record: MoteRecord, reading: ReadingPayload, parent: int, now_ns: int) -> None:
+    def received_forwarded(self, record: MoteRecord, reading: ReadingPayload, parent: int, now_ns: int) -> None:
         """A mote's reading has come over others, and was noted in its window: decide what there is to say to the mote.
 
         Args:
@@ -136,9 +136,9 @@ class OverHops:
         if at in self._waiting:
             self._waiting[at] = payload, self._waiting[at][1]
             return False
-        if now_ns - self._said_ns.get(at, -WAIT_NS) < WAIT_NS:
+        if now_ns - self._published_ns.get(at, -WAIT_NS) < WAIT_NS:
             return False
-        self._said_ns[at] = now_ns
+        self._published_ns[at] = now_ns
         self._waiting[at] = payload, now_ns
         return True
 

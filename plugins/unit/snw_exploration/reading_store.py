@@ -53,7 +53,7 @@ class ReadingStore:
     def tell(self, reading: MoteReading) -> None:
         """A reading that the team does not know has been heard."""
         if self.is_up and reading.mote not in self._stored:
-            self._tell_now(reading)
+            self._publish_now(reading)
             return
         self._stored.setdefault(reading.mote, deque()).append(reading)
         self.waiting += 1
@@ -75,9 +75,9 @@ class ReadingStore:
         for mote in list(self._stored)[:MOTES_AT_ONCE]:
             readings = self._stored.pop(mote)
             self.waiting -= 1
-            self._tell_now(readings.popleft())
+            self._publish_now(readings.popleft())
             if readings:
                 self._stored[mote] = readings  # behind the others
 
-    def _tell_now(self, reading: MoteReading) -> None:
+    def _publish_now(self, reading: MoteReading) -> None:
         self._put(msgspec.structs.replace(reading, waiting=self.waiting, dropped=self.dropped))

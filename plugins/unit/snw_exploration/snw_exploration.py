@@ -67,11 +67,11 @@ class BaseLinks:
 
     def __init__(self, robot: str) -> None:
         self._robot = robot
-        self.has_mates = self._has_told = False
+        self.has_mates = self._has_reported = False
         self._sequence = 0
         self._links: dict[str, _Link] = {}
 
-    def note_there(self, robot: str) -> None:
+    def record_robot(self, robot: str) -> None:
         """A robot of that name is in the team."""
         self.has_mates |= robot != self._robot
 
@@ -137,9 +137,9 @@ class BaseLinks:
             age_ns = now_ns - mote.stamp_ns
             if age_ns <= fresh_ns or age_ns <= 3 * heard.period_ds * (NS_PER_S // DECI):
                 links.append(RadioLink(peer=mote.name, rssi_dbm=float(heard.rssi_dbm), heard_ns=mote.stamp_ns))
-        if not links and not self._has_told:
+        if not links and not self._has_reported:
             return None
-        self._has_told = bool(links)
+        self._has_reported = bool(links)
         return RobotLinks(robot=self._robot, links=links)
 
     def _new(self, name: str) -> str:
@@ -225,7 +225,7 @@ class SNwExploration(Unit):
         self._over_hops = OverHops(self._send, self.parameters.acknowledge_every)
         self._links = BaseLinks(self.env.robot)
         self._next_beacon_ns = 0
-        self._tells_links = True
+        self._publishes_links = True
 
     def activate(self) -> None:
         self._inbox = Inbox()
@@ -239,7 +239,7 @@ class SNwExploration(Unit):
         self._links_out = self.env.wire.publisher(ROBOT_LINKS, robot=self.env.robot)
 
     def step(self) -> None:
-        self._hear_team()
+        self._receive_team()
         now_ns = self.env.clock.now_ns()
         if self._store is not None:
             self._store.step(now_ns)
@@ -255,7 +255,7 @@ class SNwExploration(Unit):
     @external
     def heard(self) -> list[HeardMote]:
         """The motes that this robot has heard, by number."""
-        rows = (self._records[number].as_heard() for number in sorted(self._records))
+        rows = (self._records[number].as_received() for number in sorted(self._records))
         return [row for row in rows if row is not None]
 
     @external
@@ -292,9 +292,9 @@ class SNwExploration(Unit):
     def _take(self, packet: HeardPacket) -> None:
         message = packet.message
         if message.type == BEACON_TYPE:
-            self._take_beacon(message.payload, packet.stamp_ns)
+            self._handle_beacon(message.payload, packet.stamp_ns)
         if message.type == FORWARDED_TYPE:
-            self._take_forwarded(message.payload, packet.stamp_ns)
+            self._handle_forwarded(message.payload, packet.stamp_ns)
         if message.type not in (READING_TYPE, STORED_TYPE):
             return
         try:
@@ -305,15 +305,15 @@ class SNwExploration(Unit):
         record = self._record(reading.mote)
         if record is None:
             return
-        self._hear_team()  # somebody may have put it on the wire a moment ago
-        record.note_heard(reading, packet.stamp_ns, self._place())
+        self._receive_team()  # somebody may have put it on the wire a moment ago
+        record.record_packet(reading, packet.stamp_ns, self._place())
         is_new = record.window.add(reading.sequence, is_live=message.type == READING_TYPE)
         if message.type == READING_TYPE:  # of a stored reading it is told how things were before that one
             record.window.mote_holds_from(reading.oldest)
         if is_new:
             record.readings += 1
             self._counts.readings += 1
-            self._tell_team(record, wire_reading(reading, self.env.robot, packet.stamp_ns))
+            self._publish_reading(record, wire_reading(reading, self.env.robot, packet.stamp_ns))
         else:
             self._counts.repeated += 1
         self.measured.notify(
@@ -322,11 +322,11 @@ class SNwExploration(Unit):
             )
         )
         if message.type == STORED_TYPE:
-            record.note_answer(reading.sequence)
+            record.record_answer(reading.sequence)
         self._answer(record, packet.stamp_ns)
         self._over_hops.hear(record.number, packet.stamp_ns)
 
-    def _take_forwarded(self, payload: bytes, stamp_ns: int) -> None:
+    def _handle_forwarded(self, payload: bytes, stamp_ns: int) -> None:
         """A reading has come over other motes, by which its own mote can be spoken to."""
         try:
             forwarded = ForwardedPayload.unpack(payload)
@@ -336,18 +336,18 @@ class SNwExploration(Unit):
         record = self._record(forwarded.reading.mote)
         if record is None:
             return
-        self._hear_team()
+        self._receive_team()
         if record.window.add(forwarded.reading.sequence, is_live=False):
             record.readings += 1
             self._counts.readings += 1
-            self._tell_team(record, wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
+            self._publish_reading(record, wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
         else:
             self._counts.repeated += 1
         is_in_reach = record.latest is not None and stamp_ns - record.stamp_ns <= IN_REACH_NS
         if self.parameters.collect and not is_in_reach:
-            self._over_hops.hear_forwarded(record, forwarded.reading, forwarded.forwarder, stamp_ns)
+            self._over_hops.received_forwarded(record, forwarded.reading, forwarded.forwarder, stamp_ns)
 
-    def _tell_team(self, record: MoteRecord, reading: MoteReading) -> None:
+    def _publish_reading(self, record: MoteRecord, reading: MoteReading) -> None:
         if record.publisher is None:
             record.publisher = self.env.wire.publisher(MOTE_READING, mote=record.name)
         if self._store is None:
@@ -393,7 +393,7 @@ class SNwExploration(Unit):
             self._counts.duties += 1
             self._base.send(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack())
 
-    def _take_beacon(self, payload: bytes, stamp_ns: int) -> None:
+    def _handle_beacon(self, payload: bytes, stamp_ns: int) -> None:
         try:
             self._links.hear(payload, stamp_ns)
         except BadPacket:
@@ -402,18 +402,18 @@ class SNwExploration(Unit):
     def _speak_to_robots(self, now_ns: int) -> None:
         if not self._links.has_mates:
             for change in self._alive.changes():
-                self._links.note_there(change.names["robot"])
+                self._links.record_robot(change.names["robot"])
         beacon = self._links.beacon()
         if beacon is not None:
             self._base.send(BROADCAST, BEACON_TYPE, beacon)
-        self._tells_links = not self._tells_links
-        if self._tells_links:
+        self._publishes_links = not self._publishes_links
+        if self._publishes_links:
             return
         message = self._links.message(now_ns, to_ns(self.parameters.link_fresh_s), self._records.values())
         if message is not None:
             self._links_out.put(message)
 
-    def _hear_team(self) -> None:
+    def _receive_team(self) -> None:
         if not self._inbox.has_some:
             return
         for received in self._inbox.drain():

@@ -15,7 +15,7 @@ from robrain.algorithms.navigation.right_of_way import (
     Track,
     any_within,
     pass_on,
-    sample_way,
+    sample_path,
 )
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.unit.teammates.interface import Doing, Mate, Teammate, TeammatesInterface
@@ -100,7 +100,7 @@ class KnownMate:
 # Each of these takes all mates at once: calls are what a large team costs.
 
 
-def hear_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
+def receive_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
     """Take states of mates."""
     for known, state in told:
         known.spoke_ns = now_ns
@@ -115,7 +115,7 @@ def hear_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> No
             known.moved_at, known.moved_ns = pose, now_ns
 
 
-def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
+def receive_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
     """Take paths of mates, at most one of each."""
     _pass_on([known for known, _ in told])
     for known, path in told:
@@ -124,7 +124,7 @@ def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> No
         if known.held_at_m is not None or not has_way_left:
             known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
         if path.points:
-            (known.way, known.box), known.bound = path.derived(_way_of), path.points[-1]
+            (known.way, known.box), known.bound = path.derived(_path_of), path.points[-1]
         else:
             known.way = known.box = known.bound = None
         known.passed = 0
@@ -135,10 +135,10 @@ def hear_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> No
         known.mate = None
 
 
-def _way_of(path: PlannedPath) -> tuple[Floats, Box]:
+def _path_of(path: PlannedPath) -> tuple[Floats, Box]:
     """(N, 2) positions along a path that is not empty, and the box around it."""
     xs, ys = [point.x_m for point in path.points], [point.y_m for point in path.points]
-    return sample_way(np.array([*zip(xs, ys, strict=True)]), LONGEST_M), (min(xs), min(ys), max(xs), max(ys))
+    return sample_path(np.array([*zip(xs, ys, strict=True)]), LONGEST_M), (min(xs), min(ys), max(xs), max(ys))
 
 
 def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
@@ -274,7 +274,7 @@ class Teammates(Unit):
         self.env.wire.subscribe(self._inbox, ROBOT_PATH)
 
     def step(self) -> None:
-        self._hear()
+        self._receive()
 
     @external
     def others(self) -> list[Teammate]:
@@ -283,7 +283,7 @@ class Teammates(Unit):
 
     def in_frame(self, frame: MapFrame) -> list[Teammate]:
         """Those heard within the last two seconds that tell their poses in a map frame, by name."""
-        now_ns = self._hear()
+        now_ns = self._receive()
         return [
             known.teammate
             for known in self._known.values()
@@ -292,17 +292,17 @@ class Teammates(Unit):
 
     def count(self) -> int:
         """How many were heard within the last two seconds, in whichever map frame."""
-        now_ns = self._hear()
+        now_ns = self._receive()
         return sum(now_ns - known.heard_ns <= self._fresh_ns for known in self._known.values())
 
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
-        now_ns = self._hear()
+        now_ns = self._receive()
         frame = self.env.board.frame
         here = [known for known in self._known.values() if known.frame == frame]
         return near(reckon(may_be_near(here, place, within_m), now_ns, self._fresh_ns), place, within_m)
 
-    def _hear(self) -> int:
+    def _receive(self) -> int:
         now_ns = self.env.clock.now_ns()
         if now_ns < self._next_ns:
             return now_ns
@@ -336,5 +336,5 @@ class Teammates(Unit):
             else:
                 paths.append((known, message))
         now_ns = self.env.clock.now_ns()
-        hear_paths(paths, now_ns)
-        hear_states(states, now_ns)
+        receive_paths(paths, now_ns)
+        receive_states(states, now_ns)

@@ -73,11 +73,11 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
         return (
             f"{self.motes} motes{dead}{rest}; {100 * self.delivery_ratio:.0f} % of the readings arrived, "
             f"newest {self.age_s:.0f} s old (oldest {self.oldest_s:.0f} s); {100 * self.coverage:.0f} % covered"
-            f"{self._way_words}"
+            f"{self._path_text}"
         )
 
     @property
-    def _way_words(self) -> str:
+    def _path_text(self) -> str:
         words = ""
         if self.forwarded and self.forwarders and self.hops:
             first = self.forwarders[0]

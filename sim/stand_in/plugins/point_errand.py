@@ -26,7 +26,7 @@ class PointErrand(Behavior):
 
     def init(self) -> None:
         self.task: Task | None = None
-        self._there_ns: int | None = None
+        self._present_ns: int | None = None
 
     def activate(self) -> None:
         self.base = self.env.use("point_base", PointBaseInterface)
@@ -41,12 +41,12 @@ class PointErrand(Behavior):
         reason = self.why_not(task)
         if reason is not None:
             return TaskAnswer.refused(reason)
-        self.take_on(task)
+        self.accept_task(task)
         return TaskAnswer(accepted=True)
 
-    def take_on(self, task: Task) -> None:
+    def accept_task(self, task: Task) -> None:
         """Have this to do from now on."""
-        self.task, self._there_ns, self.period_s = task, None, STEP_S
+        self.task, self._present_ns, self.period_s = task, None, STEP_S
 
     def let_go(self, why: str) -> None:
         """Drop what it does."""
@@ -91,10 +91,10 @@ class PointErrand(Behavior):
             self.base.go(task.place, task.id)
             self._foresee(task, drive_s(way_m) + task.service_s)
             return
-        if self._there_ns is None:
-            self._there_ns = now_ns
+        if self._present_ns is None:
+            self._present_ns = now_ns
         self.base.stay(task.id)
-        served_s = to_seconds(now_ns - self._there_ns)
+        served_s = to_seconds(now_ns - self._present_ns)
         self._foresee(task, task.service_s - served_s)
         if self.is_done(task, served_s):
             self.finish(task)

@@ -64,13 +64,13 @@ def test_a_task_is_begun_when_more_than_half_of_the_team_has_heard_that_the_robo
 
 def test_an_echo_of_a_ballot_without_the_claim_does_not_count() -> None:
     claim = TaskClaim("r1")
-    claim.note_sent(6)
+    claim.record_sent(6)
     assert claim.want("t1")
-    claim.note_sent(7)
+    claim.record_sent(7)
     for mate, number in (("r2", 6), ("r3", 8)):
-        claim.note_echo(mate, [Heard(robot="r1", number=number), Heard(robot="r9", number=7)])
+        claim.record_echo(mate, [Heard(robot="r1", number=number), Heard(robot="r9", number=7)])
     assert not claim.is_heard({"r2", "r3"}, 3)
-    claim.note_echo("r2", [Heard(robot="r1", number=7)])
+    claim.record_echo("r2", [Heard(robot="r1", number=7)])
     assert claim.is_heard({"r2", "r3"}, 3)
     assert not claim.is_heard({"r3"}, 3), "it is not heard any more"
     assert not claim.is_heard({"r2", "r3"}, 4)

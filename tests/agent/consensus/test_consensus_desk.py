@@ -78,7 +78,7 @@ def test_for_a_second_after_it_returns_a_coordinator_is_told_and_not_obeyed(one:
     one.is_coordinated = True
     one.run(0.1)
     begun_ns = one.clock.now_ns()
-    assert one.consensus.why_not_now("t1", begun_ns) == TELLING
+    assert one.consensus.offer_refusal("t1", begun_ns) == TELLING
     assert one.consensus.is_telling(begun_ns + to_ns(1.0) - 1)
     assert not one.consensus.is_telling(begun_ns + to_ns(1.0))
 
@@ -101,9 +101,9 @@ def test_a_task_that_a_mate_does_or_has_done_is_refused_with_its_name(one: OneRo
         one.tell(visit(name))
     alone(one, held=[TaskHeld(id="t1", epoch=4)], done=[TaskDone(id="t2", robot="r3", epoch=5)])
     now_ns = one.clock.now_ns()
-    assert one.consensus.why_not_now("t1", now_ns) == Occupied("consensus", "r2 is at it")
-    assert one.consensus.why_not_now("t2", now_ns) == Occupied("consensus", "r3 has done it")
-    assert one.consensus.why_not_now("t3", now_ns) == TELLING
+    assert one.consensus.offer_refusal("t1", now_ns) == Occupied("consensus", "r2 is at it")
+    assert one.consensus.offer_refusal("t2", now_ns) == Occupied("consensus", "r3 has done it")
+    assert one.consensus.offer_refusal("t3", now_ns) == TELLING
 
 
 def test_the_task_of_a_robot_that_vanished_is_free_when_that_has_let_it_go(one: OneRobot) -> None:
@@ -243,7 +243,7 @@ def test_a_task_is_not_ready_before_what_comes_before_it_is_known_to_have_ended(
     assert known.ready(0) == [], "a robot that began later has never heard of t1"
     known.hear(heard(visit("t1")))
     assert [task.id for task in known.ready(0)] == ["t1"]
-    known.note_done([TaskDone(id="t1", robot="r2", epoch=1)])
+    known.record_done([TaskDone(id="t1", robot="r2", epoch=1)])
     assert [task.id for task in known.ready(0)] == ["t2"]
     known.hear(heard(visit("t1"), TaskState.DONE))
     assert [task.id for task in known.ready(0)] == ["t2"]
@@ -282,7 +282,7 @@ def test_a_mate_that_bids_for_a_task_is_told_that_it_has_ended(one: OneRobot) ->
 
 def test_of_tasks_that_have_ended_the_last_ones_are_remembered() -> None:
     known = KnownTasks()
-    known.note_ended(f"t{number}" for number in range(ENDED_MAX + 5))
+    known.record_ended(f"t{number}" for number in range(ENDED_MAX + 5))
     assert not known.has_ended("t4")
     assert known.has_ended("t5")
     known.hear(heard(visit("t5")))

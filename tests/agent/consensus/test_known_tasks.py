@@ -35,18 +35,18 @@ def test_it_is_not_begun_after_one_that_was_not_done_although_its_own_end_was_no
 ) -> None:
     known.hear(TaskEvent(task=FIRST, state=state))
     if told_again:  # a mate has told that it has ended, without how
-        known.note_ended(["t1"])
+        known.record_ended(["t1"])
     assert ready(known) == []
 
 
 def test_it_may_begin_once_that_was_done_or_has_ended_somehow_as_mates_say(known: KnownTasks) -> None:
-    known.note_done([TaskDone(id="t1", robot="r2", epoch=1)])
+    known.record_done([TaskDone(id="t1", robot="r2", epoch=1)])
     assert ready(known) == ["t2"]
     known.hear(TaskEvent(task=FIRST, state=TaskState.DONE))
     assert ready(known) == ["t2"]
     other = KnownTasks()
     other.hear(TaskEvent(task=NEXT, state=TaskState.QUEUED))
-    other.note_ended(["t1"])
+    other.record_ended(["t1"])
     assert ready(other) == ["t2"]
 
 
@@ -54,7 +54,7 @@ def test_a_cancellation_counts_only_until_the_task_is_done_and_the_first_one_cou
     ann, ben = TaskDropped(id="t1", by="ann", why=""), TaskDropped(id="t1", by="ben", why="")
     known.drop([ann, ben])
     assert known.dropped == {"t1": ann}
-    known.note_done([TaskDone(id="t2", robot="r2", epoch=1)])
+    known.record_done([TaskDone(id="t2", robot="r2", epoch=1)])
     known.drop([TaskDropped(id="t2", by="ann", why="")])
     assert "t2" not in known.dropped
     assert known.is_done("t2")

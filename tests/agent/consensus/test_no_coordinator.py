@@ -55,12 +55,12 @@ def test_offers_wait_for_a_second_while_a_coordinator_that_returns_is_told(lost:
     lost.kill()
     lost.run(10.0)
     robot = lost.robots[0]
-    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) == TELLING, "whose offer it is was not heard yet"
+    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == TELLING, "whose offer it is was not heard yet"
     lost.revive()
     lost.run(0.5)
-    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) == TELLING
+    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == TELLING
     lost.run(1.0)
-    assert robot.consensus.why_not_now("new", lost.clock.now_ns()) is None
+    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) is None
 
 
 def test_running_tasks_become_those_of_the_coordinator_that_returns(lost: LostTeam) -> None:

@@ -43,7 +43,7 @@ class Looking:
         self.look.hear(event, self.clock.now_ns())
 
     def summary(self, last_change: int) -> None:
-        self.look.hear_summary(last_change, self.clock.now_ns())
+        self.look.receive_summary(last_change, self.clock.now_ns())
 
     def wait(self, duration_ns: int) -> None:
         self.clock.advance_to(self.clock.now_ns() + duration_ns)
@@ -117,9 +117,9 @@ def test_a_lost_end_of_a_task_is_noticed(looking: Looking, heard_after: bool) ->
 
 def test_what_was_heard_since_the_question_is_not_taken_back(looking: Looking) -> None:
     looking.known.hear(TaskEvent(task=visit("t5"), state=TaskState.QUEUED), now_ns=10)
-    looking.known.take_open([], asked_ns=5, now_ns=20)
+    looking.known.adopt_open_tasks([], asked_ns=5, now_ns=20)
     assert "t5" in looking.known.open
-    looking.known.take_open([], asked_ns=11, now_ns=20)
+    looking.known.adopt_open_tasks([], asked_ns=11, now_ns=20)
     assert looking.known.has_ended("t5")
 
 
@@ -134,7 +134,7 @@ def test_as_many_open_tasks_as_a_robot_remembers_say_nothing_of_others(looking: 
 
 def test_a_task_that_robots_have_accepted_stays_though_the_coordinator_does_not_know_it(looking: Looking) -> None:
     looking.known.ask(TaskAsked(submission=TaskSubmission(task=visit("ours")), at_ns=0))
-    looking.known.note_done([TaskDone(id="ours", robot="r1", epoch=1)])
+    looking.known.record_done([TaskDone(id="ours", robot="r1", epoch=1)])
     looking.wait(to_ns(1.0))
     looking.summary(4)
     looking.run(GRACE_NS)

@@ -83,7 +83,7 @@ class Robot:
         if tag.name not in self.cannot_begin:
             tag.state, tag.why = PluginState.ACTIVE, ""
 
-    def note_fault(self, tag: Tag) -> None:
+    def record_fault(self, tag: Tag) -> None:
         self.noted.append(tag.name)
 
     def look(self, now_ns: int) -> None:

@@ -31,8 +31,8 @@ class Parent:
     ("name", "value"),
     [
         ("odometry", ((20_000_000, Pose2D(1.0, 2.0, 0.5)), (40_000_000, Pose2D(1.1, 2.0, 0.5)))),
-        ("told_odometry", (Pose2D(1.0, 2.0, 0.5), 7)),
-        ("told_odometry", None),
+        ("published_odometry", (Pose2D(1.0, 2.0, 0.5), 7)),
+        ("published_odometry", None),
         ("wants_odometry", True),
         ("gyro_contradiction", -1.0),
         ("wheel_ticks", (1, 2, 3)),

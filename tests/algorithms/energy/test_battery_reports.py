@@ -41,7 +41,7 @@ def run(minutes: float, guess_a: float, *, start_soc: float = 0.9, load_w: float
         tracker.follow(TrackedReading(voltage_v, guess_a, 25.0), guess_a * STEP_S, STEP_S, GUESSED)
         inside.append(abs(tracker.filter.soc - battery.soc) <= 2.0 * tracker.filter.soc_sd)
     believed = tracker.filter
-    return Ended(believed.soc, believed.soc_sd, battery.soc, tracker.why_doubted, sum(inside) / steps)
+    return Ended(believed.soc, believed.soc_sd, battery.soc, tracker.doubt_reason, sum(inside) / steps)
 
 
 @pytest.mark.parametrize("guess_a", [0.5, 0.8, 1.2])
@@ -59,9 +59,9 @@ def test_steps_of_an_unknown_load_and_a_coarse_voltage_are_no_fault_of_the_gauge
     for step in range(100):
         voltage_v = 15.5 if step % 50 < 25 else 14.5
         tracker.follow(TrackedReading(voltage_v, 1.0, 25.0), 1.0, 1.0, GUESSED)
-        assert tracker.why_doubted == ""
+        assert tracker.doubt_reason == ""
     tracker.follow(TrackedReading(3.0, 1.0, 25.0), 1.0, 1.0, GUESSED)
-    assert "out of range" in tracker.why_doubted
+    assert "out of range" in tracker.doubt_reason
 
 
 def test_the_batterys_own_charge_is_where_the_estimate_begins_and_where_it_goes_within_a_minute_or_two() -> None:
@@ -76,7 +76,7 @@ def test_the_batterys_own_charge_is_where_the_estimate_begins_and_where_it_goes_
         tracker.follow(at_rest, 0.1, STEP_S, BatteryReport(soc=0.6, soc_sd=0.02))
     assert tracker.filter.soc == pytest.approx(0.6, abs=0.02)
     assert tracker.filter.soc_sd == pytest.approx(0.02, abs=0.005)
-    assert tracker.why_doubted == ""
+    assert tracker.doubt_reason == ""
 
 
 def test_charge_that_is_counted_shows_before_the_battery_tells_it() -> None:

@@ -53,14 +53,14 @@ def test_charge_that_is_not_known_is_that_of_the_first_voltage():
     by_hand.start_from(15.7, 1.0)
     followed = Followed(None)
     assert (followed.filter.soc, followed.filter.soc_sd) == (by_hand.soc, by_hand.soc_sd)
-    assert followed.one.why_doubted == ""
+    assert followed.one.doubt_reason == ""
 
 
 def test_first_measurement_that_is_a_lie_leaves_the_charge_open():
     one = BatteryTracker(PACK, GaugeLimits())
     one.begin(LIE)
     assert (one.filter.soc, one.filter.soc_sd) == (0.5, pytest.approx(0.3))
-    assert "out of range" in one.why_doubted
+    assert "out of range" in one.doubt_reason
 
 
 def test_charge_that_has_flown_is_counted_and_not_the_current_of_the_moment():
@@ -139,16 +139,16 @@ def test_usual_current_is_a_mean_over_a_minute_of_what_is_drawn():
 
 def test_short_silence_is_ignored():
     followed = Followed()
-    followed.one.hear_nothing(1.5, 1.5)
-    assert (followed.filter.soc, followed.one.why_doubted) == (0.8, "")
+    followed.one.no_reading(1.5, 1.5)
+    assert (followed.filter.soc, followed.one.doubt_reason) == (0.8, "")
 
 
 def test_silence_is_counted_on_and_only_once_when_the_gauge_speaks_again():
     followed = Followed()
     usual_a = followed.one.usual_a
     for second in range(2, 12):
-        followed.one.hear_nothing(float(second), 1.0)
-    assert "no measurement for" in followed.one.why_doubted
+        followed.one.no_reading(float(second), 1.0)
+    assert "no measurement for" in followed.one.doubt_reason
     soc = 0.8 - usual_a * 10.0 / followed.capacity_c
     assert followed.filter.soc == pytest.approx(soc)
     # Twelve seconds since the last measurement, ten of which have been counted on.
@@ -162,7 +162,7 @@ def test_silence_is_counted_on_and_only_once_when_the_gauge_speaks_again():
 def test_gauge_that_is_believed_again_corrects_again_and_the_next_lie_is_doubted_at_once():
     followed = Followed()
     followed.lie()
-    while followed.one.why_doubted:
+    while followed.one.doubt_reason:
         followed.sound(1)
     before = followed.filter.soc_sd
     followed.sound(20)

@@ -89,7 +89,7 @@ def test_a_pocket_waits_while_there_is_much_unknown_floor_somewhat_farther_away(
 def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed():
     explorer = Explorer(corridor().team_map)
     (west,) = places(explorer.choose([robot("r1")], [], 0)).values()
-    explorer.note_failure("r1", west, 0)
+    explorer.record_failure("r1", west, 0)
     assert explorer.has_failures
     for at_s in (0.5, 7.0, 14.9):
         chosen = places(explorer.choose([robot("r1")], [], to_ns(at_s)))
@@ -101,14 +101,14 @@ def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed(
 def test_where_one_robot_failed_another_may_go():
     explorer = Explorer(corridor().team_map)
     west = Point2D(2.05, 2.75)
-    explorer.note_failure("r1", west, 0)
+    explorer.record_failure("r1", west, 0)
     assert near(places(explorer.choose([robot("r2")], [], to_ns(1.0)))["r2"], 2.05, 2.75)
 
 
 def test_a_robot_that_failed_everywhere_waits():
     explorer = Explorer(corridor().team_map)
     for place in (Point2D(2.05, 2.75), Point2D(7.95, 2.75)):
-        explorer.note_failure("r1", place, 0)
+        explorer.record_failure("r1", place, 0)
     assert explorer.choose([robot("r1")], [], to_ns(1.0)) == []
     assert len(explorer.choose([robot("r1")], [], to_ns(16.0))) == 1
 
@@ -149,9 +149,9 @@ def test_asked_in_vain_it_answers_anew_when_another_failure_has_taken_the_place_
     floor.draw(8.0, 1.9, 8.1, 3.6, OCCUPIED)
     explorer = Explorer(floor.team_map)
     west = Point2D(2.05, 2.75)
-    explorer.note_failure("r1", west, 0)
+    explorer.record_failure("r1", west, 0)
     assert explorer.choose([robot("r1")], [], to_ns(1.0)) == []
-    explorer.note_failure("r2", west, to_ns(14.0))
+    explorer.record_failure("r2", west, to_ns(14.0))
     assert len(explorer.choose([robot("r1")], [], to_ns(15.5))) == 1
 
 
@@ -171,14 +171,14 @@ def test_where_a_robot_has_been_and_seen_no_more_nobody_is_sent_again_until_some
     floor = corridor()
     explorer = Explorer(floor.team_map)
     first = explorer.choose([robot("r1", 7.0)], [], 0)[0].place
-    explorer.note_visit(first)
+    explorer.record_visit(first)
     second = explorer.choose([robot("r1", 7.0)], [], 0)[0].place
     assert not near(second, first.x_m, first.y_m)
-    explorer.note_visit(second)
+    explorer.record_visit(second)
     again = explorer.choose([robot("r1", 7.0), robot("r2")], [], 0)  # as nothing else is left, once more
     assert len(again) == 2
     for choice in again:
-        explorer.note_visit(choice.place)
+        explorer.record_visit(choice.place)
     assert explorer.choose([robot("r1", 7.0), robot("r2")], [], to_ns(5.0)) == []
     assert not explorer.has_failures  # nothing is left to be tried again later
     floor.draw(8.0, 2.0, 8.1, 2.3)
@@ -214,8 +214,8 @@ def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_
     before_door = Point2D(4.6, 3.1)
     for begin_s in (0.0, 20.0):
         (choice,) = explorer.choose([robot("r1")], [], to_ns(begin_s))
-        explorer.note_failure("r1", choice.place, to_ns(begin_s + 5.0))
-        explorer.note_gap(before_door, 0.39, to_ns(begin_s + 5.0))
+        explorer.record_failure("r1", choice.place, to_ns(begin_s + 5.0))
+        explorer.record_gap(before_door, 0.39, to_ns(begin_s + 5.0))
         assert explorer.choose([robot("r2")], [], to_ns(begin_s + 10.0)) == []
     assert explorer.choose([robot("r1"), robot("r2")], [], to_ns(60.0)) == []
     assert explorer.idle["r1"] == TooNarrow(frontiers=1, needed_m=0.44, gap_m=0.39, place=before_door)
@@ -225,11 +225,11 @@ def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_
 def test_each_robot_is_told_of_the_gap_nearest_to_it():
     explorer = Explorer(rooms(3).team_map)
     (choice,) = explorer.choose([robot("r1")], [], 0)
-    explorer.note_failure("r1", choice.place, 0)
+    explorer.record_failure("r1", choice.place, 0)
     west, east = Point2D(2.0, 3.1), Point2D(4.6, 3.1)
     for _ in range(2):
-        explorer.note_gap(west, 0.38, 0)
-        explorer.note_gap(east, 0.39, 0)
+        explorer.record_gap(west, 0.38, 0)
+        explorer.record_gap(east, 0.39, 0)
     assert explorer.choose([robot("r1", 2.5, 2.7), robot("r2", 4.2, 2.7)], [], to_ns(60.0)) == []
     assert {name: why.place for name, why in explorer.idle.items()} == {"r1": west, "r2": east}
 
@@ -238,17 +238,17 @@ def test_failure_at_a_goal_counts_once_for_each_time_a_robot_was_sent_there_thro
     explorer = Explorer(rooms(3).team_map)
     (choice,) = explorer.choose([robot("r1")], [], 0)
     for _ in range(3):
-        explorer.note_failure("r1", choice.place, 0)
+        explorer.record_failure("r1", choice.place, 0)
     (again,) = explorer.choose([robot("r1")], [], to_ns(60.0))
     assert again.place == choice.place
-    explorer.note_failure("r1", choice.place, to_ns(60.0))
+    explorer.record_failure("r1", choice.place, to_ns(60.0))
     assert explorer.choose([robot("r1")], [], to_ns(120.0)) == []
 
 
 @pytest.mark.parametrize("gap_m", [math.nan, math.inf, -1.0, 0.0, 1e308, "0.4", None, [0.4]])
 def test_a_gap_with_an_invalid_width_shuts_nothing(gap_m):
     explorer = Explorer(rooms(3).team_map)
-    explorer.note_gap(Point2D(4.6, 3.1), gap_m, 0)
+    explorer.record_gap(Point2D(4.6, 3.1), gap_m, 0)
     assert len(explorer.choose([robot("r1")], [], 1)) == 1
 
 
@@ -262,7 +262,7 @@ def test_a_robot_says_so_if_others_explore_all_frontiers():
 def test_a_robot_that_has_just_failed_everywhere_says_so():
     explorer = Explorer(rooms(8).team_map)
     (choice,) = explorer.choose([robot("r1")], [], 0)
-    explorer.note_failure("r1", choice.place, to_ns(3.0))
+    explorer.record_failure("r1", choice.place, to_ns(3.0))
     assert explorer.choose([robot("r1")], [], to_ns(4.0)) == []
     assert explorer.idle == {"r1": TriedInVain(frontiers=1)}
 
@@ -295,7 +295,7 @@ def test_a_robot_with_a_goal_is_no_longer_idle():
 def test_a_place_is_worth_another_visit_when_more_is_seen_within_sixty_centimetres_of_it(column, row, is_seen):
     floor, attempts = Floor((2.0, 2.0, 2.1, 2.1)), Attempts()
     place = Point2D(5.05, 3.05)
-    attempts.note_visit(place, floor.team_map.grid)
+    attempts.record_visit(place, floor.team_map.grid)
     assert attempts.is_spent(place, floor.team_map.grid)
     x_m, y_m = 5.0 + 0.1 * column, 3.0 + 0.1 * row
     floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
@@ -305,7 +305,7 @@ def test_a_place_is_worth_another_visit_when_more_is_seen_within_sixty_centimetr
 @pytest.mark.parametrize("place", [Point2D(0.05, 0.05), Point2D(9.95, 5.95)])
 def test_at_the_edge_of_the_map_only_cells_of_the_map_count(place):
     floor, attempts = Floor((2.0, 2.0, 2.1, 2.1)), Attempts()
-    attempts.note_visit(place, floor.team_map.grid)
+    attempts.record_visit(place, floor.team_map.grid)
     assert attempts.is_spent(place, floor.team_map.grid)
     x_m, y_m = round(place.x_m - 0.05, 1), round(place.y_m - 0.05, 1)
     floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
@@ -328,11 +328,11 @@ def attempts_until_rest(attempt):
 
 
 def visit(explorer, place, _now_ns):
-    explorer.note_visit(place)
+    explorer.record_visit(place)
 
 
 def fail(explorer, place, now_ns):
-    explorer.note_failure("r1", place, now_ns)
+    explorer.record_failure("r1", place, now_ns)
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def full(records, motes):
 
 def test_at_first_nothing_was_heard():
     signals = RecentSignals()
-    assert not signals.has_heard
+    assert not signals.has_received
     assert len(signals) == 0
     assert signals.nis(Pose2D(0.0, 0.0, 0.0), PathLoss()) == 0.0
     assert not signals.can_find(100.0)
@@ -52,7 +52,7 @@ def test_what_is_forgotten_was_heard_all_the_same():
     signals = full(30, 5)
     signals.forget()
     assert len(signals) == 0
-    assert signals.has_heard
+    assert signals.has_received
     assert not signals.can_find(10.0)
 
 

@@ -60,7 +60,7 @@ class LidarFloor:
         own.begin_submap(1, sensors[0], NO_DRIFT, np.eye(3))
         for stamp_ms, sensor in enumerate(sensors, 1):
             own.integrate(sensor, ANGLES_RAD, self.ranges_m(sensor), RANGE_M, stamp_ms, NOBODY, NO_DRIFT)
-        patch = own.take_patch()
+        patch = own.pop_patch()
         assert patch is not None
         submap = Submap(T_arena_local)
         submap.take(patch.cells.row, patch.cells.column, patch.cells.cells, patch.cells.stamp_ms)

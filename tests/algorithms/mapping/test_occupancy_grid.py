@@ -195,20 +195,20 @@ def test_scan_that_does_not_fit_together_is_refused(change: dict[str, object], n
 
 def test_patch_tells_what_own_sensing_changed_and_tells_it_once() -> None:
     grid = OccupancyGrid(GEOMETRY)
-    assert grid.take_patch() is None
+    assert grid.pop_patch() is None
     look(grid, 0.5, stamp_ms=3)
-    patch = grid.take_patch()
+    patch = grid.pop_patch()
     assert patch is not None
     assert (patch.row, patch.column, patch.stamp_ms) == (14, 20, 3)
     assert patch.cells.tolist() == [[0, 0, 0, 0, 0, 100]]
     look(grid, 0.5, stamp_ms=4)
-    assert grid.take_patch() is None
+    assert grid.pop_patch() is None
 
 
 def test_cells_of_the_box_that_did_not_change_are_no_statement() -> None:
     grid = OccupancyGrid(GEOMETRY)
     grid.integrate_scan(MIDDLE, np.array([0.0, math.pi / 2]), np.array([0.3, 0.3]), 1.5, 0, NOBODY)
-    patch = grid.take_patch()
+    patch = grid.pop_patch()
     assert patch is not None
     assert patch.cells.tolist() == [[0, 0, 0, 100], [0, -1, -1, -1], [0, -1, -1, -1], [100, -1, -1, -1]]
 
@@ -216,7 +216,7 @@ def test_cells_of_the_box_that_did_not_change_are_no_statement() -> None:
 def test_team_mates_word_is_not_passed_on_as_ones_own() -> None:
     grid = OccupancyGrid(GEOMETRY)
     assert say(grid, 100, 5) == 1
-    assert grid.take_patch() is None
+    assert grid.pop_patch() is None
     assert grid.known_count == 1
 
 
@@ -246,7 +246,7 @@ def test_patch_carries_one_map_into_another() -> None:
     angles_rad = np.linspace(-math.pi, math.pi, 60, endpoint=False)
     for stamp_ms in range(5):
         teller.integrate_scan(MIDDLE, angles_rad, rng.uniform(0.2, 1.6, 60), 1.5, stamp_ms, NOBODY)
-        patch = teller.take_patch()
+        patch = teller.pop_patch()
         assert patch is not None
         on_the_wire = np.frombuffer(patch.cells.tobytes(), np.int8).reshape(patch.cells.shape)
         hearer.merge_patch(patch.row, patch.column, on_the_wire, patch.stamp_ms)
@@ -301,7 +301,7 @@ def test_a_cell_that_a_mate_has_seen_later_is_not_told_as_ones_own() -> None:
     grid = OccupancyGrid(GEOMETRY)
     look(grid, 0.5, stamp_ms=7)
     say(grid, OCCUPIED, 8)
-    patch = grid.take_patch()
+    patch = grid.pop_patch()
     assert patch is not None
     assert (patch.row, patch.column) == (14, 20)
     assert patch.cells.tolist() == [[FREE, FREE, FREE, UNKNOWN, FREE, OCCUPIED]]

@@ -91,7 +91,7 @@ def test_what_is_told_again_is_what_was_seen_since_it_was_asked_last(seed):
             scan = drawn_scan(rng, outside=-0.5)
             grid.integrate_scan(*scan)
             reference.scan(*scan)
-        grid.take_patch()
+        grid.pop_patch()
         reference.dirty.clear()
         grid.contradict(walls, 0, 0)
         reference.contradict(walls, 0, 0)
@@ -151,11 +151,11 @@ def test_what_was_erased_and_is_seen_again_is_seen_for_the_first_time():
     grid = OccupancyGrid(GEOMETRY)
     scan = (Pose2D(0.0, 2.0, 0.0), np.zeros(1), np.array([1.0]), RANGE_M, 5, NOBODY)
     grid.integrate_scan(*scan)
-    grid.take_patch()
+    grid.pop_patch()
     grid.erase(0, 0, *GEOMETRY.shape)
     assert grid.integrate_scan(*scan) == 6
     assert grid.known_count == 6
-    patch = grid.take_patch()
+    patch = grid.pop_patch()
     assert patch is not None
     assert patch.cells.tolist() == [[FREE] * 5 + [OCCUPIED]]
 
@@ -169,7 +169,7 @@ def test_after_all_is_forgotten_the_grid_is_new():
     grid.forget()
     assert grid.version == version + 1
     assert grid.known_count == 0
-    assert grid.take_patch() is None
+    assert grid.pop_patch() is None
     assert len(grid.recent_surfaces()) == 0
     reference = GridReference(GEOMETRY)
     assert_equal(grid, reference)
@@ -213,11 +213,11 @@ def test_on_a_new_stretch_what_is_seen_again_is_told_once(before):
 
     for _ in range(before):
         scan()
-    first = grid.take_patch()
+    first = grid.pop_patch()
     grid.begin_stretch()
     scan()
-    again = grid.take_patch()
+    again = grid.pop_patch()
     assert np.array_equal(first.cells, again.cells)
     for _ in range(3):
         scan()
-        assert grid.take_patch() is None
+        assert grid.pop_patch() is None

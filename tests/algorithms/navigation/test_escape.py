@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.escape import escape_cells
-from robrain.algorithms.navigation.right_of_way import Track, sample_way
+from robrain.algorithms.navigation.right_of_way import Track, sample_path
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 40)
@@ -20,7 +20,7 @@ def floor(*boxes):
 
 
 def oncoming(x0, x1, y=2.05):
-    positions = sample_way(np.array([(x0, y), (x1, y)]), 100.0)
+    positions = sample_path(np.array([(x0, y), (x1, y)]), 100.0)
     return Track(positions, SPEED_M_S, positions.shape[0] - 1, KEEP_M, goes_first=True)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from robrain.algorithms.navigation import escape
 from robrain.algorithms.navigation.escape import HEAD_START_S, escape_cells
-from robrain.algorithms.navigation.right_of_way import STEP_M, Track, sample_way
+from robrain.algorithms.navigation.right_of_way import STEP_M, Track, sample_path
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 GEOMETRY = GridGeometry(0.2, -1.0, 0.5, 24, 18)
@@ -23,7 +23,7 @@ def _distance_m(cell: tuple[int, int], position: np.ndarray) -> float:
 
 
 def _track(draw: np.random.Generator) -> Track:
-    positions = sample_way(draw.uniform((-1.0, 0.5), (3.8, 4.1), (int(draw.integers(1, 4)), 2)), 100.0)
+    positions = sample_path(draw.uniform((-1.0, 0.5), (3.8, 4.1), (int(draw.integers(1, 4)), 2)), 100.0)
     return Track(positions, draw.choice([0.3, 0.9]), len(positions) - 1, KEEP_M, goes_first=bool(draw.random() < 0.7))
 
 

@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation.right_of_way import STEP_M, Margins, Release, Track, release, sample_way
+from robrain.algorithms.navigation.right_of_way import STEP_M, Margins, Release, Track, release, sample_path
 
 MARGINS = Margins()
 DODGE_M = 0.02
@@ -14,7 +14,7 @@ EITHER_WAY_S = 0.5
 
 
 def _line(draw: np.random.Generator) -> np.ndarray:
-    return sample_way(draw.uniform(0.0, 5.0, (int(draw.integers(1, 4)), 2)), 100.0)
+    return sample_path(draw.uniform(0.0, 5.0, (int(draw.integers(1, 4)), 2)), 100.0)
 
 
 def _track(draw: np.random.Generator) -> Track:
@@ -80,7 +80,7 @@ def test_release_is_what_its_rules_say_for_any_ways() -> None:
 
 
 def test_mate_that_hardly_moves_is_foreseen_where_it_is() -> None:
-    own = sample_way(np.array([(0.0, 0.0), (4.0, 0.0)]), 100.0)
-    mate = sample_way(np.array([(1.2, 0.0), (1.2, 4.0)]), 100.0)
+    own = sample_path(np.array([(0.0, 0.0), (4.0, 0.0)]), 100.0)
+    mate = sample_path(np.array([(1.2, 0.0), (1.2, 4.0)]), 100.0)
     found = release(own, 0.6, [Track(mate, 0.0, 0, 0.4, goes_first=False)], MARGINS)
     assert found.positions * STEP_M == pytest.approx(1.2 - 0.4 - MARGINS.guard_m, abs=0.21)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.right_of_way import STEP_M, DrivenPath, Margins, Track, meet, release, sample_way
+from robrain.algorithms.navigation.right_of_way import STEP_M, DrivenPath, Margins, Track, meet, release, sample_path
 from robrain.protocol.model.geometry import Point2D
 
 MARGINS = Margins()
@@ -14,7 +14,7 @@ KEEP_M = 0.4
 
 
 def line(x0, y0, x1, y1):
-    return sample_way(np.array([(x0, y0), (x1, y1)], float), 100.0)
+    return sample_path(np.array([(x0, y0), (x1, y1)], float), 100.0)
 
 
 def track(positions, *, first=True, held_at=None):
@@ -82,7 +82,7 @@ def test_one_that_is_too_near_may_be_left():
 )
 def test_two_that_keep_to_what_they_are_released_do_not_touch_in_the_next_seconds(mine, other):
     """Who yields says where it waits; both drive what they may, each on time."""
-    mine, other = (sample_way(np.array(points), 10.0) for points in (mine, other))
+    mine, other = (sample_path(np.array(points), 10.0) for points in (mine, other))
     if np.hypot(*(mine[0] - other[0])) < KEEP_M + MARGINS.guard_m + 0.1:
         return
     yields = release(other, SPEED_M_S, [track(mine)], MARGINS).positions
@@ -100,7 +100,7 @@ def test_ways_that_meet():
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=1, max_size=6))
 def test_positions_lie_a_step_apart_from_the_first_point_to_the_last(points):
     points = np.array(points)
-    positions = sample_way(points, 100.0)
+    positions = sample_path(points, 100.0)
     assert positions[0] == pytest.approx(points[0])
     assert np.hypot(*(positions[-1] - points[-1])) <= 0.011
     assert np.all(np.hypot(*np.diff(positions, axis=0).T) <= STEP_M + 1e-9)
@@ -142,7 +142,7 @@ def test_way_of_one_point_has_no_length_and_ends_there():
 
 @pytest.mark.parametrize("limit_m", [0.3, 0.5, 0.7, 1.2])
 def test_way_that_is_cut_off_has_a_position_at_the_limit_and_none_beyond(limit_m):
-    positions = sample_way(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]), limit_m)
+    positions = sample_path(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]), limit_m)
     assert positions.shape == (round(limit_m / STEP_M) + 1, 2)
     assert positions.sum(axis=1) == pytest.approx(STEP_M * np.arange(len(positions)))
 
@@ -151,8 +151,8 @@ def test_end_of_a_way_is_a_position_of_its_own_if_it_is_no_whole_number_of_steps
     assert line(0, 0, 0.25, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2, 0.25])
     assert line(0, 0, 0.205, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2])  # as good as there
     assert line(0, 0, 0.3, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2, 0.3])
-    assert sample_way(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.25)[-1, 0] == 0.25
-    assert sample_way(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.24)[-1, 0] == pytest.approx(0.2)
+    assert sample_path(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.25)[-1, 0] == 0.25
+    assert sample_path(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.24)[-1, 0] == pytest.approx(0.2)
 
 
 def test_guard_looks_as_far_ahead_as_its_time_and_no_farther():

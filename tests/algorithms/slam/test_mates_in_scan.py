@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.localization.scan_match import beam_ends
-from robrain.algorithms.slam.mates_in_scan import MARGIN_M, REACH_M, mate_circles, sees_through, wall_ends
+from robrain.algorithms.slam.mates_in_scan import MARGIN_M, REACH_M, robot_circles, sees_through, wall_ends
 from robrain.protocol.model.geometry import Pose2D
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, LidarFloor
 
@@ -26,7 +26,7 @@ def circle(x_m, y_m, radius_m=RADIUS_M):
 
 
 def circles_for(told, ranges_m, sensor=SENSOR):
-    return mate_circles(ANGLES_RAD, ranges_m, RANGE_M, sensor, told)
+    return robot_circles(ANGLES_RAD, ranges_m, RANGE_M, sensor, told)
 
 
 def left_of(circles, ranges_m, sensor=SENSOR):
@@ -142,7 +142,7 @@ def test_beams_that_returned_nothing_are_no_edges_of_a_mate():
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_scans_of_hardly_any_beams_show_no_mate(count):
-    circles = mate_circles(np.linspace(0.0, 1.0, count), np.full(count, 1.5), RANGE_M, SENSOR, circle(6.3, 4.5))
+    circles = robot_circles(np.linspace(0.0, 1.0, count), np.full(count, 1.5), RANGE_M, SENSOR, circle(6.3, 4.5))
     assert circles == pytest.approx(np.array([(6.3, 4.5, RADIUS_M + MARGIN_M)]))
 
 
@@ -156,7 +156,7 @@ def front(sensor, mate):
 def test_a_lidar_that_looks_ahead_knows_a_mate_that_it_sees_as_a_whole(bearing_rad):
     mate = SENSOR.compose(Pose2D(1.2 * math.cos(bearing_rad), 1.2 * math.sin(bearing_rad), 0.0))
     angles_rad, ranges_m = front(SENSOR, circle(mate.x_m, mate.y_m))
-    circles = mate_circles(angles_rad, ranges_m, RANGE_M, SENSOR, circle(mate.x_m + 0.4, mate.y_m))
+    circles = robot_circles(angles_rad, ranges_m, RANGE_M, SENSOR, circle(mate.x_m + 0.4, mate.y_m))
     assert len(circles) == 2
     assert circles[1] == pytest.approx((mate.x_m, mate.y_m, RADIUS_M + MARGIN_M), abs=0.05)
 

@@ -232,13 +232,13 @@ def test_surfaces_count_with_the_cells(monkeypatch):
     atlas = SubmapAtlas(GEOMETRY)
     for number in (0, 1):
         atlas.take(("r1", number), 0, 0, ONE, 5)
-    atlas.take_surfaces(("r1", 0), surfaces)
-    atlas.take_surfaces(("r1", 0), surfaces)  # again, in place of the first ones
+    atlas.set_surfaces(("r1", 0), surfaces)
+    atlas.set_surfaces(("r1", 0), surfaces)  # again, in place of the first ones
     with pytest.raises(ValueError, match="at most 2598 bytes in all"):
-        atlas.take_surfaces(("r1", 1), surfaces[:1])
+        atlas.set_surfaces(("r1", 1), surfaces[:1])
     assert atlas.submaps["r1", 1].surfaces is None
     atlas.withdraw(("r1", 0))
-    atlas.take_surfaces(("r1", 1), surfaces)
+    atlas.set_surfaces(("r1", 1), surfaces)
 
 
 def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
@@ -353,13 +353,13 @@ def test_the_grid_of_a_finished_submap_has_its_walls_where_they_are_in_their_cel
 def test_a_submap_that_is_finished_has_its_surfaces_and_one_of_which_nothing_is_known_has_none():
     atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
     surfaces = np.zeros(3, SURFACE)
-    atlas.take_surfaces(("r1", 1), surfaces)
+    atlas.set_surfaces(("r1", 1), surfaces)
     assert atlas.submaps == {}
     atlas.take(("r1", 1), 0, 0, np.full((2, 2), OCCUPIED, np.int8), 5)
     submap = atlas.submaps["r1", 1]
     assert submap.surfaces is None
     version = submap.version
-    atlas.take_surfaces(("r1", 1), surfaces)
+    atlas.set_surfaces(("r1", 1), surfaces)
     assert submap.surfaces is surfaces
     assert submap.version == version + 1
 

@@ -104,7 +104,7 @@ def test_a_closure_found_by_the_mate_says_the_same_as_one_found_by_the_robot(anc
     even = np.diag((400.0, 400.0, 2500.0))
     graphs = walked(anchor), walked(anchor)
     graphs[0].close(10, sensor, MATE, seen_from_mate, even)
-    graphs[1].close_with_mate(10, sensor, MATE, seen_from_mate, even)
+    graphs[1].add_robot_closure(10, sensor, MATE, seen_from_mate, even)
     found = [graph.solve(at(mate), no_doubt) or {10: IDENTITY} for graph in graphs]
     assert found[0][10].compose(anchor).distance_m(found[1][10].compose(anchor)) < 0.012
     assert graphs[0].own[10].covariance == pytest.approx(graphs[1].own[10].covariance, rel=0.05, abs=1e-5)
@@ -114,7 +114,7 @@ def test_what_is_known_across_a_wall_is_known_in_the_frame_that_it_was_measured_
     along_y = np.diag((1e-3, 1e4, 1e6))
     quarter = Pose2D(0.0, 0.0, math.pi / 2)  # the mate's axis y is the arena's −x
     # Whoever's frame it was measured in, the scan's place there is told without its turn.
-    for close, turn_rad, expected in (("close", math.pi / 2, (0.05, 0.0)), ("close_with_mate", 0.0, (0.0, 0.05))):
+    for close, turn_rad, expected in (("close", math.pi / 2, (0.05, 0.0)), ("add_robot_closure", 0.0, (0.0, 0.05))):
         graph = walked(Pose2D(0.0, 0.0, 0.0))
         own, there = Pose2D(0.0, 0.0, turn_rad), quarter.inverse().compose(Pose2D(0.05, 0.05, turn_rad))
         getattr(graph, close)(10, own, MATE, there, along_y)
@@ -169,7 +169,7 @@ def test_of_a_pair_of_submaps_the_latest_closures_are_kept_and_they_stand_apart(
     assert lies_at(0.0) == pytest.approx(0.03, abs=4e-3)
 
 
-@pytest.mark.parametrize("close", ["close", "close_with_mate"])
+@pytest.mark.parametrize("close", ["close", "add_robot_closure"])
 def test_memory_for_closures_is_bounded(close):
     graph = walked(*(Pose2D(float(n), 0.0, 0.0) for n in range(20)), spec=GraphSpec(closures_max=5))
     for number in range(20):
@@ -182,9 +182,9 @@ def test_memory_for_closures_is_bounded(close):
 def test_a_mate_that_tells_of_many_closures_displaces_its_own_ones_only():
     graph = walked(*(Pose2D(float(n), 0.0, 0.0) for n in range(20)), spec=GraphSpec(closures_max=5))
     graph.close(10, IDENTITY, MATE, IDENTITY, SURE)
-    graph.close_with_mate(11, IDENTITY, ("r3", 1), IDENTITY, SURE)
+    graph.add_robot_closure(11, IDENTITY, ("r3", 1), IDENTITY, SURE)
     for number in range(20):
-        graph.close_with_mate(10 + number, IDENTITY, ("r4", number), IDENTITY, SURE)
+        graph.add_robot_closure(10 + number, IDENTITY, ("r4", number), IDENTITY, SURE)
     asked = []
     graph.solve(lambda key, _frame: asked.append(key) or IDENTITY, no_doubt)
     assert asked == [MATE, ("r3", 1), ("r4", 17), ("r4", 18), ("r4", 19)]
@@ -193,7 +193,7 @@ def test_a_mate_that_tells_of_many_closures_displaces_its_own_ones_only():
 def test_closures_of_submaps_that_are_not_its_own_any_more_are_left_out():
     graph = walked(*ROW)
     graph.close(99, IDENTITY, MATE, IDENTITY, SURE)
-    graph.close_with_mate(99, IDENTITY, MATE, IDENTITY, SURE)
+    graph.add_robot_closure(99, IDENTITY, MATE, IDENTITY, SURE)
     assert not graph.has_news
     assert not graph.rests_on("r2")
 
@@ -257,5 +257,5 @@ def test_a_mates_closure_of_negative_information_does_not_keep_the_robot_from_pl
     graph = walked(*ROW)
     graph.close(12, ROW[2], MATE, Pose2D(9.1, 3.0, 1.0), SURE)
     hostile = symmetric((-1e12, 0.0, 0.0, -1e12, 0.0, -1e12))
-    graph.close_with_mate(11, ROW[1], ("r3", 1), ROW[1], hostile)
+    graph.add_robot_closure(11, ROW[1], ("r3", 1), ROW[1], hostile)
     assert 12 in graph.solve(lambda _key, _frame: IDENTITY, no_doubt)

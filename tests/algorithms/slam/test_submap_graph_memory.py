@@ -178,7 +178,7 @@ def test_an_old_submap_of_its_own_that_is_unsure_is_no_reason_to_doubt_a_closure
     assert graph.own[11].pose.x_m == pytest.approx(3.4, abs=0.05)
 
 
-@pytest.mark.parametrize("close", ["close", "close_with_mate"])
+@pytest.mark.parametrize("close", ["close", "add_robot_closure"])
 @pytest.mark.parametrize("count", [1, 2, 9])
 def test_all_closures_with_mates_make_a_robot_no_surer_than_one_mate_is(close, count):
     graph = SubmapGraph("r1", GraphSpec())
@@ -224,7 +224,7 @@ def test_a_mates_closures_stand_apart_on_the_own_submap_and_are_as_few():
     even = np.diag((1e3, 1e3, 1e3))
 
     def close(x_m, off_m):
-        graph.close_with_mate(10, Pose2D(x_m, 0.0, 0.0), MATE, Pose2D(x_m + off_m, 0.0, 0.0), even)
+        graph.add_robot_closure(10, Pose2D(x_m, 0.0, 0.0), MATE, Pose2D(x_m + off_m, 0.0, 0.0), even)
         graph.solve(at_home, no_doubt)
         lies_m = graph.own[10].T_arena_local.x_m
         graph.has_news = True
@@ -238,13 +238,13 @@ def test_a_mates_closures_stand_apart_on_the_own_submap_and_are_as_few():
 
 def test_what_a_mate_tells_is_news():
     graph = walked(ROW[0])
-    graph.close_with_mate(10, ROW[0], MATE, ROW[0], SURE)
+    graph.add_robot_closure(10, ROW[0], MATE, ROW[0], SURE)
     assert graph.has_news
     graph.solve(at_home, no_doubt)
     assert not graph.has_news
 
 
-@pytest.mark.parametrize("close", ["close", "close_with_mate"])
+@pytest.mark.parametrize("close", ["close", "add_robot_closure"])
 def test_a_closure_that_cannot_be_true_moves_little(close):
     graph = walked(*ROW[:3])
     getattr(graph, close)(12, ROW[2], MATE, Pose2D(ROW[2].x_m + 3.0, ROW[2].y_m - 2.0, ROW[2].yaw_rad), SURE)

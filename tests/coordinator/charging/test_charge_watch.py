@@ -32,8 +32,8 @@ class World:
         self.planning = SimpleNamespace(
             policy=PlanningPolicy(time_margin=S_PER_M * PACE_M_S, reserve_share=0.1),
             chargers=SimpleNamespace(of={"r1": (Charger(NEAR), Charger(FAR))}),
-            ways_to_chargers=lambda _robot: self.known,
-            why_out=lambda _robot, _now_ns: self.out,
+            charger_distances_m=lambda _robot: self.known,
+            exclusion=lambda _robot, _now_ns: self.out,
             takes_j=lambda _robot: None,
             has_route=lambda _robot: self.route,
         )

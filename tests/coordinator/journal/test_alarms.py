@@ -20,7 +20,7 @@ def record(task_id="t1"):
 def test_a_task_and_its_alarm_outlast_the_process(tmp_path):
     journal = Journal(tmp_path / "journal")
     journal.accept(record(), alarm=ALARM)
-    journal.note_alarm(Alarm("heat", "m2", 11, 21, is_armed=True))
+    journal.record_alarm(Alarm("heat", "m2", 11, 21, is_armed=True))
     journal.close()
     again = Journal(tmp_path / "journal")
     assert again.alarms() == [ALARM, Alarm("heat", "m2", 11, 21, is_armed=True)]
@@ -39,8 +39,8 @@ def test_without_the_task_there_is_no_alarm():
 
 def test_a_source_has_one_alarm_the_last():
     journal = Journal()
-    journal.note_alarm(ALARM)
-    journal.note_alarm(ALARM._replace(is_armed=True))
+    journal.record_alarm(ALARM)
+    journal.record_alarm(ALARM._replace(is_armed=True))
     assert journal.alarms() == [ALARM._replace(is_armed=True)]
     journal.keep_alarms([])
     assert journal.alarms() == []

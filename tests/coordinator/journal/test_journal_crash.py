@@ -118,7 +118,7 @@ class World:
 
     def begin(self) -> None:
         self.book = TaskBook(self.clock, 0, self.hear, self.disk.start())
-        self.book.tell_again(100)
+        self.book.republish(100)
 
     def hear(self, event: TaskEvent) -> None:
         self.disk.fuse.burn()  # a kill after the commit, before anybody was told
@@ -185,7 +185,7 @@ class World:
     def listen(self, robot: str) -> None:
         for status in (self.before.get(robot), self.said.get(robot)):
             if status is not None:
-                self.book.note_status(robot, status)
+                self.book.record_status(robot, status)
 
     def reconcile(self) -> None:
         """A robot that runs is at it, one that is at nothing has none."""

@@ -225,9 +225,9 @@ def test_a_lost_table_is_damage(path: Path) -> None:
 def damaged_copy(path: Path) -> None:
     """A copy that is not whole, of which another process has a copy, with a robot on its own and an alarm."""
     journal = Journal(path)
-    journal.note_copied_by("other-7")
-    journal.note_robots({"r1": R1})
-    journal.note_alarm(Alarm("hot", "m1", 1, 2))
+    journal.record_copied_by("other-7")
+    journal.record_robots({"r1": R1})
+    journal.record_alarm(Alarm("hot", "m1", 1, 2))
     journal.close()
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("UPDATE copy SET state = 'partial'")

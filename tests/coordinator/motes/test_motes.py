@@ -6,7 +6,7 @@ import pytest
 
 from robrain.algorithms.motes.mote_energy import CAPACITY_J, FLAT_V, FRESH_V
 from robrain.coordinator.motes import mote_registry as motes
-from robrain.coordinator.motes.mote_members import mote_left_j, mote_share, reading_j, robot_share
+from robrain.coordinator.motes.mote_members import mote_remaining_j, mote_share, reading_j, robot_share
 from robrain.coordinator.motes.mote_registry import MoteTable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
@@ -213,7 +213,7 @@ def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
     mote = field.mote()
     field.run(2.0)
     known = field.team.coordinator.motes.table.motes["m1"]
-    assert known.why_out_of_reach(field.team.coordinator.roster, field.team.clock.now_ns()) is None
+    assert known.out_of_reach_reason(field.team.coordinator.roster, field.team.clock.now_ns()) is None
     mote.speaks = False
     field.run(20.0)
     field.team.submit(Task(id="s", kind="sense", place=PLACE))
@@ -370,9 +370,9 @@ def test_task_for_a_named_mote_is_that_mote_s_wherever_it_is(field):
 
 
 def test_share_is_of_what_a_member_has_left():
-    assert mote_left_j(FRESH_V) == CAPACITY_J
-    assert mote_left_j(0.5 * (FRESH_V + FLAT_V)) == pytest.approx(0.5 * CAPACITY_J)
-    assert mote_left_j(1.0) > 0
+    assert mote_remaining_j(FRESH_V) == CAPACITY_J
+    assert mote_remaining_j(0.5 * (FRESH_V + FLAT_V)) == pytest.approx(0.5 * CAPACITY_J)
+    assert mote_remaining_j(1.0) > 0
     assert mote_share(10, 2.6) == pytest.approx(10 * reading_j() / (0.5 * CAPACITY_J))
     state = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), energy=MODEL)
     assert robot_share(state, Point2D(0.0, 0.0), 10.0) == pytest.approx(10.0 * 8.0 / 60_000.0)

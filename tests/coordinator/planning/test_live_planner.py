@@ -65,7 +65,7 @@ def lonely(monkeypatch):
 
 def lose(planner, times):
     for _ in range(times):
-        planner._note_lost()
+        planner._record_lost()
 
 
 def test_a_question_that_three_processes_in_a_row_did_not_survive_is_given_up(lonely, caplog):
@@ -91,7 +91,7 @@ def test_processes_lost_over_one_question_are_not_held_against_the_next(lonely, 
 def test_processes_that_are_lost_while_nothing_is_asked_cost_no_question(lonely, caplog):
     lose(lonely, TRIES)
     lonely.ask(open_floor_snapshot(1, 1), PlanningPolicy())
-    lonely._hear(Done(1))
+    lonely._receive(Done(1))
     lose(lonely, TRIES)
     assert caplog.records == []
     lonely.ask(open_floor_snapshot(2, 1), PlanningPolicy())

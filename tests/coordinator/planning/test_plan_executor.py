@@ -68,8 +68,8 @@ class Office:
         self.following = PlanExecutor(self.plan, self.tasks, self.book)
 
     def robot(self, name: str, task: TaskStatus | None = None) -> None:
-        self.roster.note_presence(Change({"robot": name}, True))
-        self.roster.note_state(RobotState(robot=name, task=task), 0)
+        self.roster.record_presence(Change({"robot": name}, True))
+        self.roster.record_state(RobotState(robot=name, task=task), 0)
 
     def add(self, *names: str, **fields) -> None:
         for name in names:
@@ -100,7 +100,7 @@ def test_what_is_due_is_offered_and_the_plan_is_told_that_it_was_taken(office):
     office.add("t1")
     office.plan.offers = [Due("t1", "r1", "")]
     decided = []
-    office.tasks.note_decision = lambda *decision: decided.append(decision)
+    office.tasks.record_decision = lambda *decision: decided.append(decision)
     assert not office.following.step(0)
     assert decided == [("t1", ["r1"], 0)]
     assert office.offered == [("t1", "r1", "")]

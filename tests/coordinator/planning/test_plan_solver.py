@@ -6,9 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.planning import plan_search
 from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver, solve
 
 
@@ -48,16 +46,6 @@ def test_a_plan_that_takes_nothing_is_not_changed_for_another_that_takes_nothing
     asked = problem(job("a", 1), j_per_m=0.0)
     assert orders_after(asked, gain_min=0.02, orders={"r1": ["a"]}) == {"r1": ("a",)}
     assert orders_after(asked, gain_min=0.0, orders={"r1": ["a"]}) == {"r0": ("a",)}
-
-
-def test_any_gain_over_nothing_is_worth_a_change():
-    def plan(left_j):
-        return Plan(objective=Objective.LIFETIME, routes=(), cost_j=0.0, lost_prize_j=0.0, makespan_s=0.0,
-                    least_left_j=left_j)  # fmt: skip
-
-    assert plan_search._gain(plan(0.0), plan(0.001)) == 1.0
-    assert plan_search._gain(plan(0.0), plan(0.0)) == 0.0
-    assert plan_search._gain(plan(2.0), plan(3.0)) == 0.5
 
 
 def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():

@@ -172,7 +172,7 @@ def test_after_a_night_those_of_the_day_before_do_not_count(tmp_path: Path) -> N
         team = RobotsThatGoOn(session, 4)
         journal = Journal(tmp_path / "journal.sqlite")
         day_before = (RobotSummary(name=f"r{number}", up=True, age_s=0.0) for number in (2, 3, 4))
-        journal.note_robots({summary.name: KnownRobot(0, True, summary) for summary in day_before})
+        journal.record_robots({summary.name: KnownRobot(0, True, summary) for summary in day_before})
         team.part("r2", "r3", "r4")
         for robot in team.robots[1:]:
             robot.leave()

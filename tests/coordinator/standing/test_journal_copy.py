@@ -101,14 +101,14 @@ def test_one_that_joins_late_copies_all_that_there_is_and_then_follows(pair: Pai
         assert pair.submit(f"early{number}")
     pair.run(TICK_S)
     r1, r2 = (KnownRobot(5, False, RobotSummary(name=name, up=False, age_s=3.0)) for name in ("r1", "r2"))
-    pair.journal.note_robots({"r1": r1})
+    pair.journal.record_robots({"r1": r1})
     pair.join()
     pair.run(1.0)
     assert pair.following is Following.IN_STEP
     assert pair.is_same()
     assert pair.copy.robots == {"r1": r1}
     pair.waiting = ["late"]
-    pair.journal.note_robots({"r2": r2})
+    pair.journal.record_robots({"r2": r2})
     pair.run(0.3)
     assert pair.copy.robots == {"r2": r2}
     assert pair.acknowledged[-1] == "late"

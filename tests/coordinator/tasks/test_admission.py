@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.coordinator.tasks.admission import why_dependency_ended, why_impossible, why_unknown
+from robrain.coordinator.tasks.admission import dependency_refusal, impossibility, why_unknown
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
@@ -36,9 +36,7 @@ def visit(x_m: float = 1.0, y_m: float = 1.0, **fields) -> Task:
 
 
 def why(task, grid=None, plugins=ALL, others=()) -> str:
-    return why_impossible(
-        task, NOW_NS, grid=grid, plugins=plugins, others={record.task.id: record for record in others}
-    )
+    return impossibility(task, NOW_NS, grid=grid, plugins=plugins, others={record.task.id: record for record in others})
 
 
 def known(task_id: str, state: TaskState = TaskState.QUEUED, after=(), told="") -> TaskRecord:
@@ -86,7 +84,7 @@ def test_a_task_that_waits_for_one_that_was_not_done_is_refused(state: TaskState
     said = f"t0, which it waits for, was not done: {state}, the way is blocked"
     assert why(visit(after=("t0",)), others=[other]) == said
     ended = AfterEnded("t0", state, Said("the way is blocked"))
-    assert why_dependency_ended(visit(after=("t0",)), {"t0": other}) == ended
+    assert dependency_refusal(visit(after=("t0",)), {"t0": other}) == ended
     assert why(visit(after=("t0",)), others=[known("t0", TaskState.DONE)]) == ""
 
 
@@ -94,7 +92,7 @@ def test_of_a_chain_of_tasks_that_wait_the_reason_of_the_first_is_kept() -> None
     blocked = Said("the way is blocked")
     chain = {"a": msgspec.structs.replace(known("a", TaskState.FAILED, told="the way is blocked"), reason=blocked)}
     for before, name in itertools.pairwise("abcd"):
-        reason = why_dependency_ended(visit(after=(before,)), chain)
+        reason = dependency_refusal(visit(after=(before,)), chain)
         chain[name] = msgspec.structs.replace(known(name, TaskState.CANCELLED), reason=reason)
     assert chain["d"].reason == AfterEnded("c", TaskState.CANCELLED, blocked)
 

@@ -76,11 +76,11 @@ class Desk:
         self.refused: list[tuple[str, str, int]] = []
         self.tasks.on_refused = lambda record, robot, _why, now_ns: self.refused.append((record.task.id, robot, now_ns))
         for name in ("r1", "r2"):
-            self.roster.note_presence(Change({"robot": name}, True))
+            self.roster.record_presence(Change({"robot": name}, True))
             self.say(name)
 
     def say(self, name: str, task: TaskStatus | None = None, held: TaskStatus | None = None) -> None:
-        self.roster.note_state(RobotState(robot=name, task=task, next_task=held), self.clock.now_ns())
+        self.roster.record_state(RobotState(robot=name, task=task, next_task=held), self.clock.now_ns())
 
     def add(self, task_id: str = "t1", *, own: bool = False) -> None:
         task = (
@@ -109,11 +109,11 @@ def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) 
     assert desk.tasks.offer("t1", "r1", NOW_NS) is None
     assert desk.tasks.offer("t2", "r2", NOW_NS) is None
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.OFFERED, "r2"))
-    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.tasks.process_answers(NOW_NS) is False
     desk.mail.answer(0, YES)
-    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.tasks.process_answers(NOW_NS) is False
     desk.mail.answer(1, NO)
-    assert desk.tasks.hear_answers(NOW_NS) is True
+    assert desk.tasks.process_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.RUNNING, "r1"), (TaskState.QUEUED, ""))
     assert desk.book.find("t2").why == "r2 refused: no way there"
     assert desk.tasks.backoff.why("t2", "r2", NOW_NS) == Refused(Said("no way there"))
@@ -129,11 +129,11 @@ def test_late_answer_to_an_old_offer_changes_nothing_of_the_new_one(desk: Desk, 
     old, new = (record.epoch for record, _ in desk.mail.asked)
     assert old < new
     desk.mail.answer(0, answer)
-    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.tasks.process_answers(NOW_NS) is False
     assert desk.stands() == (TaskState.OFFERED, robot)
     assert desk.tasks.backoff.why("t1", "r1", NOW_NS) is None
     desk.mail.answer(1, YES)
-    desk.tasks.hear_answers(NOW_NS)
+    desk.tasks.process_answers(NOW_NS)
     assert desk.stands() == (TaskState.RUNNING, robot)
 
 
@@ -147,7 +147,7 @@ def test_answer_to_an_offer_that_does_not_stand_any_more_changes_nothing(
     desk.book.move("t1", state) if state is not TaskState.QUEUED else desk.book.give_back("t1", None)
     before = desk.book.find("t1")
     desk.mail.answer(0, answer)
-    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.tasks.process_answers(NOW_NS) is False
     assert desk.book.find("t1") == before
 
 
@@ -157,7 +157,7 @@ def test_answer_for_a_task_that_nobody_knows_changes_nothing(desk: Desk) -> None
     )
     desk.mail.asked.append((stranger, ""))
     desk.mail.answer(0, YES)
-    assert desk.tasks.hear_answers(NOW_NS) is False
+    assert desk.tasks.process_answers(NOW_NS) is False
     assert desk.book.find("t9") is None
 
 
@@ -172,7 +172,7 @@ def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_wh
     assert desk.tasks.may_be_next("r2", "t0")
     desk.mail.answer(0, YES)
     desk.mail.answer(1, NO)
-    assert desk.tasks.hear_answers(NOW_NS) is True
+    assert desk.tasks.process_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.QUEUED, ""))
     assert desk.tasks.backoff.why("t2", "r1", NOW_NS) is None
     assert [after for _, after in desk.mail.asked] == ["t0", "t0"]
@@ -198,7 +198,7 @@ def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> No
             desk.say("r2")
             desk.tasks.offer("t1", robot, now_ns)
             desk.mail.answer(-1, NO)
-            desk.tasks.hear_answers(now_ns)
+            desk.tasks.process_answers(now_ns)
     assert desk.stands()[0] is TaskState.FAILED
     out = Refused(Said("no way there"))
     assert desk.book.find("t1").reason == NobodyDoes((RobotOut("r1", out), RobotOut("r2", out)))
@@ -216,7 +216,7 @@ def test_what_a_robot_is_at_just_now_is_not_its_last_word(desk: Desk, passing: O
         desk.say("r1")
         desk.tasks.offer("t1", "r1", now_ns)
         desk.mail.answer(-1, TaskAnswer.refused(passing))
-        desk.tasks.hear_answers(now_ns)
+        desk.tasks.process_answers(now_ns)
         assert desk.stands()[0] is TaskState.QUEUED
     assert desk.tasks.backoff.why("t1", "r1", now_ns) == Refused(passing)
 
@@ -225,8 +225,8 @@ def test_an_offer_is_not_taken_back_because_the_coordinator_stood_still(desk: De
     desk.add()
     desk.tasks.offer("t1", "r1", NOW_NS)
     later_ns = NOW_NS + to_ns(20.0)
-    desk.roster.note_pause(later_ns - NOW_NS)
-    desk.tasks.note_pause(later_ns)
+    desk.roster.restart_silence(later_ns - NOW_NS)
+    desk.tasks.restart_silence(later_ns)
     for waited_s, state in ((0.0, TaskState.OFFERED), (1.9, TaskState.OFFERED), (2.1, TaskState.QUEUED)):
         desk.tasks.settle(later_ns + to_ns(waited_s))
         assert desk.stands()[0] is state
@@ -246,7 +246,7 @@ def test_want_of_energy_is_the_last_word_of_a_robot_that_has_no_more_after_a_cha
 ) -> None:
     desk.add()
     desk.tasks._capabilities.plugins["r1"] = frozenset(("visit", plugin))
-    desk.roster.note_presence(Change({"robot": "r2"}, False))
+    desk.roster.record_presence(Change({"robot": "r2"}, False))
     battery = BatteryState(
         voltage_v=12.0, current_a=0.5, temperature_c=22.0, soc=soc,
         remaining_j=1000.0 * soc, remaining_low_j=1000.0 * soc, remaining_high_j=1000.0 * soc,
@@ -254,10 +254,10 @@ def test_want_of_energy_is_the_last_word_of_a_robot_that_has_no_more_after_a_cha
     for round_number in range(REFUSALS_MAX):
         now_ns = NOW_NS + to_ns(100.0 * round_number)
         desk.clock.advance_to(now_ns)
-        desk.roster.note_state(RobotState(robot="r1", battery=battery), now_ns)
+        desk.roster.record_state(RobotState(robot="r1", battery=battery), now_ns)
         desk.tasks.offer("t1", "r1", now_ns)
         desk.mail.answer(-1, TaskAnswer.refused(NeedsEnergy(needed_j, 1000.0 * soc)))
-        desk.tasks.hear_answers(now_ns)
+        desk.tasks.process_answers(now_ns)
     assert desk.stands()[0] is state
 
 
@@ -285,7 +285,7 @@ def test_task_of_the_coordinators_own_that_is_refused_ends_and_is_told_and_anoth
     for index, task_id in enumerate(("e1", "t1")):
         desk.tasks.offer(task_id, f"r{index + 1}", NOW_NS)
         desk.mail.answer(index, NO)
-    desk.tasks.hear_answers(NOW_NS)
+    desk.tasks.process_answers(NOW_NS)
     assert desk.refused == [("e1", "r1", NOW_NS)]
     assert desk.stands("e1")[0] is TaskState.CANCELLED
     assert desk.stands("t1")[0] is TaskState.QUEUED

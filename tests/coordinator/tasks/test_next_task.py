@@ -232,7 +232,7 @@ def test_a_coordinator_that_was_away_while_one_followed_the_other_hears_of_both(
     until_held(team, robot)
     coordinator = team.coordinator
     while robot.running != "b":
-        robot.desk.coordinator_heard_ns = team.clock.now_ns()
+        robot.desk.coordinator_seen_ns = team.clock.now_ns()
         team.clock.advance_to(team.clock.now_ns() + 20_000_000)
         robot.say_state()
     assert coordinator.tasks.find("a").state is RUNNING

@@ -8,7 +8,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, Task, TaskState
+from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, Task, TaskState
 from robrain.protocol.reasons.robots import Gone, LostContact
 from robrain.protocol.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
 
@@ -44,7 +44,6 @@ def judge(one: TaskRecord, other: Robot | None, now_s: float, since_s: float = L
 
 
 def test_the_lease_ends_on_the_robots_side_before_the_task_is_given_to_another() -> None:
-    assert LOST_AFTER_S == 0.8
     assert LEASE_S + 0.4 < FREE_AFTER_S <= 2.0
 
 

@@ -95,7 +95,7 @@ class BookMachine(RuleBasedStateMachine):
         record = self.state_of(task_id)
         told = len(self.told)
         epoch = (record.epoch if record is not None else 8) - late
-        changed = self.book.note_status(robot, TaskStatus(id=task_id, epoch=epoch, state=state, why="so it is"))
+        changed = self.book.record_status(robot, TaskStatus(id=task_id, epoch=epoch, state=state, why="so it is"))
         its_own = record is not None and record.robot == robot and late == 0 and state.ended
         done_before = record is not None and state is TaskState.DONE and (task_id, robot, epoch) in self.granted
         counts = its_own or done_before
@@ -179,7 +179,7 @@ def test_what_the_journal_does_not_take_is_neither_in_the_book_nor_told(monkeypa
     monkeypatch.setattr(one.journal, "change", full)
     before = len(told)
     with pytest.raises(JournalUnwritable):
-        one.note_status("r1", TaskStatus(id="t1", epoch=101, state=TaskState.DONE))
+        one.record_status("r1", TaskStatus(id="t1", epoch=101, state=TaskState.DONE))
     assert (len(told), one.open[0].state, one.done_count) == (before, TaskState.RUNNING, 0)
 
 
@@ -187,7 +187,7 @@ def test_a_robots_word_ends_its_own_task():
     one, told = book()
     record = running(one)
     status = TaskStatus(id="t1", epoch=record.epoch, state=TaskState.DONE, why="seen", result={"off_m": 0.1})
-    ended = one.note_status("r1", status)
+    ended = one.record_status("r1", status)
     assert ended.task.id == "t1"
     assert (told[-1].state, told[-1].why, told[-1].result) == (TaskState.DONE, "seen", {"off_m": 0.1})
     assert (one.open, one.done_count) == ([], 1)
@@ -203,7 +203,7 @@ def test_another_robot_an_epoch_never_given_and_an_unknown_task_count_for_nothin
     record = running(one)
     before = len(told)
     status = TaskStatus(id=task_id, epoch=record.epoch - late, state=TaskState.DONE)
-    assert one.note_status(robot, status) is None
+    assert one.record_status(robot, status) is None
     assert len(told) == before
     assert one.open[0].state is TaskState.RUNNING
 
@@ -217,8 +217,8 @@ def test_what_a_robot_has_done_counts_though_its_task_was_given_back(taken):
         one.offered("t1", "r2")
         one.move("t1", TaskState.RUNNING)
     for state in (TaskState.FAILED, TaskState.CANCELLED):  # only what is done is done
-        assert one.note_status("r1", TaskStatus(id="t1", epoch=epoch, state=state)) is None
-    assert one.note_status("r1", TaskStatus(id="t1", epoch=epoch, state=TaskState.DONE, why="there")) is not None
+        assert one.record_status("r1", TaskStatus(id="t1", epoch=epoch, state=state)) is None
+    assert one.record_status("r1", TaskStatus(id="t1", epoch=epoch, state=TaskState.DONE, why="there")) is not None
     assert (told[-1].state, told[-1].robot, told[-1].epoch) == (TaskState.DONE, "r1", epoch)
     assert told[-1].why == ("r1 had done it before it was given to another" if taken else "there")
     assert one.open == []
@@ -230,14 +230,16 @@ def test_a_robot_cannot_bring_its_task_into_any_other_state_than_an_end(said):
     record = running(one)
     one.move("t1", TaskState.LOST_CONTACT, LostContact(1.5))
     before = len(told)
-    assert one.note_status("r1", TaskStatus(id="t1", epoch=record.epoch, state=said)) is None
+    assert one.record_status("r1", TaskStatus(id="t1", epoch=record.epoch, state=said)) is None
     assert (len(told), one.open[0].state) == (before, TaskState.LOST_CONTACT)
 
 
 def test_a_robot_that_lets_go_gives_the_task_back():
     one, told = book()
     record = running(one)
-    one.note_status("r1", TaskStatus(id="t1", epoch=record.epoch, state=TaskState.CANCELLED, why="the robot is halted"))
+    one.record_status(
+        "r1", TaskStatus(id="t1", epoch=record.epoch, state=TaskState.CANCELLED, why="the robot is halted")
+    )
     assert (told[-1].state, told[-1].robot, told[-1].why) == (TaskState.QUEUED, "", "the robot is halted")
     assert one.open[0].attempts == 0
 
@@ -246,7 +248,7 @@ def test_a_task_of_the_coordinators_own_is_not_tried_again():
     for state in (TaskState.FAILED, TaskState.CANCELLED):
         one, told = book()
         record = running(one, own=True)
-        one.note_status("r1", TaskStatus(id="t1", epoch=record.epoch, state=state, why="no way there"))
+        one.record_status("r1", TaskStatus(id="t1", epoch=record.epoch, state=state, why="no way there"))
         assert (told[-1].state, told[-1].why) == (state, "no way there")
         assert one.open == []
 
@@ -255,11 +257,11 @@ def test_a_task_fails_when_so_many_robots_have_failed_at_it():
     one, told = book()
     running(one)
     for attempt in range(1, ATTEMPTS):
-        one.note_status("r1", TaskStatus(id="t1", epoch=one.open[0].epoch, state=TaskState.FAILED, why="blocked"))
+        one.record_status("r1", TaskStatus(id="t1", epoch=one.open[0].epoch, state=TaskState.FAILED, why="blocked"))
         assert told[-1].state is TaskState.QUEUED
         assert told[-1].why == f"r1 failed: blocked; attempt {attempt} of {ATTEMPTS}"
         one.offered("t1", "r1")
-    one.note_status("r1", TaskStatus(id="t1", epoch=one.open[0].epoch, state=TaskState.FAILED, why="blocked"))
+    one.record_status("r1", TaskStatus(id="t1", epoch=one.open[0].epoch, state=TaskState.FAILED, why="blocked"))
     assert (told[-1].state, told[-1].why) == (TaskState.FAILED, "blocked")
 
 
@@ -267,9 +269,9 @@ def test_the_same_end_told_again_is_not_told_on():
     one, told = book()
     record = running(one)
     status = TaskStatus(id="t1", epoch=record.epoch, state=TaskState.DONE)
-    one.note_status("r1", status)
+    one.record_status("r1", status)
     before = len(told)
-    assert one.note_status("r1", status) is None
+    assert one.record_status("r1", status) is None
     assert (len(told), one.done_count) == (before, 1)
 
 
@@ -298,11 +300,11 @@ def test_a_book_goes_on_where_its_journal_ends():
     one, _ = book(journal)
     epoch = running(one).epoch
     running(one, "t2", "r2")
-    one.note_status("r2", TaskStatus(id="t2", epoch=epoch + 1, state=TaskState.DONE))
+    one.record_status("r2", TaskStatus(id="t2", epoch=epoch + 1, state=TaskState.DONE))
     other, told = book(journal)
     assert [(record.task.id, record.state, record.epoch) for record in other.open] == [("t1", TaskState.RUNNING, epoch)]
     assert other.done_count == 1
-    other.tell_again(10)
+    other.republish(10)
     assert [(event.task.id, event.state, event.change) for event in told] == [
         ("t1", TaskState.RUNNING, 3),
         ("t2", TaskState.DONE, 7),

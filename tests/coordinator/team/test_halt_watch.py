@@ -23,15 +23,15 @@ class Team:
         self.roster = Roster()
         self.watch = HaltWatch(wire, self.roster)
         self._halts = wire.publisher(HALT)
-        self.roster.note_presence(Change({"robot": "r1"}, True))
+        self.roster.record_presence(Change({"robot": "r1"}, True))
 
     def halt(self, by: str, *, halted: bool = True) -> None:
         self._halts.put(Halt(halted=halted, by=by))
 
     def say(self, *, halted: bool, team_halt_ns: int = 0, halted_by: list[str] | None = None) -> None:
         state = RobotState(robot="r1", halted=halted, team_halt_ns=team_halt_ns, halted_by=halted_by or [])
-        self.roster.note_state(state, self.clock.now_ns())
-        self.watch.note_state(state)
+        self.roster.record_state(state, self.clock.now_ns())
+        self.watch.record_state(state)
 
 
 @pytest.fixture

@@ -11,15 +11,15 @@ BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.
 
 
 def comes(roster, name):
-    roster.note_presence(Change({"team": "default", "robot": name}, True))
+    roster.record_presence(Change({"team": "default", "robot": name}, True))
 
 
 def goes(roster, name):
-    roster.note_presence(Change({"team": "default", "robot": name}, False))
+    roster.record_presence(Change({"team": "default", "robot": name}, False))
 
 
 def says(roster, name, at_s, **fields):
-    roster.note_state(RobotState(robot=name, **fields), to_ns(at_s))
+    roster.record_state(RobotState(robot=name, **fields), to_ns(at_s))
 
 
 def names_up(roster, at_s):
@@ -31,7 +31,7 @@ def test_a_robot_with_a_token_that_speaks_is_up():
     comes(roster, "r1")
     says(roster, "r1", 1.0)
     assert names_up(roster, 1.5) == ["r1"]
-    assert roster.robots["r1"].why_not_up(to_ns(1.5)) is None
+    assert roster.robots["r1"].down_reason(to_ns(1.5)) is None
 
 
 def test_robots_are_told_by_name():
@@ -65,7 +65,7 @@ def test_a_robot_that_falls_silent_is_not_counted_on_though_its_token_is_there()
     says(roster, "r1", 1.0)
     assert names_up(roster, 1.0 + LOST_AFTER_S) == ["r1"]
     assert names_up(roster, 1.1 + LOST_AFTER_S) == []
-    assert roster.robots["r1"].why_not_up(to_ns(3.5)) == LostContact(2.5)
+    assert roster.robots["r1"].down_reason(to_ns(3.5)) == LostContact(2.5)
     says(roster, "r1", 4.0)
     assert names_up(roster, 4.0) == ["r1"]
 

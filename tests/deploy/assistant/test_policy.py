@@ -13,10 +13,10 @@ from robrain.deploy.assistant.policy import (
     PRIORITY_MAX,
     Ban,
     Order,
-    why_no_call,
-    why_no_cancel,
-    why_no_order,
-    why_no_tool,
+    call_refusal,
+    cancel_refusal,
+    order_refusal,
+    tool_refusal,
 )
 from robrain.deploy.assistant.words import WORDS, refusal
 from robrain.plugins.unit.driver.driver import Driver
@@ -56,7 +56,7 @@ def stock() -> Iterator[list[PluginInfo]]:
 
 def test_of_the_stock_functions_exactly_those_that_move_a_robot_are_forbidden(stock: list[PluginInfo]) -> None:
     is_open = {(one.name, function.name) for one in stock if "command" in one.visibility for function in one.functions}
-    forbidden = {(name, function) for name, function in is_open if why_no_call(name, function, stock) is Ban.DRIVE}
+    forbidden = {(name, function) for name, function in is_open if call_refusal(name, function, stock) is Ban.DRIVE}
     assert forbidden == FORBIDDEN_CALLS
     assert len(is_open) > 2 * len(forbidden)
     assert {name for name, _ in forbidden} == MOVERS
@@ -65,35 +65,35 @@ def test_of_the_stock_functions_exactly_those_that_move_a_robot_are_forbidden(st
 def test_a_new_function_of_a_plugin_that_could_move_the_robot_is_forbidden_until_it_is_listed() -> None:
     plugins = [plugin("driver", "dance"), plugin("waltz", "start", requires=("steps",)),
                plugin("steps", requires=("driver",)), plugin("lamp", "switch", requires=("battery",))]  # fmt: skip
-    assert why_no_call("driver", "dance", plugins) is Ban.DRIVE
-    assert why_no_call("waltz", "start", plugins) is Ban.DRIVE  # by way of `steps`
-    assert why_no_call("lamp", "switch", plugins) is None
+    assert call_refusal("driver", "dance", plugins) is Ban.DRIVE
+    assert call_refusal("waltz", "start", plugins) is Ban.DRIVE  # by way of `steps`
+    assert call_refusal("lamp", "switch", plugins) is None
 
 
 def test_plugins_that_require_each_other_in_a_circle_are_looked_at_once() -> None:
     plugins = [plugin("a", "f", requires=("b",)), plugin("b", requires=("a",))]
-    assert why_no_call("a", "f", plugins) is None
+    assert call_refusal("a", "f", plugins) is None
 
 
 def test_a_plugin_that_is_closed_absent_or_without_the_function_is_not_called() -> None:
     plugins = [plugin("lamp", "switch", visibility=("*",)), plugin("horn", "blow")]
-    assert why_no_call("lamp", "switch", plugins) is Ban.NOT_OPEN
-    assert why_no_call("bell", "ring", plugins) is Ban.NO_PLUGIN
-    assert why_no_call("horn", "void.blow", plugins) is Ban.NO_FUNCTION  # a signature's name, which hosts know as well
+    assert call_refusal("lamp", "switch", plugins) is Ban.NOT_OPEN
+    assert call_refusal("bell", "ring", plugins) is Ban.NO_PLUGIN
+    assert call_refusal("horn", "void.blow", plugins) is Ban.NO_FUNCTION  # a signature's name, which hosts know as well
 
 
 @pytest.mark.parametrize("signature", external_functions(Driver)["drive"].signature_names)
 def test_a_moving_function_is_not_called_by_the_name_of_its_signature(stock: list[PluginInfo], signature: str) -> None:
-    assert why_no_call("driver", signature, stock) is Ban.NO_FUNCTION
+    assert call_refusal("driver", signature, stock) is Ban.NO_FUNCTION
 
 
 @pytest.mark.parametrize("name", HOST_NAMES)
 def test_the_host_is_not_reached_by_the_name_of_a_plugin(name: str) -> None:
     plugins = [plugin(name, "call", "resume", "load", "hold")]
-    assert why_no_call(name, "call", plugins) is HOST_NAMES[name]
-    assert why_no_call(name, "resume", plugins) is Ban.RESUME
-    assert why_no_call(name, "load", plugins) is Ban.PLUGINS
-    assert why_no_call(name, "hold", plugins) is Ban.HOLD
+    assert call_refusal(name, "call", plugins) is HOST_NAMES[name]
+    assert call_refusal(name, "resume", plugins) is Ban.RESUME
+    assert call_refusal(name, "load", plugins) is Ban.PLUGINS
+    assert call_refusal(name, "hold", plugins) is Ban.HOLD
 
 
 @pytest.mark.parametrize(
@@ -114,18 +114,18 @@ def test_the_host_is_not_reached_by_the_name_of_a_plugin(name: str) -> None:
     ],
 )
 def test_a_tool_that_there_is_not_is_refused_with_the_reason(tool: str, ban: Ban) -> None:
-    assert why_no_tool(tool) is ban
+    assert tool_refusal(tool) is ban
 
 
 def test_only_own_tasks_that_have_not_ended_are_cancelled() -> None:
     mine = TaskRecord(task=TASK, state=TaskState.RUNNING, by="assistant:ann")
-    assert why_no_cancel(mine, "assistant:ann") is None
-    assert why_no_cancel(mine, "assistant:ben") is Ban.NOT_YOURS
-    assert why_no_cancel(TaskRecord(task=TASK, state=TaskState.RUNNING), "") is None
+    assert cancel_refusal(mine, "assistant:ann") is None
+    assert cancel_refusal(mine, "assistant:ben") is Ban.NOT_YOURS
+    assert cancel_refusal(TaskRecord(task=TASK, state=TaskState.RUNNING), "") is None
     of_team = TaskRecord(task=TASK, state=TaskState.RUNNING, by="assistant:ann", own=True)
-    assert why_no_cancel(of_team, "assistant:ann") is Ban.NOT_YOURS
+    assert cancel_refusal(of_team, "assistant:ann") is Ban.NOT_YOURS
     done = TaskRecord(task=TASK, state=TaskState.DONE, by="assistant:ann")
-    assert why_no_cancel(done, "assistant:ann") is Ban.HAS_ENDED
+    assert cancel_refusal(done, "assistant:ann") is Ban.HAS_ENDED
 
 
 def test_a_task_of_an_assistant_is_never_more_urgent_than_one_for_which_no_priority_was_given() -> None:
@@ -144,11 +144,11 @@ def test_a_task_of_an_assistant_is_never_more_urgent_than_one_for_which_no_prior
 )
 def test_a_certificate_allows_the_orders_of_its_role(role: MemberRole, may: set[Order]) -> None:
     member = Member(role, "blue", "desk")
-    assert {order for order in Order if why_no_order(order, member) is None} == may
+    assert {order for order in Order if order_refusal(order, member) is None} == may
 
 
 def test_without_certificates_all_orders_are_allowed() -> None:
-    assert all(why_no_order(order, None) is None for order in Order)
+    assert all(order_refusal(order, None) is None for order in Order)
 
 
 def test_every_ban_has_words() -> None:

@@ -29,9 +29,9 @@ from robrain.deploy.doctor.team_checks import (
     check_key_space,
     check_name_free,
     check_versions,
-    heard_skews_s,
     holders,
     members,
+    stamp_skews_s,
 )
 from robrain.deploy.processes.name_claim import claim_robot
 from robrain.protocol.clock import NS_PER_S, LiveClock
@@ -165,7 +165,7 @@ def test_stamps_of_the_coordinator_are_heard_even_from_the_future(hub, endpoints
         speaker = Thread(target=say)
         speaker.start()
         try:
-            found = heard_skews_s(session, "clocks")
+            found = stamp_skews_s(session, "clocks")
         finally:
             ended.set()
             speaker.join()

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.standing.stand_by import SILENT_NS
-from robrain.deploy.run.coordinator_command import follow_journal
+from robrain.deploy.run.coordinator_command import copy_journal
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
@@ -64,5 +64,5 @@ def test_the_silence_is_told_whichever_reading_of_the_clock_shows_it_first(
 
     process = ProcessInfo(host="desk", pid=1, zid="0")
     wire = Endpoint(shared_session(), DEFAULT_TEAM, clock, Drive.LOCKSTEP)
-    follow_journal(wire, tmp_path / "copy.journal", process, should_stop, told.append)
+    copy_journal(wire, tmp_path / "copy.journal", process, should_stop, told.append)
     assert "the coordinator is silent" in told[-1]

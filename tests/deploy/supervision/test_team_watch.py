@@ -11,7 +11,7 @@ from robrain.deploy.supervision.part import PartView
 from robrain.deploy.supervision.part_table import cells_of, drawn, lines_of
 from robrain.deploy.supervision.process_figures import UNKNOWN, ProcessFigures
 from robrain.deploy.supervision.restarts import Phase
-from robrain.deploy.supervision.team_status import standing_of
+from robrain.deploy.supervision.team_status import robot_status
 from robrain.deploy.supervision.team_watch import HEARD, Rate, TeamWatch
 from robrain.protocol.clock import NS_PER_S, VirtualClock
 from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
@@ -85,7 +85,7 @@ def test_up_shows_a_robot_as_status_does(clock, wire, state: RobotState) -> None
     wire.publisher(ROBOT_STATE, robot="r1").put(state)
     watch.look()
     (robot,) = watch.robots()
-    assert (robot.words, robot.is_up) == (standing_of("r1", state).condition, True)
+    assert (robot.words, robot.is_up) == (robot_status("r1", state).condition, True)
 
 
 def test_simulated_time_goes_on_with_the_next_arena(wire) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robrain.lab.report.figure_style import BAD, figure_style, line_look
+from robrain.lab.report.figure_style import BAD, figure_style, line_style
 from robrain.lab.report.figures import SILENT_WIDTH, accuracy_figure
 from robrain.protocol.model.accuracy import MapAccuracy
 from robrain.recording.reader.run_data import RobotRun
@@ -45,7 +45,7 @@ def test_errors_are_drawn_for_each_robot_and_thick_where_it_did_not_say_so() -> 
         [(0, 0), (20, 3)],
         [],
     ]
-    assert [line.get_color() for line in left.lines[::2]] == [line_look(0)["color"], line_look(1)["color"]]
+    assert [line.get_color() for line in left.lines[::2]] == [line_style(0)["color"], line_style(1)["color"]]
     assert (left.lines[1].get_color(), left.lines[1].get_linewidth()) == (BAD, SILENT_WIDTH)
     assert left.get_ylim()[1] > 3.0
     assert legend_texts(left) == ["r2", "r10"]

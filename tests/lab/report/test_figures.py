@@ -8,7 +8,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.lab.report.figure_style import BAD, FAINT, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
+from robrain.lab.report.figure_style import BAD, FAINT, GOOD, INK, NEUTRAL, WARN, figure_style, line_style
 from robrain.lab.report.figures import energy_figure, explored_figure, task_figure, trajectory_figure
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -42,7 +42,7 @@ def test_the_explored_share_is_drawn_in_percent_a_line_for_each_run() -> None:
     quick = run_of(100.0, "quick", explored=[(0.0, 0.2), (100.0, 1.0)])
     axes = axes_of(explored_figure([slow, run_of(50.0, "mute"), quick]))
     assert [curve(line) for line in axes.lines] == [[(0, 10), (200, 50)], [(0, 20), (100, 100)]]
-    assert [line.get_color() for line in axes.lines] == [line_look(0)["color"], line_look(2)["color"]]
+    assert [line.get_color() for line in axes.lines] == [line_style(0)["color"], line_style(2)["color"]]
     assert (axes.get_xlim(), axes.get_ylim()) == ((0, 200), (0, 100))
     assert legend_texts(axes) == ["slow", "quick"]
 
@@ -82,9 +82,9 @@ def test_a_legend_names_as_many_lines_as_can_be_read(count: int, has_legend: boo
 
 
 def test_lines_that_share_a_colour_differ_in_their_dashes() -> None:
-    looks = [(line_look(index)["color"], line_look(index)["linestyle"]) for index in range(32)]
+    looks = [(line_style(index)["color"], line_style(index)["linestyle"]) for index in range(32)]
     assert len(set(looks)) == 32
-    assert [look["linestyle"] for look in map(line_look, (0, 7, 8, 16, 24, 32))] == ["-", "-", "--", ":", "-.", "-"]
+    assert [look["linestyle"] for look in map(line_style, (0, 7, 8, 16, 24, 32))] == ["-", "-", "--", ":", "-.", "-"]
 
 
 def test_a_long_name_is_cut_in_a_figure() -> None:
@@ -121,7 +121,7 @@ def test_robots_are_drawn_where_they_went_from_a_hollow_mark_to_a_filled_one() -
     assert np.array_equal(way.get_ydata(), gone.y_m, equal_nan=True)
     assert (curve(start), curve(end)) == ([(0, 3)], [(2, 4)])
     colors = [way.get_color(), start.get_markeredgecolor(), end.get_color(), lost.get_color()]
-    assert colors == [line_look(0)["color"]] * 3 + [line_look(1)["color"]]
+    assert colors == [line_style(0)["color"]] * 3 + [line_style(1)["color"]]
     assert legend_texts(axes) == ["r2", "r10"]
 
 
@@ -171,10 +171,10 @@ def test_energy_is_drawn_in_kilojoules_measured_and_by_the_model() -> None:
         [(0, 0), (pytest.approx(1 / 6), 2.5)],
     ]
     assert [line.get_linestyle() for line in left.lines] == ["-", "--", "-", "--"]
-    assert [line.get_color() for line in left.lines] == [line_look(index)["color"] for index in (0, 0, 1, 1)]
+    assert [line.get_color() for line in left.lines] == [line_style(index)["color"] for index in (0, 0, 1, 1)]
     assert legend_texts(left) == ["r2", "r10", "measured", "by the model"]
     handles = [(line.get_color(), line.get_linestyle()) for line in left.get_legend().get_lines()]
-    assert handles == [(line_look(0)["color"], "-"), (line_look(1)["color"], "-"), (INK, "-"), (INK, "--")]
+    assert handles == [(line_style(0)["color"], "-"), (line_style(1)["color"], "-"), (INK, "-"), (INK, "--")]
     assert left.get_ylim()[0] == 0
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.lab.report.figure_style import BAD, GOOD, INK, NEUTRAL, WARN, figure_style, line_look
+from robrain.lab.report.figure_style import BAD, GOOD, INK, NEUTRAL, WARN, figure_style, line_style
 from robrain.lab.report.figures import (
     HAPPENING_COLORS,
     MOTE_CUTOFF_V,
@@ -53,7 +53,7 @@ def test_the_state_of_charge_is_drawn_in_percent_with_its_interval() -> None:
     axes = axes_of(battery_figure(run_of(600.0, robots=robots)))
     assert [line.get_label() for line in axes.lines] == ["r2", "r10"]
     assert curve(axes.lines[0]) == [(0, 99.5), (1 / 6, 90), (1 / 3, 1)]
-    assert [line.get_color() for line in axes.lines] == [line_look(0)["color"], line_look(1)["color"]]
+    assert [line.get_color() for line in axes.lines] == [line_style(0)["color"], line_style(1)["color"]]
     band = axes.collections[0].get_paths()[0].vertices
     at = {t: sorted({round(y, 3) for x, y in band if x == t}) for t in (0, 1 / 6, 1 / 3)}
     assert at == {0: [97.54, 100.0], 1 / 6: [86.08, 93.92], 1 / 3: [0.0, 2.96]}
@@ -291,7 +291,7 @@ def test_runs_are_compared_by_bars_from_zero_a_panel_for_each_total() -> None:
     panels = {axes.get_title(loc="left"): axes for axes in figure.axes}
     assert list(panels) == ["Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages"]
     assert bars(panels["Duration (s)"]) == [
-        (0, 200, 0, line_look(0)["color"]), (0, 100, 1, line_look(1)["color"]),
+        (0, 200, 0, line_style(0)["color"]), (0, 100, 1, line_style(1)["color"]),
     ]  # fmt: skip
     assert [bar[:3] for bar in bars(panels["Distance (m)"])] == [(0, 15, 0)]
     assert [(text.get_text(), text.xy) for text in panels["Messages"].texts] == [("5,000", (5000, 0)), ("40", (40, 1))]

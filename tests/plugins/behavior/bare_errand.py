@@ -62,7 +62,7 @@ class BareErrand:
             driver=self.driver,
             pose=lambda: self.at,
             mate_near_m=8.0,
-            teammates=SimpleNamespace(mates=self._mates),
+            teammates=SimpleNamespace(mates=self._others),
             plan=self._plan,
             set_out=self._set_out,
             step=lambda: self.progress.pop(0) if self.progress else TravelState.ARRIVED,
@@ -95,7 +95,7 @@ class BareErrand:
     def wait(self, seconds: float) -> None:
         self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))
 
-    def _mates(self, place: Point2D, near_m: float) -> list[Mate]:
+    def _others(self, place: Point2D, near_m: float) -> list[Mate]:
         return [
             mate
             for mate in self.mates

@@ -37,7 +37,7 @@ class BareRecharge:
         self.board.pose, self.board.battery, self.board.behavior = Pose2D(0.0, 0.0, 0.0), self.battery, "idle"
         budget = self.errand.budget
         budget.judge = self._judge
-        budget.way_home = self._way_home
+        budget.path_home = self._way_home
         budget.home = SimpleNamespace(
             chargers=lambda: self.errand.chargers, start=lambda: start, learn=self.learned.append
         )

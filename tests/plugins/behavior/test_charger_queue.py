@@ -190,13 +190,13 @@ def test_robot_that_draws_nothing_lasts_long_and_not_for_ever():
 def test_robot_that_is_near_a_charger_and_clear_of_it_waits_where_it_is(away_m, stays):
     errand, one = queue()
     errand.at = Pose2D(5.0 - away_m, 0.0, 0.0)
-    run(one.stand_aside())
+    run(one.move_aside())
     assert (errand.gone == []) is stays
 
 
 def test_robot_waits_at_the_nearest_place_beside_the_charger():
     errand, one = queue()
-    run(one.stand_aside())
+    run(one.move_aside())
     (place,) = errand.gone
     assert (place.x_m, place.y_m) == pytest.approx((5.0 - ASIDE_M[1], 0.0))
 
@@ -206,13 +206,13 @@ def test_place_that_is_too_near_to_a_charger_or_to_mates_or_where_they_go_is_pas
     # The nearest charger is now the other one; its two nearest places are taken.
     nearest = Point2D(3.5 - ASIDE_M[1], 0.0)
     errand.mates = [mate("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01)]
-    run(one.stand_aside())
+    run(one.move_aside())
     assert errand.gone[0] != nearest
     errand.mates = [mate("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M + 0.01)]
-    run(one.stand_aside())
+    run(one.move_aside())
     assert errand.gone[1].x_m == pytest.approx(nearest.x_m)
     errand.mates = [mate("r1", 3.0, 4.0, Point2D(nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01))]
-    run(one.stand_aside())
+    run(one.move_aside())
     assert errand.gone[2].x_m != pytest.approx(nearest.x_m)
     for place in errand.gone:
         assert all(math.dist((place.x_m, place.y_m), (each.x_m, each.y_m)) >= CLEAR_M for each in one._known())
@@ -220,12 +220,12 @@ def test_place_that_is_too_near_to_a_charger_or_to_mates_or_where_they_go_is_pas
 
 def test_place_that_cannot_be_reached_is_passed_over_and_without_any_the_robot_stays():
     errand, one = queue()
-    run(one.stand_aside())
+    run(one.move_aside())
     errand.no_way_to = [errand.gone[0]]
-    run(one.stand_aside())
+    run(one.move_aside())
     assert errand.gone[1] != errand.gone[0]
     errand.travel.plan = lambda place: [Point2D(place.x_m + APART_M + 0.001, place.y_m)]  # as near as it gets
-    run(one.stand_aside())
+    run(one.move_aside())
     assert len(errand.gone) == 2
 
 
@@ -246,7 +246,7 @@ def test_robot_that_does_not_get_aside_stands_where_it_is():
         yield
 
     errand.go = fail
-    assert run(one.stand_aside()) == {}
+    assert run(one.move_aside()) == {}
     assert errand.stands == 1
 
 

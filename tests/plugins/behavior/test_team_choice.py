@@ -79,7 +79,7 @@ def test_where_the_robot_failed_it_goes_again_only_later() -> None:
     one = chooser("r1")
     first = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
     assert first is not None
-    one.note_failure(first, 0)
+    one.record_failure(first, 0)
     other = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(1.0))
     assert is_at(other, EAST)
     assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(20.0)) == first
@@ -90,7 +90,7 @@ def test_what_stayed_unknown_although_the_robot_was_there_is_looked_at_once_more
     for at_s, end in ((0.0, WEST), (0.0, EAST), (3.0, WEST), (6.0, EAST)):
         found = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s))
         assert is_at(found, end)
-        one.note_visit(found)
+        one.record_visit(found)
     for at_s in (9.0, 12.0, 60.0):
         assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s)) is None
 

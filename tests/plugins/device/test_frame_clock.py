@@ -81,7 +81,7 @@ def test_frame_that_is_sent_twice_was_measured_once():
 def test_controller_that_has_started_anew_counts_from_its_first_stamp():
     clock = FrameClock(StampedAt.ARRIVAL)
     hear(clock, 0)
-    clock.start_anew()
+    clock.restart_stamp()
     now_ns = sent_ns(9)
     assert clock.note(1, now_ns, now_ns) + clock.offset_ns == now_ns
 

@@ -161,7 +161,7 @@ def test_the_less_sure_robot_and_mate_are_the_farther_the_scan_is_looked_for(
 ) -> None:
     x, y, yaw = own
     scene = Scene(MATE)
-    scene.desk.hear_places(pose_message("r2", GEOMETRY, 7, IDENTITY, variances=(mates[0], mates[2])))
+    scene.desk.receive_submap_poses(pose_message("r2", GEOMETRY, 7, IDENTITY, variances=(mates[0], mates[2])))
     assert scene.look(TRUE, believed, covariance=(x, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, yaw))
     assert scene.desk.closed == 1
     (closure,) = scene.desk.found
@@ -209,20 +209,20 @@ def told(number: int, *, robot: str = "r2", variances: tuple[float, float] = (0.
 def test_a_mate_tells_how_sure_it_is_of_where_its_submaps_lie() -> None:
     desk = Scene().desk
     assert desk.variances_of(MATE) == UNSAID
-    desk.hear_places(told(7))
+    desk.receive_submap_poses(told(7))
     assert desk.variances_of(MATE) == (0.04, 0.04, 0.01)
     assert desk.variances_of(("r2", 8)) == UNSAID
-    desk.hear_places(joined_message("r2", GEOMETRY, [told(7, variances=(0.09, 0.02)), told(8)]))
+    desk.receive_submap_poses(joined_message("r2", GEOMETRY, [told(7, variances=(0.09, 0.02)), told(8)]))
     assert desk.variances_of(MATE) == (0.09, 0.09, 0.02)
     assert desk.variances_of(("r2", 8)) == (0.04, 0.04, 0.01)
-    desk.hear_places(told(7, variances=(0.0, 0.0)))
+    desk.receive_submap_poses(told(7, variances=(0.0, 0.0)))
     assert desk.variances_of(MATE) == (0.09, 0.09, 0.02), "a message of cells alone says nothing of it"
 
 
 def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() -> None:
     desk = Scene().desk
     parts = [told(5, robot="r3"), told(6, withdrawn=True), told(7)]
-    desk.hear_places(joined_message("r2", GEOMETRY, parts))
+    desk.receive_submap_poses(joined_message("r2", GEOMETRY, parts))
     assert desk.variances_of(("r3", 5)) == desk.variances_of(("r2", 6)) == UNSAID
     assert desk.variances_of(MATE) == (0.04, 0.04, 0.01)
 
@@ -231,9 +231,9 @@ def test_memory_for_mates_submaps_is_bounded(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 2)
     desk = Scene(("r2", 1), ("r2", 2)).desk
     for number in (1, 2, 3):
-        desk.hear_places(told(number))
+        desk.receive_submap_poses(told(number))
     assert [desk.variances_of(("r2", number)) == UNSAID for number in (1, 2, 3)] == [False, False, True]
-    desk.hear_places(told(2, variances=(0.09, 0.02)))
+    desk.receive_submap_poses(told(2, variances=(0.09, 0.02)))
     assert desk.variances_of(("r2", 2)) == (0.09, 0.09, 0.02)
 
 
@@ -248,7 +248,7 @@ def test_a_mates_submap_that_was_moved_is_news_if_the_robot_goes_by_it(robot: st
     assert not scene.graph.has_news
     patch = told(7, robot=robot)
     parts = [patch if not cells else MapPatch(**{**patch_fields(patch), "cells": cells})]
-    scene.desk.hear_places(joined_message(robot, GEOMETRY, parts))
+    scene.desk.receive_submap_poses(joined_message(robot, GEOMETRY, parts))
     assert scene.graph.has_news == is_news
 
 
@@ -260,5 +260,5 @@ def test_where_own_submaps_lie_is_as_sure_as_the_graph_says() -> None:
     scene = Scene(("r1", 1))
     assert scene.desk.variances_of(("r1", 3)) == (0.04, 0.04, 0.01)
     assert scene.desk.variances_of(("r1", 1)) == UNSAID, "one that cannot be moved any more"
-    scene.desk.hear_places(told(3))
+    scene.desk.receive_submap_poses(told(3))
     assert scene.desk.variances_of(("r2", 3)) == (0.04, 0.04, 0.01)

@@ -24,7 +24,7 @@ def atlas_of(*keys: SubmapKey, occupied: int = 60, T_arena_local: Pose2D = IDENT
         cells.ravel()[:occupied] = OCCUPIED
         atlas.take(key, at, at, cells, 1)
         atlas.move(key, T_arena_local)
-        atlas.take_surfaces(key, np.zeros(occupied, SURFACE))
+        atlas.set_surfaces(key, np.zeros(occupied, SURFACE))
     return atlas
 
 

@@ -42,13 +42,13 @@ def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robo
     whys = []
     for turn in range(6):
         look(desk, turn)
-        whys.append(desk.why_wrong())
+        whys.append(desk.misplacement_reason())
     assert desk.contradicted == 6
     assert whys[:5] == [""] * 5
     assert whys[5] == "3 submaps of 2 robots contradict what the lidar sees"
-    assert desk.why_wrong() == "", "it is said once, and the count starts again"
+    assert desk.misplacement_reason() == "", "it is said once, and the count starts again"
     look(desk, 6)
-    assert desk.why_wrong() == ""
+    assert desk.misplacement_reason() == ""
 
 
 @pytest.mark.parametrize("keys", [TWO_ROBOTS[1:], (("r2", 7), ("r2", 8), ("r2", 9))])
@@ -56,7 +56,7 @@ def test_two_submaps_or_one_robot_alone_may_be_wrong_themselves(keys: tuple[Subm
     desk = desk_with(keys)
     for turn in range(12):
         look(desk, turn)
-        assert desk.why_wrong() == ""
+        assert desk.misplacement_reason() == ""
     assert desk.contradicted == 12
 
 
@@ -64,11 +64,11 @@ def test_scans_that_agree_with_mates_are_weighed_against_those_that_contradict()
     desk = desk_with(TWO_ROBOTS)
     for turn in range(8):
         look(desk, turn, wrong=turn % 2 == 1)
-        assert desk.why_wrong() == ""
+        assert desk.misplacement_reason() == ""
     look(desk, 8)
-    assert desk.why_wrong() == "", "5 of the last 9"
+    assert desk.misplacement_reason() == "", "5 of the last 9"
     look(desk, 9)
-    assert desk.why_wrong(), "6 of the last 9"
+    assert desk.misplacement_reason(), "6 of the last 9"
 
 
 def test_that_its_own_submaps_agree_says_nothing_for_the_place_of_a_robot() -> None:
@@ -77,10 +77,10 @@ def test_that_its_own_submaps_agree_says_nothing_for_the_place_of_a_robot() -> N
     for turn in range(12):
         key = TWO_ROBOTS[turn // 2 % 3] if turn % 2 else own
         desk.search.candidate = lambda _sensor, key=key: key
-        assert desk.why_wrong() == ""
+        assert desk.misplacement_reason() == ""
         look(desk, turn, wrong=key != own)
     assert (desk.closed, desk.contradicted) == (6, 6)
-    assert desk.why_wrong()
+    assert desk.misplacement_reason()
 
 
 def test_contradictions_of_before_the_robot_began_anew_do_not_count() -> None:
@@ -89,4 +89,4 @@ def test_contradictions_of_before_the_robot_began_anew_do_not_count() -> None:
         look(desk, turn)
     desk.begin_anew()
     look(desk, 5)
-    assert desk.why_wrong() == ""
+    assert desk.misplacement_reason() == ""

@@ -66,12 +66,12 @@ def test_submaps_that_do_not_exist_displace_no_variances_of_others(desk, atlas, 
     atlas.take(("r3", 1), 0, 0, np.array([[FREE]]), 5)
     for robot, numbers in (("r2", range(4)), ("r3", (1,)), ("r2", range(10, 20))):
         parts = [pose_message(robot, GEOMETRY, number, IDENTITY, variances=(0.5, 0.1)) for number in numbers]
-        desk.hear_places(joined_message(robot, GEOMETRY, parts))
+        desk.receive_submap_poses(joined_message(robot, GEOMETRY, parts))
     assert desk.variances_of(("r3", 1)) == (0.5, 0.5, 0.1)
     assert len(desk._variances) <= 4
 
 
 @pytest.mark.parametrize("variances", [(0.0, 0.0), (-1e15, -1e15)])
 def test_no_mate_is_surer_of_its_place_than_a_scan_can_make_it(desk, variances):
-    desk.hear_places(pose_message("r2", GEOMETRY, 7, IDENTITY, variances=variances))
+    desk.receive_submap_poses(pose_message("r2", GEOMETRY, 7, IDENTITY, variances=variances))
     assert desk.variances_of(("r2", 7)) == UNSAID

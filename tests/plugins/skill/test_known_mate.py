@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.plugins.unit.teammates.teammates import KnownMate, hear_paths, hear_states, may_be_near, near, reckon
+from robrain.plugins.unit.teammates.teammates import KnownMate, may_be_near, near, receive_paths, receive_states, reckon
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 
@@ -23,11 +23,11 @@ class Watched:
 
     def state(self, x_m: float, at_s: float, y_m: float = 0.0, yaw_rad: float = 0.0, **fields: object) -> None:
         state = RobotState(robot="r2", pose=Pose2D(x_m, y_m, yaw_rad), radius_m=0.2, **fields)  # type: ignore[arg-type]
-        hear_states([(self.known, state)], round(at_s * S))
+        receive_states([(self.known, state)], round(at_s * S))
 
     def path(self, at_s: float, *points: tuple[float, float], held_at_m: float | None = None) -> None:
         path = PlannedPath(robot="r2", points=[Point2D(*point) for point in points], held_at_m=held_at_m)
-        hear_paths([(self.known, path)], round(at_s * S))
+        receive_paths([(self.known, path)], round(at_s * S))
 
     def at(self, at_s: float) -> Mate:
         (mate,) = reckon([self.known], round(at_s * S), FRESH_S * S)
@@ -119,7 +119,7 @@ def test_a_mate_that_waits_for_nobody_goes_to_the_end_of_its_way_as_fast_as_it_s
     mate.state(0.0, 0)
     for speed_m_s, expected_m_s in ((0.0, 0.6), (0.3, 0.3), (-1.0, 0.6)):
         points = [Point2D(0.0, 0.0), Point2D(4.0, 0.0)]
-        hear_paths([(mate.known, PlannedPath(robot="r2", points=points, speed_m_s=speed_m_s))], 0)
+        receive_paths([(mate.known, PlannedPath(robot="r2", points=points, speed_m_s=speed_m_s))], 0)
         track = mate.at(0).track
         assert track.speed_m_s == expected_m_s
         assert track.held_at == len(track.positions) - 1

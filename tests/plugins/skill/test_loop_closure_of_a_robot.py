@@ -8,7 +8,7 @@ import pytest
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
 from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.slam.map_patch import take_message
+from robrain.algorithms.slam.map_patch import merge_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
 from robrain.protocol.messages.team.arena_messages import Scan
@@ -149,7 +149,7 @@ def test_when_the_loop_is_closed_the_map_is_put_right_and_the_team_and_the_robot
     team = SubmapAtlas(driver.view.geometry)
     moved = 0
     for received in driver.patches.drain():
-        take_message(team, received.message)
+        merge_message(team, received.message)
         moved += len(received.message.parts)
     assert moved > 5
     assert np.array_equal(team.grid.classes(), driver.view.classes)

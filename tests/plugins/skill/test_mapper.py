@@ -6,7 +6,7 @@ import pytest
 
 from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
-from robrain.algorithms.slam.map_patch import take_message, to_message
+from robrain.algorithms.slam.map_patch import merge_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
 from robrain.protocol.messages.maps.map_messages import MapPatch
@@ -113,11 +113,11 @@ def test_patches_merge_into_an_equal_map_elsewhere(stage, room):
     one.run(12.0)
     elsewhere = SubmapAtlas(view(host).geometry)
     for received in patches.drain():
-        take_message(elsewhere, received.message)
+        merge_message(elsewhere, received.message)
     # The last scans may not have been told yet.
     one.run(0.5)
     for received in patches.drain():
-        take_message(elsewhere, received.message)
+        merge_message(elsewhere, received.message)
     assert np.count_nonzero(elsewhere.grid.classes() != UNKNOWN) > 1500
     assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
 
@@ -172,7 +172,7 @@ def test_the_whole_map_is_there_for_the_asking(stage):
     one.run(1.0, lambda: one.stand_and_scan([2.0] * 360))
     whole = one.wire.ask(ROBOT_MAP_WHOLE, robot="r1")
     elsewhere = SubmapAtlas(view(host).geometry)
-    take_message(elsewhere, whole)
+    merge_message(elsewhere, whole)
     assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
     assert one.call("mapper", "known_area_m2") == pytest.approx(0.01 * np.count_nonzero(elsewhere.grid.known()))
 
@@ -244,7 +244,7 @@ def test_after_a_correction_walls_are_put_where_they_are_in_the_arena(stage):
     assert class_at(seen, 3.02, 1.0) == OCCUPIED
     elsewhere = SubmapAtlas(seen.geometry)
     for received in patches.drain():
-        take_message(elsewhere, received.message)
+        merge_message(elsewhere, received.message)
     assert np.array_equal(elsewhere.grid.classes(), seen.classes)
 
 

@@ -37,7 +37,7 @@ def mates_room():
     for x_m, y_m in ((0.0, 0.0), (1.0, 0.5), (-1.0, -0.5), (0.5, -1.0)):
         place = Pose2D(x_m, y_m, 0.0)
         own.integrate(place, ANGLES_RAD, square_from(x_m, y_m), RANGE_M, 10, NOBODY, NO_DRIFT)
-    patch = own.take_patch()
+    patch = own.pop_patch()
     return patch.cells, own.surfaces()
 
 

@@ -196,7 +196,7 @@ def test_joining_moves_the_submaps_of_that_frame_only_and_tells_them_alone() -> 
     scene.map(21, PLACES[1])
     scene.mates_map(OWN, Pose2D(1.0, 0.0, 0.0))
     fix = ArenaFix(Pose2D(3.0, 1.0, 0.5), Pose2D(3.0, 2.0, 0.0), SURE, 1)
-    scene.frames.take_fix(fix)
+    scene.frames.apply_fix(fix)
     assert scene.frames.frame == ARENA
     assert set(told(scene)) == {20, 21}
     for number in (20, 21):
@@ -212,14 +212,14 @@ def test_joining_moves_the_submaps_of_that_frame_only_and_tells_them_alone() -> 
 @pytest.mark.parametrize(("trajectory", "is_taken"), [(1, True), (0, False), (2, False)])
 def test_what_motes_said_before_the_map_was_begun_anew_is_out_of_date(trajectory: int, is_taken: bool) -> None:
     scene = lost(mates=None)
-    scene.frames.take_fix(ArenaFix(Pose2D(3.0, 1.0, 0.5), IDENTITY, SURE, trajectory))
+    scene.frames.apply_fix(ArenaFix(Pose2D(3.0, 1.0, 0.5), IDENTITY, SURE, trajectory))
     assert (scene.frames.frame == ARENA) == is_taken
 
 
 def test_a_robot_in_the_arena_frame_is_not_moved_by_what_motes_say() -> None:
     scene = Scene()
     scene.map(5, PLACES[0], trajectory=0)
-    scene.frames.take_fix(ArenaFix(Pose2D(3.0, 1.0, 0.5), IDENTITY, SURE, 0))
+    scene.frames.apply_fix(ArenaFix(Pose2D(3.0, 1.0, 0.5), IDENTITY, SURE, 0))
     assert scene.own.T_arena_local == IDENTITY
     assert scene.frames.told == []
 
@@ -247,17 +247,17 @@ def test_a_robot_that_hardly_knows_its_place_leaves_unless_it_is_alone_in_the_ar
     variance_m2: float, mates: MapFrame | None, is_unsure: bool
 ) -> None:
     scene = Scene()
-    assert scene.frames.why_unsure() == ""
+    assert scene.frames.uncertainty_reason() == ""
     scene.map(20, *PLACES, trajectory=0)
     if mates is not None:
         scene.mates_map(mates)
     for axis in (0, 1):
         scene.graph.own[20].covariance = np.diag((0.1, 0.1, 0.01))
         scene.graph.own[20].covariance[axis, axis] = variance_m2
-        assert (scene.frames.why_unsure() == "its place is known to ± 1.0 m only") == is_unsure
+        assert (scene.frames.uncertainty_reason() == "its place is known to ± 1.0 m only") == is_unsure
     if is_unsure:
-        scene.frames.part(scene.frames.why_unsure())
-        assert scene.frames.why_unsure() == "", "it has left"
+        scene.frames.part(scene.frames.uncertainty_reason())
+        assert scene.frames.uncertainty_reason() == "", "it has left"
 
 
 @pytest.mark.parametrize(("variances", "joins"), [((1.1, 1.1, 0.001), False), ((400.0, 400.0, 4.0), True)])
@@ -268,7 +268,7 @@ def test_a_robot_that_was_only_unsure_joins_only_where_its_last_place_allows(
     scene.map(20, *PLACES, trajectory=0)
     scene.mates_map(ARENA)
     scene.graph.own[20].covariance = np.diag(variances)
-    scene.frames.part(scene.frames.why_unsure())
+    scene.frames.part(scene.frames.uncertainty_reason())
     assert any(scene.search(place) for place in PLACES) is joins
 
 

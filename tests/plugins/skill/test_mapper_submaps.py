@@ -7,7 +7,7 @@ import pytest
 
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
-from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message
+from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.messages.maps.map_messages import Closure, Closures
@@ -104,10 +104,10 @@ def test_old_submaps_that_the_map_no_longer_shows_go_and_those_that_it_shows_sta
         host.board.local_pose = lies_at(Pose2D(seen_once_m if way == 1 else 1.5 * (way % 2), 0.0, 0.0))
         scanned(one, 0.5)
         for received in patches.drain():
-            take_message(team, received.message)
+            merge_message(team, received.message)
     scanned(one)
     for received in patches.drain():
-        take_message(team, received.message)
+        merge_message(team, received.message)
     # Of twelve submaps: two that can be moved, the last fixed one, and the one that saw the far place.
     assert one.call("mapper", "counters")["submaps"] == len(team.submaps) == 4
     assert class_at(host, seen_once_m + 2.05, 0.0) == OCCUPIED
@@ -265,13 +265,13 @@ def test_what_was_mapped_from_a_false_start_is_withdrawn_and_the_team_is_told(st
     wrong = host.board.local_map.number
     team = SubmapAtlas(view(host).geometry)
     for received in patches.drain():
-        take_message(team, received.message)
+        merge_message(team, received.message)
     assert team.grid.known_count > 1000
     host.board.false_start = True
     one.run(0.4, lambda: one.stand_and_scan([0.0] * 4))
     assert not np.any(view(host).classes == OCCUPIED)
     for received in patches.drain():
-        take_message(team, received.message)
+        merge_message(team, received.message)
     assert ("r1", wrong) not in team.submaps
     host.board.local_pose = lies_at(Pose2D(1.0, 0.0, 0.0), trajectory=1)
     scanned(one, 1.2)

@@ -38,7 +38,7 @@ def test_before_the_first_scan_there_is_no_map_and_a_submap_is_due() -> None:
     assert own.is_over()
     assert own.number is None
     assert own.local_map() is None
-    assert own.take_patch() is None
+    assert own.pop_patch() is None
 
 
 def test_a_submap_tells_what_localisation_is_to_go_by() -> None:
@@ -148,7 +148,7 @@ def test_a_robot_that_was_lost_goes_by_nothing_that_it_saw_before() -> None:
     assert own.number is None
     assert own.is_over()
     assert own.local_map() is None
-    assert own.take_patch() is None
+    assert own.pop_patch() is None
     own.begin_submap(6, START, NO_DRIFT, PRIOR)
     local = own.local_map()
     assert local is not None
@@ -160,7 +160,7 @@ def test_a_patch_is_on_the_lattice_of_the_teams_grid_and_may_leave_it() -> None:
     own = begun(margin_m=1.0)
     local = Pose2D(-0.35, 2.0, 0.0)
     own.integrate(local, np.array([0.0]), np.array([1.0]), RANGE_M, 7, NOBODY, NO_DRIFT)
-    patch = own.take_patch()
+    patch = own.pop_patch()
     assert patch is not None
     assert patch.submap == 5
     cells = patch.cells
@@ -169,17 +169,17 @@ def test_a_patch_is_on_the_lattice_of_the_teams_grid_and_may_leave_it() -> None:
     assert cells.cells[0, -1] == OCCUPIED
     assert set(cells.cells[0, :-1].tolist()) == {FREE}
     assert cells.stamp_ms == 7
-    assert own.take_patch() is None, "it is told once"
+    assert own.pop_patch() is None, "it is told once"
 
 
 def test_what_a_robot_saw_in_the_submap_before_is_told_of_the_new_one_once_it_sees_it_again() -> None:
     own = begun()
     scan(own, START)
-    first = own.take_patch()
+    first = own.pop_patch()
     own.begin_submap(6, START, NO_DRIFT, PRIOR)
-    assert own.take_patch() is None
+    assert own.pop_patch() is None
     scan(own, START)
-    second = own.take_patch()
+    second = own.pop_patch()
     assert first is not None
     assert second is not None
     assert second.submap == 6
@@ -243,11 +243,11 @@ def test_mates_and_drift_are_handed_on_to_the_map() -> None:
 def ghost_on(own: OwnSubmaps) -> bool:
     """Whether floor that the robot sees, and the team takes for a wall, is told again."""
     scan(own, START)
-    own.take_patch()
+    own.pop_patch()
     team = OccupancyGrid(GEOMETRY)
     team.merge_patch(31, 16, np.array([[OCCUPIED]], np.int8), 3)
     own.contradict(team)
-    patch = own.take_patch()
+    patch = own.pop_patch()
     if patch is None:
         return False
     assert (patch.cells.row, patch.cells.column) == (31, 16)

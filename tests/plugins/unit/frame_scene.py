@@ -54,9 +54,9 @@ class Scene:
         self.mates: dict[MapFrame, list[tuple[float, float, float]]] = {}
         self.strangers = 0
         """Mates that are heard, but tell no place in any of these frames."""
-        self.frames = Frames("r1", self.atlas, self.graph, self.own, self._mates_in, self._heard)
+        self.frames = Frames("r1", self.atlas, self.graph, self.own, self._robot_places_in, self._heard)
 
-    def _mates_in(self, frame: MapFrame) -> np.ndarray:
+    def _robot_places_in(self, frame: MapFrame) -> np.ndarray:
         return np.array(self.mates.get(frame, [])).reshape(-1, 3)
 
     def _heard(self) -> int:
@@ -71,7 +71,7 @@ class Scene:
         for place in places:
             ranges_m = ROOM.ranges_m(place)
             self.own.integrate(T_own_floor.compose(place), ANGLES_RAD, ranges_m, RANGE_M, number, NOBODY, NO_DRIFT)
-        patch = self.own.take_patch()
+        patch = self.own.pop_patch()
         assert patch is not None
         self.atlas.move(("r1", number), self.own.T_arena_local, self.own.frame)
         self.atlas.take(("r1", number), patch.cells.row, patch.cells.column, patch.cells.cells, patch.cells.stamp_ms)

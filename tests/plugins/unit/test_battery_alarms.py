@@ -19,7 +19,7 @@ class Believed:
 
     def __init__(self) -> None:
         self.soc, self.soc_sd, self.health = 0.5, 0.0123456, 0.93456
-        self.why_doubted = ""
+        self.doubt_reason = ""
         self.given: list[tuple[str, tuple[Any, ...]]] = []
         self.filter = self
 
@@ -32,7 +32,7 @@ class Believed:
     def follow(self, *given: Any) -> None:
         self.given.append(("follow", given))
 
-    def hear_nothing(self, *given: Any) -> None:
+    def no_reading(self, *given: Any) -> None:
         self.given.append(("nothing", given))
 
 
@@ -150,7 +150,7 @@ def test_state_is_told_in_no_more_digits_than_are_known(robot):
 )
 @pytest.mark.parametrize("why", ["", "it lies"])
 def test_charge_is_one_only_if_it_is_believed_and_so_is_what_is_drawn(robot, current_a, charging, is_own, why):
-    robot.believed.why_doubted = why
+    robot.believed.doubt_reason = why
     state = robot.measure(current_a=current_a)
     assert state.charging is (charging and not why)
     assert state.implausible == why
@@ -161,7 +161,7 @@ def test_charge_is_one_only_if_it_is_believed_and_so_is_what_is_drawn(robot, cur
 
 
 def at(robot, soc, voltage_v=15.0, why=""):
-    robot.believed.soc, robot.believed.why_doubted = soc, why
+    robot.believed.soc, robot.believed.doubt_reason = soc, why
     robot.measure(voltage_v)
     return robot.told()
 

@@ -39,7 +39,7 @@ def test_goal_is_reached_only_when_no_corner_is_left_and_it_is_near_enough():
 
 def test_way_that_is_left_is_that_to_the_next_point_and_between_the_others():
     path = Path([Point2D(3.0, 4.0), Point2D(3.0, 5.0), Point2D(0.0, 9.0)], 0.08)
-    assert path.way_left_m(AT) == pytest.approx(5.0 + 1.0 + 5.0)
+    assert path.remaining_m(AT) == pytest.approx(5.0 + 1.0 + 5.0)
 
 
 def test_path_is_looked_along_unless_a_direction_is_given():
@@ -75,7 +75,7 @@ def test_corner_is_as_fast_wherever_it_lies_and_however_it_is_turned(turned_rad)
     for ahead_m in (0.0, 0.1):
         expected_m_s = here.speed_m_s(AT, 0.8, ahead_m, 0.08)
         assert away.speed_m_s(moved, 0.8, ahead_m, 0.08) == pytest.approx(expected_m_s)
-    assert away.way_left_m(moved) == pytest.approx(here.way_left_m(AT))
+    assert away.remaining_m(moved) == pytest.approx(here.remaining_m(AT))
 
 
 def test_slowest_of_several_corners_counts_and_the_way_between_them():

@@ -21,14 +21,14 @@ def test_mote_that_was_never_heard_has_counted_nothing_and_has_no_row():
     one = record()
     assert (one.readings, one.stamp_ns, one.live_ns, one.spoke_ns, one.asked_until_ns, one.duty_tries) == (0,) * 6
     assert not one.is_asked_for
-    assert one.as_heard() is None
+    assert one.as_received() is None
 
 
 def test_row_of_a_mote_tells_its_last_packet_and_the_mean_of_all_strengths():
     one = record()
-    one.note_heard(reading(rssi_dbm=-60), 1, None)
-    one.note_heard(reading(sequence=8, rssi_dbm=-80, value_centi=2200), 2, HERE)
-    row = one.as_heard()
+    one.record_packet(reading(rssi_dbm=-60), 1, None)
+    one.record_packet(reading(sequence=8, rssi_dbm=-80, value_centi=2200), 2, HERE)
+    row = one.as_received()
     assert (row.mote, row.place, row.heard_from) == ("m3", Point2D(5.0, -2.0), HERE)
     assert (row.rssi_dbm, row.mean_rssi_dbm, row.stamp_ns) == (-80, -70.0, 2)
     assert (row.period_s, row.voltage_v, row.last_value) == (4.0, 2.9, 22.0)
@@ -37,20 +37,20 @@ def test_row_of_a_mote_tells_its_last_packet_and_the_mean_of_all_strengths():
 
 def test_stored_reading_is_not_the_last_value_unless_there_is_no_other():
     one = record()
-    one.note_heard(reading(age_ds=1, value_centi=100), 1, None)
-    assert (one.as_heard().last_value, one.live_ns) == (1.0, 1)
-    one.note_heard(reading(age_ds=0, value_centi=200), 2, None)
-    one.note_heard(reading(age_ds=5, value_centi=300), 3, None)
-    assert (one.as_heard().last_value, one.live_ns, one.stamp_ns) == (2.0, 2, 3)
+    one.record_packet(reading(age_ds=1, value_centi=100), 1, None)
+    assert (one.as_received().last_value, one.live_ns) == (1.0, 1)
+    one.record_packet(reading(age_ds=0, value_centi=200), 2, None)
+    one.record_packet(reading(age_ds=5, value_centi=300), 3, None)
+    assert (one.as_received().last_value, one.live_ns, one.stamp_ns) == (2.0, 2, 3)
 
 
 def test_request_is_answered_with_its_last_reading():
     one = record()
-    one.note_answer(12)
+    one.record_answer(12)
     one.asked = RequestPayload(10, 0b111)
-    one.note_answer(11)
+    one.record_answer(11)
     assert one.asked is not None
-    one.note_answer(12)
+    one.record_answer(12)
     assert one.asked is None
 
 

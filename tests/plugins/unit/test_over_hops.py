@@ -27,8 +27,8 @@ class Base:
             mote=3, sequence=sequence, oldest=oldest, period_ds=period_ds, voltage_mv=3000, quantity=1, value_centi=0,
             x_dm=0, y_dm=0,
         )  # fmt: skip
-        self.over.hear_forwarded(MoteRecord("m2", 2, 64), reading, 1, self.now_ns)
-        self.over.hear_forwarded(self.record, reading, parent, self.now_ns)
+        self.over.received_forwarded(MoteRecord("m2", 2, 64), reading, 1, self.now_ns)
+        self.over.received_forwarded(self.record, reading, parent, self.now_ns)
         self.over.hear(1, self.now_ns)
         routed = [RoutedPayload.unpack(payload) for to, kind, payload in self.packets if (to, kind) == (1, ROUTED_TYPE)]
         return [one for one in routed if one.route == (2, 3)]
@@ -91,6 +91,6 @@ def test_a_way_that_is_old_too_long_or_a_circle_is_none():
         mote=3, sequence=0, oldest=0, period_ds=40, voltage_mv=3000, quantity=1, value_centi=0, x_dm=0, y_dm=0
     )
     for number in range(2, 20):
-        base.over.hear_forwarded(MoteRecord(f"m{number}", number, 64), reading, number - 1, base.now_ns)
+        base.over.received_forwarded(MoteRecord(f"m{number}", number, 64), reading, number - 1, base.now_ns)
     assert base.over.route(ROUTE_MAX + 1, base.now_ns) == tuple(range(1, ROUTE_MAX + 2))
     assert base.over.route(ROUTE_MAX + 2, base.now_ns) is None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, Relay, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
-from robrain.protocol.schema.announced_parameters import PARTS_MAX, check_announced, why_unusable
+from robrain.protocol.schema.announced_parameters import PARTS_MAX, check_announced, schema_refusal
 from robrain.protocol.schema.struct_schema import parameters_schema
 
 SCHEMAS = {kind: parameters_schema(type_) for kind, type_ in STOCK_KINDS.items()}
@@ -27,7 +27,7 @@ def why(kind, parameters, *schemas) -> str:
 
 @pytest.mark.parametrize("kind", SCHEMAS)
 def test_the_schemas_of_the_stock_kinds_can_be_used(kind: str) -> None:
-    assert why_unusable(SCHEMAS[kind]) == ""
+    assert schema_refusal(SCHEMAS[kind]) == ""
     assert SCHEMAS[kind]["type"] == "object"
     for name, field in SCHEMAS[kind]["properties"].items():
         assert field.get("description"), name
@@ -103,7 +103,7 @@ def nested(depth: int) -> dict:
     ],
 )
 def test_a_schema_that_could_do_harm_is_not_used_and_everything_passes(schema: dict, said: str) -> None:
-    assert why_unusable(schema).startswith(said)
+    assert schema_refusal(schema).startswith(said)
     assert why("sweep", {"anything": 1}, schema) == ""
 
 

@@ -14,9 +14,9 @@ from robrain.algorithms.slam.map_patch import (
     in_own_time,
     joined_message,
     map_stamp_ms,
+    merge_message,
     pose_message,
     submap_message,
-    take_message,
     to_message,
     whole_map,
 )
@@ -46,7 +46,7 @@ def over_the_wire(message):
 def atlas_of(*messages):
     atlas = SubmapAtlas(GEOMETRY)
     for message in messages:
-        take_message(atlas, message)
+        merge_message(atlas, message)
     return atlas
 
 
@@ -58,9 +58,9 @@ def classes_with(row, column, cells):
 
 def test_a_patch_says_on_the_other_side_what_it_said_on_this():
     atlas = SubmapAtlas(GEOMETRY)
-    assert take_message(atlas, PATCH) == 5
+    assert merge_message(atlas, PATCH) == 5
     assert np.array_equal(atlas.grid.classes(), classes_with(2, 3, CELLS))
-    assert take_message(atlas, PATCH) == 0
+    assert merge_message(atlas, PATCH) == 0
 
 
 @pytest.mark.slow
@@ -74,7 +74,7 @@ def test_every_patch_survives_the_wire(data):
     received = over_the_wire(message)
     assert received == message
     atlas = SubmapAtlas(GEOMETRY)
-    assert take_message(atlas, received) == np.count_nonzero(cells != UNKNOWN)
+    assert merge_message(atlas, received) == np.count_nonzero(cells != UNKNOWN)
     assert np.array_equal(atlas.grid.classes(), classes_with(row, column, cells))
     assert set(atlas.submaps) == {("r1", 3)}
 
@@ -86,9 +86,9 @@ def test_a_patch_is_drawn_where_its_submap_lies():
 
 def test_a_message_without_cells_moves_a_submap_and_another_withdraws_it():
     atlas = atlas_of(PATCH)
-    take_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE)))
+    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE)))
     assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS))
-    take_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE, withdrawn=True)))
+    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE, withdrawn=True)))
     assert atlas.submaps == {}
     assert atlas.grid.known_count == 0
 
@@ -103,7 +103,7 @@ def test_several_patches_travel_in_one_message():
     second = to_message("r1", GEOMETRY, PatchCells(5, 7, CELLS, 2000), 1)
     parts = joined_message("r1", GEOMETRY, [PATCH, second, pose_message("r1", GEOMETRY, 0, ASIDE)])
     atlas = SubmapAtlas(GEOMETRY)
-    assert take_message(atlas, over_the_wire(parts)) == 10
+    assert merge_message(atlas, over_the_wire(parts)) == 10
     expected = atlas_of(PATCH, second)
     expected.move(("r1", 0), ASIDE)
     assert np.array_equal(atlas.grid.classes(), expected.grid.classes())
@@ -129,7 +129,7 @@ def test_submaps_that_are_moved_together_stay_in_the_map_frame_that_each_is_told
     atlas = atlas_of(*[told_in(OWN, number, Pose2D(0.0, 0.0, 0.0)) for number in (0, 1, 2)])
     frames = (OWN, ARENA, OTHER)
     parts = [pose_message("r1", GEOMETRY, number, ASIDE, frame) for number, frame in enumerate(frames)]
-    take_message(atlas, over_the_wire(joined_message("r1", GEOMETRY, parts)))
+    merge_message(atlas, over_the_wire(joined_message("r1", GEOMETRY, parts)))
     for number, frame in enumerate(frames):
         assert atlas.place_of(("r1", number), frame) == ASIDE
     assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS)), "the one in the arena frame"
@@ -161,7 +161,7 @@ def test_a_whole_map_says_all_that_is_known_and_when_each_tile_was_seen():
     in_between = to_message("r3", GEOMETRY, PatchCells(3, 3, between, 5000))
     beside = to_message("r3", GEOMETRY, PatchCells(8, 9, np.array([[OCCUPIED]], np.int8), 5000))
     for message in (in_between, beside):
-        take_message(elsewhere, message)
+        merge_message(elsewhere, message)
     assert elsewhere.grid.classes()[3, 3] == OCCUPIED
     assert elsewhere.grid.classes()[8, 9] == FREE
 
@@ -175,15 +175,15 @@ def test_a_whole_map_is_drawn_once_however_many_submaps_overlap(monkeypatch):
         for at in rng.integers(0, 64 - 20, (3, 2)).tolist():  # several observation times, so known tiles are redrawn
             cells = rng.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.int8), (20, 20))
             step = PatchCells(*at, cells, int(rng.integers(1, 9000)))
-            take_message(one_by_one, to_message("r1", geometry, step, number, ASIDE))
+            merge_message(one_by_one, to_message("r1", geometry, step, number, ASIDE))
     whole = whole_map("r1", one_by_one, sorted(one_by_one.submaps))
     together = SubmapAtlas(geometry)
-    assert take_message(together, whole) > 0
+    assert merge_message(together, whole) > 0
     draws = []
     draw = SubmapAtlas._draw
     monkeypatch.setattr(SubmapAtlas, "_draw", lambda atlas, *rest: draws.append(1) or draw(atlas, *rest))
     version = together.grid.version
-    assert take_message(together, whole) == 0  # as after a restart of the mapper
+    assert merge_message(together, whole) == 0  # as after a restart of the mapper
     assert together.grid.version == version
     assert 0 < len(draws) <= 40
     assert np.array_equal(together.grid.log_odds, one_by_one.grid.log_odds)
@@ -195,9 +195,9 @@ def test_what_is_taken_after_a_refused_part_is_drawn():
     spoilt = msgspec.structs.replace(PATCH, submap=1, cells=b"nonsense")
     atlas = SubmapAtlas(GEOMETRY)
     with pytest.raises(ValueError, match="r1"):
-        take_message(atlas, joined_message("r1", GEOMETRY, [PATCH, spoilt]))
+        merge_message(atlas, joined_message("r1", GEOMETRY, [PATCH, spoilt]))
     assert np.array_equal(atlas.grid.classes(), classes_with(2, 3, CELLS))
-    take_message(atlas, to_message("r1", GEOMETRY, PatchCells(6, 6, CELLS, 2000), 2))
+    merge_message(atlas, to_message("r1", GEOMETRY, PatchCells(6, 6, CELLS, 2000), 2))
     assert atlas.grid.classes()[6, 7] == OCCUPIED
 
 
@@ -224,7 +224,7 @@ def test_hearsay_of_one_submap_may_come_in_several_parts():
 def test_parts_of_parts_are_refused():
     nested = joined_message("r1", GEOMETRY, [joined_message("r1", GEOMETRY, [PATCH])])
     with pytest.raises(ValueError, match="a part of its patch has parts"):
-        take_message(SubmapAtlas(GEOMETRY), nested)
+        merge_message(SubmapAtlas(GEOMETRY), nested)
 
 
 @pytest.mark.parametrize(
@@ -256,7 +256,7 @@ def test_parts_of_parts_are_refused():
 def test_a_patch_that_is_not_what_it_says_is_refused_and_changes_nothing(patch, sentence):
     atlas = SubmapAtlas(GEOMETRY)
     with pytest.raises(ValueError, match=sentence):
-        take_message(atlas, patch)
+        merge_message(atlas, patch)
     assert atlas.submaps == {}
     assert atlas.grid.known_count == 0
     assert np.all(atlas.grid.classes() == UNKNOWN)
@@ -286,11 +286,11 @@ def test_numbers_that_no_patch_has_are_refused_where_it_is_decoded(fields):
 @pytest.mark.parametrize(("row", "column", "known"), [(8, 3, 2), (-1, 3, 3), (2, 10, 4), (2, -2, 1), (40, 40, 0)])
 def test_of_a_patch_that_leaves_the_grid_the_part_inside_is_drawn(row, column, known):
     atlas = SubmapAtlas(GEOMETRY)
-    assert take_message(atlas, over_the_wire(changed(row=row, column=column))) == known
+    assert merge_message(atlas, over_the_wire(changed(row=row, column=column))) == known
     everywhere = np.full((100, 100), UNKNOWN)
     everywhere[50 + row : 52 + row, 50 + column : 53 + column] = CELLS
     assert np.array_equal(atlas.grid.classes(), everywhere[50:59, 50:62])
-    take_message(atlas, pose_message("r1", GEOMETRY, 0, Pose2D(0.05 * (3 - column), 0.05 * (2 - row), 0.0)))
+    merge_message(atlas, pose_message("r1", GEOMETRY, 0, Pose2D(0.05 * (3 - column), 0.05 * (2 - row), 0.0)))
     assert np.array_equal(atlas.grid.classes(), classes_with(2, 3, CELLS))
 
 
@@ -298,11 +298,11 @@ def test_a_patch_that_is_nearly_all_wall_is_refused():
     geometry = GridGeometry(0.1, 0.0, 0.0, 200, 200)
     cells = np.full((100, 100), OCCUPIED)
     cells[:30] = FREE
-    assert take_message(SubmapAtlas(geometry), to_message("r1", geometry, PatchCells(0, 0, cells, 5))) == 10_000
+    assert merge_message(SubmapAtlas(geometry), to_message("r1", geometry, PatchCells(0, 0, cells, 5))) == 10_000
     cells[29] = OCCUPIED
     expected = f"at most {OCCUPIED_MAX} occupied cells .* got 7100 and 2900 free ones"
     with pytest.raises(ValueError, match=expected):
-        take_message(SubmapAtlas(geometry), to_message("r1", geometry, PatchCells(0, 0, cells, 5)))
+        merge_message(SubmapAtlas(geometry), to_message("r1", geometry, PatchCells(0, 0, cells, 5)))
 
 
 @pytest.mark.parametrize(
@@ -320,7 +320,7 @@ def test_a_refused_patch_does_not_move_its_submap(fields):
     atlas = atlas_of(PATCH)
     before, version = atlas.grid.classes(), atlas.grid.version
     with pytest.raises(ValueError, match=r"r1|begins where a tile does|cells a side"):
-        take_message(atlas, changed(T_arena_local=ASIDE, **fields))
+        merge_message(atlas, changed(T_arena_local=ASIDE, **fields))
     assert atlas.submaps["r1", 0].T_arena_local == Pose2D(0.0, 0.0, 0.0)
     assert (atlas.grid.version, atlas.grid.classes().tolist()) == (version, before.tolist())
 
@@ -329,7 +329,7 @@ def test_what_others_tell_leaves_room_for_the_robots_own_cells(monkeypatch):
     monkeypatch.setattr(submap_atlas, "SUBMAPS_MAX", 4)
     atlas = SubmapAtlas(GEOMETRY)
     with pytest.raises(ValueError, match="at most 3 submaps"):
-        take_message(atlas, joined_message("r1", GEOMETRY, [changed(submap=number) for number in range(4)]))
+        merge_message(atlas, joined_message("r1", GEOMETRY, [changed(submap=number) for number in range(4)]))
     assert len(atlas.submaps) == 3
     assert atlas.take(("r0", 0), 2, 3, CELLS, 1000) == 0
     assert len(atlas.submaps) == 4
@@ -339,14 +339,14 @@ def test_a_message_of_more_cells_than_an_atlas_holds_is_refused_unread():
     part = changed(rows=4096, columns=4096, cells=b"garbage")
     message = joined_message("r1", GEOMETRY, [part] * (MESSAGE_CELLS_MAX // 4096**2 + 1))
     with pytest.raises(ValueError, match=f"at most {MESSAGE_CELLS_MAX} cells in a message"):
-        take_message(SubmapAtlas(GEOMETRY), message)
+        merge_message(SubmapAtlas(GEOMETRY), message)
 
 
 @given(st.binary(max_size=40))
 def test_no_cells_do_anything_but_merge_or_be_refused(cells):
     atlas = SubmapAtlas(GEOMETRY)
     try:
-        take_message(atlas, changed(cells=zlib.compress(cells)))
+        merge_message(atlas, changed(cells=zlib.compress(cells)))
     except ValueError:
         assert len(cells) != 6
     else:
@@ -375,7 +375,7 @@ def test_patches_of_a_robot_whose_clock_differs_are_observed_when_they_were(now_
     part = message.parts[0]
     assert part.observed_ms == map_stamp_ms((now_s - 40) * NS_PER_S)
     assert set(np.frombuffer(zlib.decompress(part.tiles_ms), np.int32)) >= {part.observed_ms}
-    take_message(SubmapAtlas(GEOMETRY), message)
+    merge_message(SubmapAtlas(GEOMETRY), message)
 
 
 def test_a_submap_message_has_the_classes_of_the_submap():

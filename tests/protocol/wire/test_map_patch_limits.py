@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
-from robrain.algorithms.slam.map_patch import is_near_grid, joined_message, pose_message, take_message, to_message
+from robrain.algorithms.slam.map_patch import is_near_grid, joined_message, merge_message, pose_message, to_message
 from robrain.algorithms.slam.submap import SURFACE, SURFACES_MAX
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.messages.maps.map_messages import MapPatch
@@ -59,24 +59,24 @@ def test_a_patch_may_lie_two_thousand_cells_outside_the_grid_and_no_farther(
     assert is_near_grid(GRID, row, column) == is_near
     atlas = SubmapAtlas(GRID)
     if is_near:
-        take_message(atlas, floor(row, column))
+        merge_message(atlas, floor(row, column))
         assert KEY in atlas.submaps
         return
     with pytest.raises(ValueError, match="at most 2000 cells outside the grid"):
-        take_message(atlas, floor(row, column))
+        merge_message(atlas, floor(row, column))
     assert not atlas.submaps
 
 
 @pytest.mark.parametrize("count", [0, 1, 300, SURFACES_MAX])
 def test_a_finished_submap_has_the_surfaces_that_were_told(count: int) -> None:
     atlas, surfaces = SubmapAtlas(GRID), surfaces_of(count)
-    take_message(atlas, floor())
+    merge_message(atlas, floor())
     assert atlas.submaps[KEY].surfaces is None
-    assert take_message(atlas, finished(surfaces)) == 0
+    assert merge_message(atlas, finished(surfaces)) == 0
     told = atlas.submaps[KEY].surfaces
     assert told is not None
     assert np.array_equal(told, surfaces)
-    take_message(atlas, floor(column=1))
+    merge_message(atlas, floor(column=1))
     assert atlas.submaps[KEY].surfaces is told, "later cells do not change the surfaces"
 
 
@@ -91,9 +91,9 @@ def test_a_finished_submap_has_the_surfaces_that_were_told(count: int) -> None:
 )
 def test_surfaces_that_are_too_many_or_cut_off_are_refused(surfaces: bytes) -> None:
     atlas = SubmapAtlas(GRID)
-    take_message(atlas, floor())
+    merge_message(atlas, floor())
     with pytest.raises(ValueError, match=f"at most {SURFACES_MAX} surfaces of 11 bytes"):
-        take_message(atlas, finished(surfaces))
+        merge_message(atlas, finished(surfaces))
     assert atlas.submaps[KEY].surfaces is None
 
 
@@ -105,15 +105,15 @@ def test_of_several_places_in_one_message_the_last_one_counts() -> None:
         ([pose_message("r2", GRID, 7, elsewhere), pose_message("r2", GRID, 7, THERE)], THERE),
     ):
         atlas = SubmapAtlas(GRID)
-        take_message(atlas, floor())
-        take_message(atlas, joined_message("r2", GRID, parts))
+        merge_message(atlas, floor())
+        merge_message(atlas, joined_message("r2", GRID, parts))
         assert atlas.place_of(KEY) == place
 
 
 def test_a_submap_that_is_only_moved_or_withdrawn_tells_of_no_changed_cell() -> None:
     atlas = SubmapAtlas(GRID)
-    assert take_message(atlas, floor(cells=5)) == 5
-    assert take_message(atlas, pose_message("r2", GRID, 7, THERE)) == 0
-    assert take_message(atlas, pose_message("r2", GRID, 7, THERE, withdrawn=True)) == 0
+    assert merge_message(atlas, floor(cells=5)) == 5
+    assert merge_message(atlas, pose_message("r2", GRID, 7, THERE)) == 0
+    assert merge_message(atlas, pose_message("r2", GRID, 7, THERE, withdrawn=True)) == 0
     assert not atlas.submaps
     assert atlas.grid.known_count == 0

@@ -111,7 +111,7 @@ def test_who_sleeps_is_woken_by_a_query_and_by_a_sample(pair):
     robot, team = pair
     woken, heard = threading.Event(), threading.Event()
     robot.on_waiting = woken.set
-    team.on_heard = heard.set
+    team.on_receive = heard.set
     robot.answer(ROBOT_OFFER, lambda _request: None, serve=Serve.IN_STEP, robot="r1")
     team.subscribe(Inbox(), ROBOT_STATE)
     states = robot.publisher(ROBOT_STATE, robot="r1")

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam import submap_atlas
-from robrain.algorithms.slam.map_patch import pose_message, take_message, to_message, whole_map
+from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message, whole_map
 from robrain.algorithms.slam.shared_patches import SharedSteps
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.messages.maps.map_messages import MapPatch
@@ -57,7 +57,7 @@ def take_together(atlas, told):
         if not shared.take(message):
             alone += 1
             shared.flush()
-            take_message(atlas, message)
+            merge_message(atlas, message)
     shared.flush()
     return alone
 
@@ -81,7 +81,7 @@ def same(one, other, *, versions=True):
 def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: list[MapPatch]) -> None:
     alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)
     for message in told:
-        take_message(alone, msgspec.structs.replace(message))
+        merge_message(alone, msgspec.structs.replace(message))
     take_together(first, told)
     take_together(second, told)
     same(alone, first)
@@ -114,7 +114,7 @@ def test_who_comes_late_and_takes_the_whole_map_shares_the_next_patch_but_one() 
     take_together(first, told[:2])
     whole = whole_map("r1", first, [("r1", 0)])
     assert whole is not None
-    take_message(late, whole)
+    merge_message(late, whole)
     take_together(first, told[2:])
     assert take_together(late, told[2:]) == 1
     same(first, late, versions=False)
@@ -124,7 +124,7 @@ def test_who_comes_late_and_takes_the_whole_map_shares_the_next_patch_but_one() 
 def test_a_patch_of_what_is_no_grid_is_left_to_those_who_refuse_it() -> None:
     nowhere = msgspec.structs.replace(patch("r1", 4, 4, SEEN, 10), width=0)
     atlas = SubmapAtlas(TEAM)
-    take_message(atlas, patch("r1", 4, 4, SEEN, 10))
+    merge_message(atlas, patch("r1", 4, 4, SEEN, 10))
     assert not SharedSteps(atlas).take(nowhere)
 
 
@@ -132,12 +132,12 @@ def test_a_robot_of_another_grid_does_not_take_what_was_computed_for_this_one() 
     cells = np.full((3, 3), OCCUPIED, np.int8)
     before, message = patch("r1", 4, 4, cells, 10), patch("r1", 4, 4, cells, 11)
     first, other = SubmapAtlas(TEAM), SubmapAtlas(GridGeometry(0.5, -3.0, 2.0, 41, 32))
-    take_message(first, before)
+    merge_message(first, before)
     other.submaps["r1", 0] = copy(first.submaps["r1", 0])
-    take_message(first, message)
+    merge_message(first, message)
     assert not SharedSteps(other).take(message)
     with pytest.raises(ValueError, match="r1 maps"):
-        take_message(other, message)
+        merge_message(other, message)
 
 
 def test_a_step_that_enlarges_a_submap_is_taken_only_where_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,7 +162,7 @@ def test_a_patch_that_does_more_than_add_newer_cells_is_taken_alone(later: MapPa
     alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)
     told = [patch("r1", 4, 4, SEEN, 10), later]
     for message in told:
-        take_message(alone, msgspec.structs.replace(message))
+        merge_message(alone, msgspec.structs.replace(message))
     assert take_together(first, told) == take_together(second, told) == 2
     same(alone, first)
     same(alone, second)

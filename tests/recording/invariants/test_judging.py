@@ -20,7 +20,7 @@ from robrain.recording.invariants.findings import (
 )
 from robrain.recording.invariants.invariant_judge import KEPT_BREACHES
 from robrain.recording.invariants.judging import JUDGES, Judging, broken
-from robrain.recording.invariants.words import CASES, INVARIANTS, breach_words, cases_words, missing_words
+from robrain.recording.invariants.words import CASES, INVARIANTS, breach_text, cases_text, missing_text
 from tests.recording.invariants.told import Told, at_task, battery, truth
 
 SAMPLES = {str: "r1", int: 2, float: 1.5, bool: True, TaskState: TaskState.DONE, Point2D: Point2D(1.0, 2.0)}
@@ -39,16 +39,16 @@ def sample(type_: object) -> object:
 def test_there_is_one_judge_for_each_invariant_and_words_for_all() -> None:
     assert [judge.invariant for judge in JUDGES] == list(Invariant)
     assert set(INVARIANTS) == set(CASES) == set(Invariant)
-    assert all(missing_words(missing) for missing in MissingEvidence)
-    assert cases_words(Invariant.WALLS, 1) == "1 pose"
-    assert cases_words(Invariant.WALLS, 3) == "3 poses"
+    assert all(missing_text(missing) for missing in MissingEvidence)
+    assert cases_text(Invariant.WALLS, 1) == "1 pose"
+    assert cases_text(Invariant.WALLS, 3) == "3 poses"
 
 
 @pytest.mark.parametrize("type_", typing.get_args(AnyFinding), ids=lambda type_: type_.__name__)
 def test_every_finding_has_a_sentence_and_survives_json(type_: type[Violation]) -> None:
     hints = typing.get_type_hints(type_)
     finding = type_(**{name: sample(hints[name]) for name in type_.__struct_fields__})
-    text = breach_words(3.0, finding)  # type: ignore[arg-type]
+    text = breach_text(3.0, finding)  # type: ignore[arg-type]
     assert text.startswith("at 3 s ")
     assert "r1" in text
     breach = Breach(time_s=3.0, finding=finding, text=text)  # type: ignore[arg-type]

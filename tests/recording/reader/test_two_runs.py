@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain import Scenario, Team, compare_runs
-from robrain.recording.reader.two_runs import ComparedRow, words_of
+from robrain.recording.reader.two_runs import ComparedRow, text_of
 
 
 def record(path: Path, *, places: int) -> Path:
@@ -54,4 +54,4 @@ def test_rows_tell_who_did_what_in_both_runs_and_equal_runs_have_no_difference(r
     ],
 )
 def test_row_is_told_in_words(row: ComparedRow, words: tuple[str, str, str]) -> None:
-    assert words_of(row) == words
+    assert text_of(row) == words

@@ -271,7 +271,7 @@ def test_power_grows_with_speed_and_payload_and_braking_gives_nothing_back():
 def test_bursts_of_computing_come_as_often_as_their_times_say():
     power = PowerModel(burst_w=2.0, burst_s=4.0, between_bursts_s=12.0)
     load = Load(power, 4.0, np.random.default_rng(1))
-    drawn_w = [load.take_w(0.2) for _ in range(50_000)]
+    drawn_w = [load.mean_power_w(0.2) for _ in range(50_000)]
     assert set(drawn_w) == {8.0, 10.0}
     assert np.mean(drawn_w) == pytest.approx(8.0 + 2.0 * 0.25, abs=0.08)
 

@@ -323,7 +323,7 @@ class Undecided:
     def may_acknowledge(self, copy: str) -> bool:
         return False
 
-    def hear_copy(self, journal: str, led: Led) -> None:
+    def record_copy(self, journal: str, led: Led) -> None:
         pass
 
     def lead(self, now_ns: int) -> Lead:

@@ -52,7 +52,7 @@ def explored(run: LockstepRun) -> ExplorationLeft:
         assert run.sim_time_s < LIMIT_S
         run.tick()
     assert run.arena.collisions == 0
-    left = run.tell_left()
+    left = run.publish_exploration_left()
     assert left is not None
     return left
 
@@ -112,7 +112,7 @@ def test_a_room_whose_door_has_closed_behind_the_robot_is_cut_off() -> None:
         _send(run, Point2D(2.5, 1.2))
         while run.sim_time_s < 90.0:
             run.tick()
-        left = run.tell_left()
+        left = run.publish_exploration_left()
     assert left is not None
     (region,) = left.regions
     assert region.kind is LeftKind.CUT_OFF
@@ -130,13 +130,13 @@ def test_a_frontier_where_robots_fail_again_and_again_is_tried() -> None:
         explorer, left = run.coordinator.explorer, None
         while run.sim_time_s < 1.0:
             run.tick()
-        left = run.tell_left()
+        left = run.publish_exploration_left()
         assert left is not None
         (region,) = [region for region in left.regions if region.area_m2 > 3.0]
         assert region.kind is LeftKind.UNSEEN
         for robot in ("r1", "r2"):
-            explorer.note_failure(robot, region.place, run.clock.now_ns())
-        left = run.tell_left()
+            explorer.record_failure(robot, region.place, run.clock.now_ns())
+        left = run.publish_exploration_left()
     assert left is not None
     (tried,) = [region for region in left.regions if region.area_m2 > 3.0]
     assert (tried.kind, tried.tries) == (LeftKind.TRIED, 2)
@@ -181,9 +181,9 @@ def test_a_room_behind_a_gap_in_which_robots_failed_is_told_once_with_the_width_
         assert region.gap_at.x_m == pytest.approx(3.8, abs=0.3)
         assert region.place.x_m > 4.0
         assert region.high.x_m > 9.0
-        run.tell_left()
+        run.publish_exploration_left()
         inbox.drain()
-        run.tell_left()
+        run.publish_exploration_left()
         assert not inbox.has_some
 
 

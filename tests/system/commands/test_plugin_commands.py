@@ -188,7 +188,7 @@ def test_the_example_is_loaded_into_a_robot_that_is_running_called_edited_and_un
 
     source = folder / "trip.py"
     sound = source.read_text()
-    source.write_text(sound.replace("return round(self._way_m, 2)", "return -1.0"))
+    source.write_text(sound.replace("return round(self._path_m, 2)", "return -1.0"))
     assert robot.told("reload", "r1", "trip") == ["trip: active"]
     assert robot.call("trip", "distance_m") == -1.0
 

@@ -84,14 +84,14 @@ def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> No
     expect(card).to_contain_text("counter")
     before_s, answered_s = _seconds_since_start(page), time.monotonic()
     page.get_by_role("button", name="Unload", exact=True).click()
-    _is_told(page, "unload counter", "done")
+    _is_reported(page, "unload counter", "done")
     expect(chip).to_have_count(0)
     expect(card).to_have_count(0)
     expect(page.get_by_role("button", name="Call", exact=True)).to_be_disabled()
 
     expect(_field(page, "Name or path")).to_have_value("counter")
     page.get_by_role("button", name="Load", exact=True).click()
-    _is_told(page, "load counter", "done")
+    _is_reported(page, "load counter", "done")
     expect(chip).to_have_attribute("title", re.compile("^active"))
     click_on(page, "[data-testid='plugin-counter']")
     asked_s = time.monotonic()
@@ -100,13 +100,13 @@ def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> No
 
     time.sleep(1.0)
     page.get_by_role("button", name="Reload", exact=True).click()
-    _is_told(page, "reload counter", "done")
+    _is_reported(page, "reload counter", "done")
     expect(chip).to_have_attribute("title", re.compile("^active"))
     keep(page, "dashboard-plugins")
     # What cannot be loaded is told in the robot's own words.
     _fill(page, "Name or path", "no_such_plugin")
     page.get_by_role("button", name="Load", exact=True).click()
-    _is_told(page, "load no_such_plugin", "no_such_plugin")
+    _is_reported(page, "load no_such_plugin", "no_such_plugin")
 
 
 def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
@@ -131,7 +131,7 @@ def test_a_kind_of_task_that_only_one_robot_knows_is_asked_for_by_form(page: Pag
     page.get_by_role("tab", name="Robot", exact=True).click()
     _fill(page, "Name or path", str(plugin_folder))
     page.get_by_role("button", name="Load", exact=True).click()
-    _is_told(page, f"load {plugin_folder}", "done")
+    _is_reported(page, f"load {plugin_folder}", "done")
     page.get_by_role("tab", name="Tasks", exact=True).click()
     until(lambda: "sweep" in _options(page, "Kind"), "the form does not know the kind", pause_s=0.5)
     page.get_by_role("option", name="sweep", exact=True).click()
@@ -324,7 +324,7 @@ def _seconds_since_start(page: Page) -> float:
     return float(result.inner_text().rpartition(":")[2])
 
 
-def _is_told(page: Page, title: str, said: str) -> None:
+def _is_reported(page: Page, title: str, said: str) -> None:
     """A notice of this title came, and is closed; it closes by itself after six seconds, seen or not."""
     told = wait_for(
         lambda: [text for text in notices(page) if title in text and said in text],

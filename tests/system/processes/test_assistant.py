@@ -154,7 +154,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
         commands.stop_all()
 
 
-def words_of(result: CallToolResult) -> str:
+def text_of(result: CallToolResult) -> str:
     return "\n".join(one.text for one in result.content if isinstance(one, TextContent))
 
 
@@ -162,7 +162,7 @@ def is_as_said(said: Said, result: CallToolResult) -> bool:
     values = result.structured_content or {}
     return (
         (values.get("verdict"), values.get("code", "")) == (said.verdict, said.code)
-        and said.words in words_of(result)
+        and said.words in text_of(result)
         and result.is_error == (said.verdict in ("refused", "failed"))
     )
 
@@ -188,7 +188,7 @@ def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_re
     assert len(SCRIPT) == 50
     results = anyio.run(_give, bench, SCRIPT)
     wrong = [
-        f"{number} {said.tool} {said.arguments}: {result.structured_content} {words_of(result)}"
+        f"{number} {said.tool} {said.arguments}: {result.structured_content} {text_of(result)}"
         for number, (said, result) in enumerate(zip(SCRIPT, results, strict=True))
         if not is_as_said(said, result)
     ]
@@ -230,7 +230,7 @@ def test_a_server_on_http_is_on_this_machine_alone_and_ends_when_told(bench: Ben
 
     async def look() -> str:
         async with Client(url, client_info=CLIENT) as client:
-            return words_of(await client.call_tool("list_robots", {}))
+            return text_of(await client.call_tool("list_robots", {}))
 
     assert "r1" in anyio.run(look)
     with pytest.raises(urllib.error.HTTPError) as caught:  # as a page of another site would come, by its name
@@ -282,7 +282,7 @@ def test_a_certificate_allows_an_assistant_what_its_role_may(tmp_path: Path, com
                 cwd=tmp_path,
             )
             results = anyio.run(_give, Bench(None, server, tmp_path / "log"), script)
-            told = [words_of(result) for result in results]
+            told = [text_of(result) for result in results]
             assert [is_as_said(said, one) for said, one in zip(script, results, strict=True)] == [True] * 5, told
 
 

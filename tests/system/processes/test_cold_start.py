@@ -17,7 +17,7 @@ from numba.core.caching import _CacheLocator
 
 from robrain.deploy.run.kernels import _kernels_of, _modules_with_kernels, prepare_kernels
 from robrain.deploy.run.preparing import PROCESSES
-from robrain.recording.drawing.palette import FREE, look_of
+from robrain.recording.drawing.palette import FREE, style_of
 from tests.system.browser import chromium, keep, picture_of, share_of, wait_for
 from tests.system.conftest import Commands
 from tests.system.hanging import stopped
@@ -121,7 +121,7 @@ def _is_served(port: int) -> bool:
 
 
 def _is_seen(picture: np.ndarray) -> bool:
-    robots = [share_of(picture, look_of(index).color, within=40) > ROBOT_SHARE for index in range(ROBOTS)]
+    robots = [share_of(picture, style_of(index).color, within=40) > ROBOT_SHARE for index in range(ROBOTS)]
     return share_of(picture, FREE) > FLOOR_SHARE and any(robots)
 
 

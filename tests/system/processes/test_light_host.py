@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from robrain.deploy.agents.agent_words import AgentWords, agent_words
+from robrain.deploy.agents.agent_arguments import AgentWords, agent_arguments
 from robrain.deploy.processes.compiler_pages import Pages, unchanged_pages
 from robrain.protocol.wire.session import open_session
 from tests.bench.host_weight import ALONE, weigh
@@ -25,7 +25,7 @@ HEAVY = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "rich", "prompt_tool
 PLAIN = {"mocdevice", "scan", "range_sensors", "bm2", "driver", "obstacle_distance", "command", "counter", "home"}
 LOADED = f"""
 import sys
-from robrain.cli import agent_words
+from robrain.cli import agent_arguments
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.agent.class_import import import_class
 from robrain.agent.host.agent_host import stock_place
@@ -83,7 +83,7 @@ def test_a_host_alone_has_few_threads_and_little_memory(commands: Commands, alon
     ],
 )
 def test_an_agents_plain_arguments_are_read_without_the_library_that_reads_all_others(words, expected) -> None:
-    read = agent_words(words)
+    read = agent_arguments(words)
     assert json.dumps(read and (str(read.robot), read.connect, read.team)) == json.dumps(expected)
     assert read is None or isinstance(read, AgentWords)
 

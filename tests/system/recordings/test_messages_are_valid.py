@@ -62,7 +62,7 @@ def without_centre(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = scenario.open(scenario.world(), record=path)
     with Team(LockstepTransport(run), by="script") as team:
         team.run_for(2.0)
-        assert run.tell_left() is not None
+        assert run.publish_exploration_left() is not None
         run.end_coordinator()
         team.run_for(3.0)
     return path

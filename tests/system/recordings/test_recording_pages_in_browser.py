@@ -17,7 +17,7 @@ from tests.system.browser import colors_in, keep, share_of, wait_for, window
 pytestmark = pytest.mark.system
 
 
-def looked_at(context: BrowserContext, path: Path) -> tuple[Page, list[str], list[str]]:
+def camera_target(context: BrowserContext, path: Path) -> tuple[Page, list[str], list[str]]:
     """A page, what went wrong or popped up on it, and what it fetched beside itself."""
     page = context.new_page()
     wrong: list[str] = []
@@ -46,7 +46,7 @@ def beside(path: Path, fetched: list[str]) -> list[str]:
 def test_a_hostile_recording_does_nothing_in_its_report(tmp_path: Path, browser: Browser) -> None:
     report = write_report([write(tmp_path / "run.mcap", hostile_said())], tmp_path / "out")
     with window(browser) as context:
-        page, wrong, fetched = looked_at(context, report.page)
+        page, wrong, fetched = camera_target(context, report.page)
         page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true })")
         assert page.locator("img").count() == len(report.figures)
         widths = page.evaluate("[...document.images].map(one => one.naturalWidth)")
@@ -62,7 +62,7 @@ def test_a_page_plays_a_run_by_itself(tmp_path: Path, depot_run: Path, browser: 
     path = tmp_path / "run.html"
     write_html(depot_run, path)
     with window(browser) as context:
-        page, wrong, fetched = looked_at(context, path)
+        page, wrong, fetched = camera_target(context, path)
         before = wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 20, "a picture")
         wait_for(lambda: scene_of(page), lambda picture: bool(np.any(picture != before)), "another picture")
         wait_for(lambda: share_of_map(scene_of(page)[:, 320:960]), lambda share: share > 0.3, "the map in the middle")
@@ -75,7 +75,7 @@ def test_a_hostile_recording_does_nothing_in_the_page_that_plays_it(tmp_path: Pa
     path = tmp_path / "run.html"
     write_html(write(tmp_path / "run.mcap", hostile_said()), path, frames_max=100)
     with window(browser) as context:
-        page, wrong, fetched = looked_at(context, path)
+        page, wrong, fetched = camera_target(context, path)
         wait_for(lambda: scene_of(page), lambda picture: colors_in(picture) > 3, "a picture")
         page.wait_for_timeout(1000)
         assert wrong == []

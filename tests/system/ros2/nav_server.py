@@ -24,7 +24,7 @@ class NavServer(Node):
         self._odometry: Odometry | None = None
         self._latest: object = None
         self._wheels = self.create_publisher(Twist, "cmd_vel", 1)
-        self.create_subscription(Odometry, "odom", self._hear, 10, callback_group=side_by_side)
+        self.create_subscription(Odometry, "odom", self._receive, 10, callback_group=side_by_side)
         self._server = ActionServer(
             self,
             NavigateToPose,
@@ -34,7 +34,7 @@ class NavServer(Node):
             callback_group=side_by_side,
         )
 
-    def _hear(self, message: Odometry) -> None:
+    def _receive(self, message: Odometry) -> None:
         self._odometry = message
 
     def _drive(self, goal: object) -> NavigateToPose.Result:

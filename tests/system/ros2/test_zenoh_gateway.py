@@ -43,7 +43,7 @@ def heard(reader: Any, wanted: Any = lambda message: True) -> Any:
     return found[0]
 
 
-def words_of(shown: Any) -> set[str]:
+def text_of(shown: Any) -> set[str]:
     return {each.text for each in shown.markers}
 
 
@@ -79,7 +79,7 @@ def test_a_node_sees_the_team_sends_a_task_and_halts_all(session) -> None:
         assert heard(scans).header.frame_id == "r1/base_link"
         assert heard(transforms).transforms[0].child_frame_id == "r1/base_link"
         assert 0.0 < heard(batteries).percentage <= 1.0
-        heard(markers, lambda shown: "r1" in words_of(shown))
+        heard(markers, lambda shown: "r1" in text_of(shown))
         assert "/robrain/gateway" in graph.nodes()
 
         tasks = node.client("/robrain/submit_task", ros.SUBMIT_TASK)
@@ -96,4 +96,4 @@ def test_a_node_sees_the_team_sends_a_task_and_halts_all(session) -> None:
 
         halts = node.client("/robrain/halt", ros.TRIGGER)
         until(lambda: called(halts, Nothing()).success)
-        heard(markers, lambda shown: "r1 halted" in words_of(shown))
+        heard(markers, lambda shown: "r1 halted" in text_of(shown))

@@ -34,8 +34,8 @@ class PointRecharge(PointErrand):
         """To run out of energy on the way to a charger is no worse than to wait for it."""
         return None
 
-    def take_on(self, task: Task) -> None:
-        super().take_on(task)
+    def accept_task(self, task: Task) -> None:
+        super().accept_task(task)
         self._is_own = False
 
     def step(self) -> None:
@@ -86,5 +86,5 @@ class PointRecharge(PointErrand):
             self._count += 1
             name = f"home-{self.env.robot}-{self._count}"
             wanted = Recharge(until_soc=UNTIL_SOC)
-            self.take_on(Task(id=name, kind=RECHARGE, place=charger, parameters=wanted.json))
+            self.accept_task(Task(id=name, kind=RECHARGE, place=charger, parameters=wanted.json))
             self._is_own = True

@@ -13,15 +13,15 @@ class AgentWords(NamedTuple):
     team: str | None
 
 
-def agent_words(words: Sequence[str]) -> AgentWords | None:
+def agent_arguments(words: Sequence[str]) -> AgentWords | None:
     """The arguments of a plain `agent ROBOT [--connect ENDPOINT] [--team NAME]`.
 
     None for everything else, mistakes and `--help` among it: that is left to Typer, which loads pydantic to read it. A
     robot's process would keep these 10 MB for as long as it runs, and start a quarter of a second later.
 
-    >>> agent_words(["agent", "r1.toml", "--team=blue"])
+    >>> agent_arguments(["agent", "r1.toml", "--team=blue"])
     AgentWords(robot=PosixPath('r1.toml'), connect=None, team='blue')
-    >>> agent_words(["agent", "--help"]) is None
+    >>> agent_arguments(["agent", "--help"]) is None
     True
     """
     if words[:1] != ["agent"]:
