@@ -9,8 +9,8 @@ from robrain.coordinator.charging.charge_schedule import schedule_charges
 from robrain.coordinator.charging.charge_turns import TO_SOC
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.policy import ChargingPolicy, PlanningPolicy
-from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import AfterCharge
+from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.plan_messages import PlanningStatus

@@ -10,7 +10,7 @@ from robrain.algorithms.allocation.repair import repaired
 from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
-from robrain.coordinator.planning.recorded_plans import plan_again
+from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TaskFilter

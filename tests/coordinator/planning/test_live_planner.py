@@ -5,9 +5,9 @@ import pytest
 from robrain.coordinator.planning.live_planner import TRIES, LivePlanner
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.recorded_plans import plan_again
 from robrain.coordinator.planning.snapshot import PlanningRobot
 from robrain.coordinator.planning.worker_link import Done
+from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D
 from tests.coordinator.planning.snapshots import open_floor_snapshot

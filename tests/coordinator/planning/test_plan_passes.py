@@ -9,7 +9,7 @@ import pytest
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.coordinator.planning.plan_search import LockstepPlanner, PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.recorded_plans import plan_again
+from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import Registry
 from tests.coordinator.planning.snapshots import open_floor_snapshot

@@ -8,7 +8,7 @@ import pytest
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
-from robrain.coordinator.planning.recorded_plans import plan_again
+from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus

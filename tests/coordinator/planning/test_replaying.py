@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.recorded_plans import plan_again, replay_decisions
+from robrain.lab.recorded_plans import plan_again, replay_decisions
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.model.geometry import Point2D

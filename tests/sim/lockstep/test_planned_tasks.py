@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.planning.recorded_plans import replay_decisions
+from robrain.lab.recorded_plans import replay_decisions
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenarios.scenario import Scenario
 
