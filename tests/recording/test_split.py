@@ -17,13 +17,17 @@ from mcap.reader import make_reader
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_LOG, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.channels import FoxgloveChannels
+from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.provenance import Provenance
+from robrain.recording.reader.checking import check_recording
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.writer import recording_file
 from robrain.recording.writer import rotation as rotation_module
@@ -99,6 +103,18 @@ def test_each_part_is_whole_and_together_they_hold_everything(stage: Stage, tmp_
     assert sum(counts) == summary.messages == 200
     assert summary.bytes == sum(path.stat().st_size for path in summary.paths)
     assert metadata(summary.paths[-1])["robrain.summary"]["digest"] == summary.digest
+
+
+def test_a_part_that_holds_only_what_is_drawn_is_good(stage: Stage, tmp_path: Path) -> None:
+    recorder = stage.recorder(tmp_path / "run.mcap", split=SplitAt(duration_s=1.0), visual=True)
+    for received in (True, False):
+        if received:
+            stage.states.put(RobotState(robot="r1", pose=Pose2D(1.0, 0.0, 0.0)))
+        stage.clock.advance_to(stage.clock.now_ns() + to_ns(1.1))
+        recorder.step()
+    *_, last = recorder.close().paths
+    assert all(is_visual(message.topic_key) for message in read_messages(last))
+    assert check_recording(last).good
 
 
 def test_a_part_that_exists_already_is_not_overwritten(stage: Stage, tmp_path: Path) -> None:
