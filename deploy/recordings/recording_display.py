@@ -78,7 +78,7 @@ def show_contents(contents: RecordingContents, *, every_key: bool = False) -> No
         console, "file", f"{info.path}, {_bytes(info.size_bytes)}" + (", its end is missing" if info.truncated else "")
     )
     _line(console, "length", f"{info.duration_s:.2f} s, {info.messages} messages")
-    if contents.keys and not contents.versions and not any(key.topic for key in contents.keys):
+    if contents.keys and not any(key.topic or is_visual(key.key) for key in contents.keys):
         _line(console, "origin", "another program: no key is a topic of robrain")
     origins = {"run": contents.run, "host": contents.host, "versions": contents.versions, "recorder": contents.summary}
     for name, values in origins.items():

@@ -116,12 +116,12 @@ def check_recording(
     check = _Check(info.start_ns, Judging(surroundings, info.start_ns))
     if info.truncated:
         check.add(Severity.PROBLEM, CheckKind.TRUNCATED, "", 0, "its end is missing: `robrain recover` makes it whole")
-    if not info.versions:
-        if info.counts and not any(map(topic_named_by, info.counts)):
-            text = "no key is a topic of robrain: another program recorded it"
-            check.add(Severity.PROBLEM, CheckKind.PROVENANCE, "", 0, text)
-        else:
-            check.add(Severity.NOTE, CheckKind.PROVENANCE, "", 0, "it does not say which software made it")
+    if info.counts and not any(is_visual(key) or topic_named_by(key) for key in info.counts):
+        check.add(
+            Severity.PROBLEM, CheckKind.PROVENANCE, "", 0, "no key is a topic of robrain: another program recorded it"
+        )
+    elif not info.versions:
+        check.add(Severity.NOTE, CheckKind.PROVENANCE, "", 0, "it does not say which software made it")
     for message in read_messages(path, on_progress):
         check.take(message)
     if not info.truncated:
