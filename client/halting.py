@@ -4,7 +4,9 @@ import msgspec
 
 from robrain.client.members import no_robot
 from robrain.client.transport import Transport
-from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.access.permissions import AccessAction
+from robrain.protocol.access.vouching import why_not
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.robots.host_messages import HaltRequest, ResumeRequest
@@ -39,9 +41,13 @@ def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
     """Halt or resume one robot, by a query that it answers once it has stopped.
 
     Raises:
+        CallError: the certificate does not allow it.
         NobodyThere: the robot is not there; the text lists those that are.
 
     """
+    query = HOST_HALT if wanted.halted else HOST_RESUME
+    if wire.member is not None and (refusal := why_not(AccessAction.ASK, query, wire.member)):
+        raise CallError(ErrorCode.FORBIDDEN, refusal)
     why = _ask(wire, robot, wanted)
     if why is None:
         raise no_robot(wire, robot, "halts")

@@ -30,6 +30,7 @@ from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts,
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.up import Printed, UpDisplay, UpOptions, UpResult, UpStatus, run_up
 from robrain.protocol.access.identity import TLS_VARIABLE
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, hub_endpoint
 
 if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need
@@ -102,7 +103,8 @@ class JsonEvents:
 class PlainLines:
     """Endpoints on stdout; a line on stderr for each team member that joins or leaves."""
 
-    def __init__(self, print_text: Callable[[str], None] = print_line) -> None:
+    def __init__(self, team: str = DEFAULT_TEAM, print_text: Callable[[str], None] = print_line) -> None:
+        self._team = team
         self._before: dict[str, str] = {}
         self._print = print_text
 
@@ -111,7 +113,8 @@ class PlainLines:
         _warn_of_busy_endpoint(endpoint, taken)
         needed = {} if endpoint == hub_endpoint() else {CONNECT_VARIABLE: endpoint}
         needed |= {} if tls is None else {TLS_VARIABLE: str(tls)}
-        self._print(f"hub: {endpoint}  ({'other commands find it after:' if needed else 'other commands find it'})")
+        option = "" if self._team == DEFAULT_TEAM else f" with --team {self._team}"
+        self._print(f"hub: {endpoint}  (other commands find it{option}{' after:' if needed else ''})")
         if needed:
             self._print(f"export {' '.join(f'{name}={shlex.quote(value)}' for name, value in needed.items())}")
 
@@ -166,9 +169,9 @@ class PlainLines:
 class DrawnTable(PlainLines):
     """A live table of the team below the endpoints."""
 
-    def __init__(self, live: Live) -> None:
+    def __init__(self, team: str, live: Live) -> None:
         # Above the table rich would break long lines, which then could not be copied.
-        super().__init__(say if both_at_a_terminal() else print_line)
+        super().__init__(team, say if both_at_a_terminal() else print_line)
         self._live = live
 
     def show(self, status: UpStatus) -> None:
@@ -179,15 +182,15 @@ class DrawnTable(PlainLines):
 
 
 @contextmanager
-def up_display(*, as_json: bool) -> Iterator[UpDisplay]:
+def up_display(team: str, *, as_json: bool) -> Iterator[UpDisplay]:
     """Choose the display of `robrain up` for the duration of the block."""
     if as_json:
         yield JsonEvents()
     elif console.is_terminal:
         with Live(console=console, refresh_per_second=5, redirect_stdout=False) as live:
-            yield DrawnTable(live)
+            yield DrawnTable(team, live)
     else:
-        yield PlainLines()
+        yield PlainLines(team)
 
 
 def _warn_of_busy_endpoint(endpoint: str, taken: str) -> None:
@@ -334,7 +337,7 @@ def _run(
     name: str, make: Callable[[Site], list[Part]], up_options: UpOptions, printed: Printed, options: UpWords
 ) -> UpResult:
     should_stop = LiveStop()
-    with up_display(as_json=options.as_json) as display:
+    with up_display(up_options.team, as_json=options.as_json) as display:
         result = run_up(name, make, up_options, printed, should_stop=should_stop, display=display)
     display.ended(result)
     return result

@@ -185,6 +185,8 @@ def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_j
     if as_json:
         print_json(found.charges)
         return
+    if not found.charges:
+        say("no robot charges or is to charge")
     for one in found.charges:
         at = f"({one.charger.x_m:.1f}, {one.charger.y_m:.1f})"
         words = "charges" if one.is_there else "goes to charge" if one.has_set_out else "is to charge"

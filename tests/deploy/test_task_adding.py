@@ -26,13 +26,14 @@ class Client:
 
     def __init__(self):
         self.submitted = []
+        self.charges = CHARGES
 
     def submit(self, kind, *, id, parameters):
         self.submitted.append((kind, id, parameters))
         return TaskRecord(task=submission_of(kind, {"id": id, **parameters}).task, state=TaskState.QUEUED)
 
     def planning(self):
-        return PlanningStatus(objective=Objective.ENERGY, method="optimal", charges=CHARGES)
+        return PlanningStatus(objective=Objective.ENERGY, method="optimal", charges=self.charges)
 
 
 @pytest.fixture
@@ -66,3 +67,8 @@ def test_the_schedule_of_the_chargers_is_printed_one_robot_a_line(client):
         "r1: charges at (2.0, 1.5), 40% to 60%",
         f"r2: is to charge at (2.0, 1.5), 20% to 95%: {CHARGES[1].why}",
     ]
+
+
+def test_an_empty_schedule_of_the_chargers_is_said_to_be_empty(client):
+    client.charges = ()
+    assert run("charges").stdout == "no robot charges or is to charge\n"

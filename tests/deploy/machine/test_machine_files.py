@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 import typer
-import yaml
 import zenoh
 
 from robrain.cli import app
@@ -167,32 +166,6 @@ def test_router_with_the_files_settings_carries_what_clients_say(router: zenoh.S
     config = json.loads(str(zenoh.Config.from_file(str(FILES / "zenohd" / "zenohd.json5"))))
     assert config["scouting"]["multicast"]["enabled"] is False
     assert config["mode"] == "router"
-
-
-# -- containers -----------------------------------------------------------------------------------------------
-
-
-def test_compose_file_has_services_whose_commands_there_are() -> None:
-    compose = yaml.safe_load((FILES / "container" / "compose.yaml").read_text())
-    assert set(compose) == {"x-robrain", "services", "volumes"}
-    for service in compose["services"].values():
-        assert service["network_mode"] == "host"
-        assert service["read_only"] is True
-        assert service["cap_drop"] == ["ALL"]
-        assert (FILES / "container" / service["build"]["dockerfile"]).is_file()
-        check_words([str(word) for word in service["command"]])
-        for volume in service["volumes"]:
-            assert volume.partition(":")[0] in compose["volumes"]
-
-
-def test_container_file_has_known_instructions_and_takes_all_from_the_package_registry() -> None:
-    text = (FILES / "container" / "Containerfile").read_text()
-    lines = [line for line in text.replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
-    instructions = [line.split()[0] for line in lines]
-    assert set(instructions) <= {"ARG", "FROM", "RUN", "ENV", "USER", "WORKDIR", "ENTRYPOINT"}
-    assert instructions.index("USER") > max(at for at, name in enumerate(instructions) if name == "RUN")
-    assert not re.search(r"https?://|\bcurl\b|\bwget\b|\bapt", "\n".join(lines))
-    assert json.loads(lines[-1].removeprefix("ENTRYPOINT ")) == ["robrain"]
 
 
 # -- devices, time, logs --------------------------------------------------------------------------------------

@@ -128,3 +128,8 @@ def test_a_machine_without_the_router_makes_no_ca_of_its_own(tmp_path: Path) -> 
     with pytest.raises(PkiError, match=r"no such file, and no ca\.key"):
         Credentials(tmp_path / "pki", "blue").prepare(["r1"], NOW)
     assert not (tmp_path / "pki").exists()
+
+
+def test_certificates_of_another_team_are_refused_with_the_option_that_names_it(made: Credentials) -> None:
+    with pytest.raises(PkiError, match="got those of blue: --team blue"):
+        Credentials(made.pki, "red").prepare(PARTS, NOW)
