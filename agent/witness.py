@@ -9,7 +9,9 @@ from typing import Protocol
 
 import msgspec
 
+from robrain.agent.host.host_extension import ExtendedHost, HostExtension
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.robots.witness_messages import (
     Holders,
     Led,
@@ -20,6 +22,8 @@ from robrain.protocol.messages.robots.witness_messages import (
 )
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.ranges import Count, Name, Stamp
+from robrain.protocol.table.standing_topics import ROBOT_WITNESS
+from robrain.protocol.wire.endpoint import Request, Serve
 
 logger = logging.getLogger(__name__)
 
@@ -186,3 +190,41 @@ class Witness:
         if self._kept.election > newest.election:
             newest = Led(election=self._kept.election, stamp_ns=0)
         self.led = newest if newest.election else None
+
+
+class WitnessExtension(HostExtension):
+    """The host extension of a witness: it answers coordinators, and renews the lease of the one that leads.
+
+    Args:
+        host: the robot's host.
+        memory: stores what the witness has answered; None forgets it when the process ends.
+
+    """
+
+    def __init__(self, host: ExtendedHost, memory: WitnessMemory | None = None) -> None:
+        self.witness = Witness(memory or WitnessInMemory(), host.clock.now_ns())
+        self._host = host
+
+    def start(self) -> None:
+        """Answer coordinators that ask for votes."""
+        self._host.wire.answer(ROBOT_WITNESS, self._answer, serve=Serve.IN_STEP, robot=self._host.name)
+
+    def follows(self, summary: TeamState) -> bool:
+        """See Witness.follows."""
+        return self.witness.follows(summary)
+
+    def receive_summary(self, summary: TeamState, now_ns: int) -> bool:
+        """See Witness.hear."""
+        return self.witness.hear(summary, now_ns)
+
+    def restart_silence(self, now_ns: int) -> None:
+        """See Witness.restart_silence."""
+        self.witness.restart_silence(now_ns)
+
+    def extend_state(self, state: RobotState) -> RobotState:
+        """Report the coordinator that the robot follows."""
+        led = self.witness.led
+        return state if led is None else msgspec.structs.replace(state, led=led)
+
+    def _answer(self, request: Request[WitnessRequest]) -> WitnessReply:
+        return self.witness.answer(request.asked, self._host.clock.now_ns())

@@ -6,23 +6,23 @@
 import logging
 import threading
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from heapq import heappop, heappush
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import msgspec
 import zenoh
 
 from robrain.agent.board import HALTED, IDLE, Board
-from robrain.agent.consensus.consensus_desk import TELLING, ConsensusDesk, chargers_in
-from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor
 from robrain.agent.host.halt_desk import HaltDesk
+from robrain.agent.host.host_extension import HostExtension, MakeExtension, make_extensions
 from robrain.agent.host.host_verbs import AT_ONCE, answer_verb
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, folder_of
@@ -36,34 +36,29 @@ from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
 from robrain.agent.task_desk import TaskDesk
-from robrain.agent.witness import Witness, WitnessInMemory, WitnessMemory
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import Clock, clock_difference_ns, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
-from robrain.protocol.messages.robots.witness_messages import WitnessReply, WitnessRequest
-from robrain.protocol.messages.tasks.consensus_messages import DropTaken, TaskTaken
 from robrain.protocol.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.reasons.offers import RobotHalted, StoodStill
 from robrain.protocol.refusals import Refusals, most_refused
 from robrain.protocol.table.host_queries import HOST_VERB
-from robrain.protocol.table.standing_topics import ROBOT_WITNESS
 from robrain.protocol.table.topics import (
     COORDINATOR_STATE,
     ROBOT_ALIVE,
     ROBOT_CALL,
-    ROBOT_CANCEL,
     ROBOT_COSTS,
     ROBOT_LOG_KEPT,
     ROBOT_OFFER,
     ROBOT_PLUGINS,
     ROBOT_STATE,
-    ROBOT_SUBMIT,
     ROBOT_WITHDRAW,
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
@@ -180,7 +175,7 @@ class AgentHost:
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
         distributions: `entry_point_places()`, where several robots share a process; None looks for them.
         manifests: files found by the robots of a run that were set up before, by folder; None looks anew.
-        memory: stores the robot's votes as a witness; None forgets them when the process ends.
+        extensions: host extensions that take the place of those of the same name.
 
     """
 
@@ -197,17 +192,16 @@ class AgentHost:
         has_one_thread: bool = False,
         distributions: list[tuple[Path, str]] | None = None,
         manifests: dict[Path, list[Path]] | None = None,
-        memory: WitnessMemory | None = None,
+        extensions: Mapping[str, MakeExtension] = MappingProxyType({}),
     ) -> None:
         self.name = robot_file.robot.name
+        self.robot_file = robot_file
         self.drive = drive
         self.clock = clock
         self.board = Board()
         self.desk = TaskDesk()
-        self.witness = Witness(memory or WitnessInMemory(), clock.now_ns())
         self._registry = PluginRegistry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
         self._registry.has_one_thread = has_one_thread
-        self.manager = PluginManager(self._registry)
         self._schedule = LockstepSchedule(has_one_thread=has_one_thread) if drive is Drive.LOCKSTEP else None
         self._seed = seed
         self._on_outside = on_outside
@@ -215,26 +209,27 @@ class AgentHost:
         self._team = robot_file.robot.team
         self._wires: list[Endpoint] = []
         self.refusals = Refusals(clock)
-        """What all its wires have refused, and failures of replaceable parts."""
-        """Of the host and all plugins."""
+        """What all its wires have refused, and failures of parts of the host."""
+        self._guard = RecordGuard(self.refusals)
+        self.manager = PluginManager(self._registry, self._guard)
         bytes_per_s = robot_file.zenoh.telemetry_bytes_per_s
         self.thinning = None if not bytes_per_s else Thinning(bytes_per_s, clock)
         """Leaves telemetry out on a thin link; None if the robot's file does not say that it is."""
-        self._wire = self._open_wire()
+        self.wire = self._open_wire()
         self._inbox = Inbox()
-        self._state = self._wire.publisher(ROBOT_STATE, robot=self.name)
+        self._state = self.wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
         self._stepped_ns = self.clock.now_ns()
         self._slept_ns, self._awake_ns = 0, 0
         """When its process last began to stand still, and from when on nothing that waited for it arrives any more."""
         self._halts = 0
-        self.log = RobotLog(self._wire, self.name)
+        self.log = RobotLog(self.wire, self.name)
         self._faults: dict[str, PluginFault] = {}
         self._down: set[str] = set()
         self._telling = threading.Lock()
         self._told = RobotState(robot=self.name)
         self._published_facts = self.desk.facts
-        self.halting = HaltDesk(self.manager, self._wire, self.log, self._publish_halt)
+        self.halting = HaltDesk(self.manager, self.wire, self.log, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
         self._manifests = manifests
         self._distributions = entry_point_places() if distributions is None else distributions
@@ -246,20 +241,26 @@ class AgentHost:
         self._load, self._roles = robot_file.robot.load, robot_file.robot.roles
         self._parameters = robot_file.parameters
         self._connect = list(robot_file.zenoh.connect)
-        self._consensus: ConsensusDesk | None = None
-        if robot_file.robot.consensus:
-            chargers = chargers_in(robot_file.parameters)
-            self._consensus = ConsensusDesk(
-                self._wire, self.name, self.board, self.desk, chargers, self.witness.follows
-            )
+        self.extensions: dict[str, HostExtension] = {}
+        """What the host does beyond running plugins, by name."""
+        self.extensions = make_extensions(self, extensions)
+        self._steps = [
+            (name, extension.step)
+            for name, extension in self.extensions.items()
+            if type(extension).step is not HostExtension.step
+        ]
 
     def open_folder(self, folder: Path) -> None:
         """Allow loading plugins by path from a folder, as if it were listed in the robot's `loadable`."""
         self.loadable = [*self.loadable, folder]
 
+    def follows(self, summary: TeamState) -> bool:
+        """Whether a summary is of a coordinator that leads, as far as all extensions know."""
+        return all(extension.follows(summary) for extension in self.extensions.values())
+
     def on_wanted(self, wake: Callable[[], None]) -> None:
         """Have `wake` called, on any thread, whenever the next `step()` should not wait: in live, by its own loop."""
-        self._wire.on_waiting = wake
+        self.wire.on_waiting = wake
         self.desk.on_line = wake
 
     def start(self) -> None:
@@ -270,7 +271,7 @@ class AgentHost:
 
         """
         if self.drive is Drive.LIVE:
-            self._registry.foreign = ForeignPlugins(self._wire, self.name, lambda: self._registry.halted)
+            self._registry.foreign = ForeignPlugins(self.wire, self.name, lambda: self._registry.halted)
             self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S)
         found = self.manager.discover(self._places, self._load, self._manifests, self._roles)
         for name in self._parameters:
@@ -280,7 +281,7 @@ class AgentHost:
         self.halting.listen()  # before anything of the robot's can move
         self.manager.start()
         self.halting.started()
-        wire, robot = self._wire, self.name
+        wire, robot = self.wire, self.name
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         wire.answer(ROBOT_PLUGINS, self._reply_plugins, serve=Serve.SHARED, at_once=("plugins",), robot=robot)
         wire.answer(ROBOT_LOG_KEPT, self.log.kept, serve=Serve.SHARED, robot=robot)
@@ -288,10 +289,9 @@ class AgentHost:
         wire.answer(HOST_VERB, partial(answer_verb, self, wire), serve=Serve.SHARED, at_once=AT_ONCE, robot=robot)
         wire.answer(ROBOT_OFFER, self._offer, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_COSTS, self._costs, serve=Serve.IN_STEP, robot=robot)
-        wire.answer(ROBOT_SUBMIT, self._submitted, serve=Serve.IN_STEP, robot=robot)
-        wire.answer(ROBOT_CANCEL, self._cancelled, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_WITHDRAW, self._withdraw, serve=Serve.IN_STEP, robot=robot)
-        wire.answer(ROBOT_WITNESS, self._witnessed, serve=Serve.IN_STEP, robot=robot)
+        for extension in self.extensions.values():
+            extension.start()
         wire.token(ROBOT_ALIVE, robot=robot)
 
     def step(self) -> None:
@@ -302,13 +302,15 @@ class AgentHost:
             halting.hear()
         if now_ns - self._stepped_ns > STOOD_STILL_NS:
             self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
-            self.witness.restart_silence(now_ns)
+            for extension in self.extensions.values():
+                extension.restart_silence(now_ns)
         if self._inbox.has_some:
             # A process that was stopped finds summaries of any age: they may have come right after its last step.
             heard_ns = self._slept_ns if now_ns < self._awake_ns else now_ns
             for received in self._inbox.drain():
                 self.desk.coordinator_ahead_ns = clock_difference_ns(received.message.stamp_ns, now_ns)
-                if self.witness.hear(received.message, now_ns):
+                counts = [each.receive_summary(received.message, now_ns) for each in self.extensions.values()]
+                if all(counts):
                     self.desk.renew_lease(received.message, self.name, heard_ns)
         self._stepped_ns = now_ns
         for wire in self._wires:
@@ -321,13 +323,13 @@ class AgentHost:
             self.board.behavior = HALTED
         elif self.board.behavior == HALTED:  # what it did before is over
             self.board.behavior = IDLE
-        if self._consensus is not None:
-            self._consensus.step(now_ns, may_begin=not self._registry.halted)
+        for name, step in self._steps:
+            self._guard.stage(name, None, step, now_ns, may_begin=not self._registry.halted)
         self.desk.check_lease(now_ns)
         if self._registry.foreign is not None and self._registry.foreign.follow():
             self._registry.newly_running = True
         if self._registry.new_faults or now_ns >= self.manager.faults.look_ns:
-            self.manager.settle(now_ns)
+            self._guard.stage("faults", None, self.manager.settle, now_ns)
         if self._schedule is not None:
             self._schedule.step(self._registry.plugins, now_ns)
         if self.desk.held is not None and self.desk.go_on(now_ns) and self._schedule is not None:
@@ -343,7 +345,7 @@ class AgentHost:
         """Id and trace of the task that the robot is at, else of the one that it begins next; empty if none."""
         status, held = self.desk.status, self.desk.held
         task = status.id if status is not None and not status.state.ended else held.offer.task.id if held else ""
-        return (task, self._wire.traces.of(task)) if task else ("", "")
+        return (task, self.wire.traces.of(task)) if task else ("", "")
 
     def close(self) -> None:
         """Stop the plugins and leave the wire."""
@@ -351,7 +353,7 @@ class AgentHost:
         self.manager.stop()
         if self._registry.starters is not None:
             self._registry.starters.close()
-        self._wire.close()
+        self.wire.close()
 
     def _publish_state(self) -> None:
         board = self.board
@@ -359,7 +361,7 @@ class AgentHost:
         self._published_facts = self.desk.facts
         standing = self.desk.standing(self.clock.now_ns())
         with self._telling:
-            self._told = RobotState(
+            state = RobotState(
                 robot=self.name,
                 pose=board.pose,
                 pose_covariance=board.pose_covariance,
@@ -375,14 +377,14 @@ class AgentHost:
                 frame=board.frame,
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
-                goes_on_s=msgspec.UNSET if self._consensus is None else GOES_ON_S,
-                changes_heard=msgspec.UNSET if self._consensus is None else self._consensus.changes_heard,
                 refused=most_refused(self.refusals) if self.refusals.total else msgspec.UNSET,
-                led=self.witness.led or msgspec.UNSET,
                 left_out=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
                 faulted=list(self._faults.values()),
             )
-            self._state.put(self.halting.mark(self._told))
+            for extension in self.extensions.values():
+                state = extension.extend_state(state)
+            self._told = state
+            self._state.put(self.halting.mark(state))
 
     def _loaded(self) -> int:
         names = [*self._registry.plugins, *(self._registry.foreign or ())]
@@ -445,32 +447,20 @@ class AgentHost:
         if now_ns < self._awake_ns or now_ns - self._stepped_ns > STOOD_STILL_NS:
             # The coordinator may have given the offer up, or have ended.
             return TaskAnswer.refused(StoodStill())
-        self._wire.traces.note(request.asked.task.id, request.trace)
-        reason = None if self._consensus is None else self._consensus.offer_refusal(request.asked.task.id, now_ns)
-        return self.desk.offer(request.asked, now_ns) if reason is None else TaskAnswer.refused(reason)
-
-    def _submitted(self, request: Request[TaskSubmission]) -> TaskTaken:
-        if self._consensus is None:
-            why = f"{self.name} takes tasks from a coordinator alone: its file has no `consensus = true`"
-            raise CallError(ErrorCode.REFUSED, f"task {request.asked.task.id} is refused: {why}", why)
-        return self._consensus.submit(request.asked, self.clock.now_ns())
-
-    def _cancelled(self, request: Request[TaskRequest]) -> DropTaken:
-        asked = request.asked
-        if self._consensus is None:
-            why = f"{self.name} has its tasks from a coordinator alone: its file has no `consensus = true`"
-            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
-        return self._consensus.cancel(asked, self.clock.now_ns())
+        self.wire.traces.note(request.asked.task.id, request.trace)
+        for extension in self.extensions.values():
+            if reason := extension.offer_refusal(request.asked.task.id, now_ns):
+                return TaskAnswer.refused(reason)
+        return self.desk.offer(request.asked, now_ns)
 
     def _costs(self, request: Request[CostsRequest]) -> list[TaskCost]:
         return [self.desk.cost(task) for task in request.asked.tasks]
 
-    def _witnessed(self, request: Request[WitnessRequest]) -> WitnessReply:
-        return self.witness.answer(request.asked, self.clock.now_ns())
-
     def _withdraw(self, request: Request[TaskWithdrawal]) -> TaskAnswer:
-        if self._consensus is not None and self._consensus.is_telling(self.clock.now_ns()):
-            return TaskAnswer.refused(TELLING)
+        now_ns = self.clock.now_ns()
+        for extension in self.extensions.values():
+            if reason := extension.withdrawal_refusal(now_ns):
+                return TaskAnswer.refused(reason)
         return self.desk.withdraw(request.asked)
 
     def _open_wire(self) -> Endpoint:

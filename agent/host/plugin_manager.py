@@ -32,6 +32,7 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import WorkerPool, run_in_turn
 from robrain.agent.manifest import Manifest, read_manifest
 from robrain.agent.plugin import Level, PluginState
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import NS_PER_S, to_ns
 
 FLOOD_DROPS_A_SECOND = 1000
@@ -78,10 +79,11 @@ class FaultDesk:
         self.look_ns = 0
         """When the next `look` has something to do, unless a plugin faults before."""
 
-    def note(self, plugin: ManagedPlugin, now_ns: int) -> None:
-        """A plugin has faulted: deactivate its users, let it clean up, and set the time of its restart."""
+    def record(self, plugin: ManagedPlugin, now_ns: int) -> None:
+        """Handle a fault: set the time of the restart, deactivate the plugin's users, and clean up after it."""
         if self._registry.plugins.get(plugin.name) is not plugin or plugin.state is not PluginState.FAULTED:
             return
+        self._schedule_restart(plugin, now_ns)  # first: it is restarted even if what follows fails
         stuck = plugin.turn.owner
         for user in self._registry.users_of(plugin.name):
             if user.state.is_running:
@@ -94,6 +96,8 @@ class FaultDesk:
                 except FOREIGN_ERRORS as error:  # foreign plugin code; it may have called what has faulted
                     logger.debug("%s: %s while it was deactivated: %s", self._registry.robot, user.name, error)
         plugin.apply(Trigger.CLEAN_UP)
+
+    def _schedule_restart(self, plugin: ManagedPlugin, now_ns: int) -> None:
         policy = plugin.manifest.tag
         case = self._cases.get(plugin.name)
         attempts = case.attempts if case is not None and case.plugin is plugin else 0
@@ -175,12 +179,14 @@ class PluginManager:
 
     Args:
         registry: knows the robot's plugins.
+        guard: counts faults that could not be handled.
 
     """
 
-    def __init__(self, registry: PluginRegistry) -> None:
+    def __init__(self, registry: PluginRegistry, guard: RecordGuard) -> None:
         self.robot = registry.robot
         self.registry = registry
+        self._guard = guard
         self._starter = Starter(self.registry)
         self.faults = FaultDesk(self.registry, self._starter.begin, self.later)
         self._folders = PluginFolders([])
@@ -440,8 +446,10 @@ class PluginManager:
 
     def _see_to_faults(self, now_ns: int) -> None:
         new_faults = self.registry.new_faults
-        while new_faults:
-            self.faults.note(new_faults.popleft(), now_ns)
+        faulted = [new_faults.popleft() for _ in range(len(new_faults))]
+        self._guard.records(
+            faulted, lambda plugin: self.faults.record(plugin, now_ns), lambda plugin: plugin.name, "fault"
+        )
 
     def _load_one(
         self, manifest: Manifest, fresh: dict[str, ManagedPlugin], wanted: Mapping[str, Manifest], users: Sequence[str]

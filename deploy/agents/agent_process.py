@@ -3,6 +3,7 @@
 import os
 import time
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -12,7 +13,7 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
 from robrain.agent.host.robot_log import plugin_here
 from robrain.agent.lifecycle.plugin_info import plugin_faults
-from robrain.agent.witness import Kept
+from robrain.agent.witness import Kept, WitnessExtension
 from robrain.deploy.observability.json_logs import CONTEXT
 from robrain.deploy.processes.compiler_pages import CompilerPages
 from robrain.deploy.processes.live_process import LiveStop, note, open_when_there, tell
@@ -110,8 +111,8 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
-        memory = WitnessFile(witness_path(table.team, table.name))
-        host = AgentHost(robot_file, robot.parent, session, LiveClock(), Drive.LIVE, memory=memory)
+        witness = partial(WitnessExtension, memory=WitnessFile(witness_path(table.team, table.name)))
+        host = AgentHost(robot_file, robot.parent, session, LiveClock(), Drive.LIVE, extensions={"witness": witness})
         CONTEXT.robot, CONTEXT.plugin, CONTEXT.task = host.name, plugin_here, host.task_and_trace
 
         def report_plugins() -> None:

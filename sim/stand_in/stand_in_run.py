@@ -12,7 +12,7 @@ import zenoh
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.agent.witness import WitnessInMemory
+from robrain.agent.witness import WitnessExtension, WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import VirtualClock, to_ns
@@ -140,7 +140,7 @@ class StandInRun:
             has_one_thread=True,
             distributions=[],
             manifests=_MANIFESTS,
-            memory=self.memories[robot.name],
+            extensions={"witness": partial(WitnessExtension, memory=self.memories[robot.name])},
         )
         host.start()
         base = host.manager.get("point_base").plugin

@@ -95,7 +95,7 @@ class Robot:
 
 def faulted(tag: Tag, robot: Robot, now_ns: int) -> None:
     tag.fault(RuntimeError("leak"))
-    robot.desk.note(tag, now_ns)
+    robot.desk.record(tag, now_ns)
 
 
 def restarted_after_ns(tag: Tag, robot: Robot, now_ns: int) -> int | None:
@@ -158,7 +158,7 @@ def test_fault_of_a_replaced_or_restarted_instance_is_ignored(change: str) -> No
         robot.plugins["boiler"] = Tag("boiler")
     else:
         boiler.state = PluginState.ACTIVE
-    robot.desk.note(boiler, 0)
+    robot.desk.record(boiler, 0)
     assert boiler.done == []
 
 

@@ -82,6 +82,27 @@ def house(bench):
     return start
 
 
+@pytest.mark.sets_aside
+def test_a_clean_up_that_raises_is_counted_and_the_robot_continues(house, monkeypatch):
+    robot = house(restart="on-failure", backoff_s=0.5)
+    environment = robot.plugin("boiler").env
+
+    def close_fails():
+        raise OSError("session is gone")
+
+    monkeypatch.setattr(environment, "close", close_fails)
+    robot.broken.append("step")
+    robot.tick(10)
+    (failure,) = robot.hosts[-1].refusals.counts()
+    assert (failure.topic, failure.key, failure.count) == ("fault", "boiler", 1)
+    assert "OSError: session is gone" in failure.why
+    robot.broken.clear()
+    steps = robot.plugin("clock").steps
+    robot.tick(50)
+    assert robot.plugin("clock").steps == steps + 50
+    assert robot.manager.get("boiler").state is PluginState.ACTIVE
+
+
 def states(bench):
     return {name: info.state for name, info in bench.infos().items()}
 

@@ -9,9 +9,11 @@ from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.refusals import Refusals
 from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD
 from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
@@ -222,7 +224,9 @@ def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it
 
 
 def test_what_was_to_be_done_later_is_not_begun_after_the_robot_has_stopped():
-    manager = PluginManager(PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}))
+    manager = PluginManager(
+        PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}), RecordGuard(Refusals(VirtualClock()))
+    )
     manager.registry.starters = WorkerPool("start-r1", PATIENCE_S)
     done = []
     manager.later(lambda: done.append("before"))

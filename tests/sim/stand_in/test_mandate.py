@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 
-from robrain.agent.witness import Kept
+from robrain.agent.witness import Kept, Witness, WitnessExtension
 from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import NEAREST
@@ -179,10 +179,16 @@ def test_the_loss_of_the_first_loses_nothing_that_was_acknowledged(team: Team) -
     assert team.journals() == [{SECOND}] * 3
 
 
+def witness(team: Team) -> Witness:
+    extension = team.run.host("r1").extensions["witness"]
+    assert isinstance(extension, WitnessExtension)
+    return extension.witness
+
+
 def test_a_witness_that_took_part_in_a_later_election_follows_again_soon(team: Team) -> None:
     """Nobody has won that: the coordinator is elected once more, with a greater number."""
     later = WitnessRequest(wish=WitnessWish.ELECT, election=9, journal="x", forced=True)
-    assert team.run.host("r1").witness.answer(later, team.run.now_ns + to_ns(3.0)).refusal is None
+    assert witness(team).answer(later, team.run.now_ns + to_ns(3.0)).refusal is None
     team.pass_s(4.0)
     assert team.run.leading() == [COORDINATOR]
     mandate = team.mandate(COORDINATOR)
@@ -244,7 +250,9 @@ def test_one_that_robots_do_not_hear_stops_before_its_stand_by_may_be_elected(te
 
 def test_a_witness_with_an_absurd_number_is_left_alone(team: Team) -> None:
     absurd = WitnessRequest(wish=WitnessWish.ELECT, election=10**15, journal="x", forced=True)
-    assert team.run.host("r1").witness.answer(absurd, team.run.now_ns + to_ns(3.0)).refusal is None
+    assert (
+        team.run.host("r1").extensions["witness"].witness.answer(absurd, team.run.now_ns + to_ns(3.0)).refusal is None
+    )
     with team.cut(OTHER):
         team.pass_s(3.0)
         team.submit("t1")

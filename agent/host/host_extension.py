@@ -1,0 +1,107 @@
+"""Host extensions: what a robot's host does beyond running plugins, such as allocation without a coordinator.
+
+Another distribution brings an extension by an entry point in the group `robrain.host_extensions`; each robot's host
+calls it once, when the host is made:
+
+    [project.entry-points."robrain.host_extensions"]
+    beacon = "my_team.beacon:Beacon"
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from robrain.agent.board import Board
+from robrain.agent.host.robot_file import RobotFile
+from robrain.agent.task_desk import TaskDesk
+from robrain.protocol.clock import Clock
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.reasons.offers import OfferRefusal
+from robrain.protocol.registry import Registry, UnknownEntry
+from robrain.protocol.wire.endpoint import Endpoint
+
+logger = logging.getLogger(__name__)
+
+
+class ExtendedHost(Protocol):
+    """The part of a robot's host that an extension uses."""
+
+    name: str
+    robot_file: RobotFile
+    wire: Endpoint
+    clock: Clock
+    board: Board
+    desk: TaskDesk
+
+    def follows(self, summary: TeamState) -> bool:
+        """Whether a summary is of a coordinator that leads, as far as all extensions know."""
+
+
+class HostExtension:
+    """A part of one robot's host. Each function runs in the host's step; by default it does nothing."""
+
+    def start(self) -> None:
+        """Declare queries and subscriptions; the plugins run."""
+
+    def follows(self, summary: TeamState) -> bool:
+        """Whether a summary is of a coordinator that leads, as far as this extension knows."""
+        return True
+
+    def receive_summary(self, summary: TeamState, now_ns: int) -> bool:
+        """Receive a coordinator's summary. If this returns False, the summary renews no lease."""
+        return True
+
+    def restart_silence(self, now_ns: int) -> None:
+        """Count the silence of others from now on: the robot's process was stopped."""
+
+    def offer_refusal(self, task_id: str, now_ns: int) -> OfferRefusal | None:
+        """Why the offer of a task is refused; None if the extension allows it."""
+        return None
+
+    def withdrawal_refusal(self, now_ns: int) -> OfferRefusal | None:
+        """Why a task is not withdrawn; None if the extension allows it."""
+        return None
+
+    def step(self, now_ns: int, *, may_begin: bool) -> None:
+        """Do what is due.
+
+        Args:
+            now_ns: the time.
+            may_begin: whether the robot may begin tasks: it is not halted.
+
+        """
+
+    def extend_state(self, state: RobotState) -> RobotState:
+        """The robot's state with the fields of this extension."""
+        return state
+
+
+MakeExtension = Callable[[ExtendedHost], HostExtension]
+
+HOST_EXTENSIONS: Registry[MakeExtension] = Registry(
+    "host extension",
+    "robrain.host_extensions",
+    {
+        "witness": "robrain.agent.witness:WitnessExtension",
+        "consensus": "robrain.agent.consensus.consensus_extension:consensus_extension",
+    },
+)
+"""The extensions by name."""
+
+
+def make_extensions(host: ExtendedHost, own: Mapping[str, MakeExtension]) -> dict[str, HostExtension]:
+    """Make the extensions of one robot, by name, those of robrain first. One that cannot be imported is skipped.
+
+    Args:
+        host: the robot's host.
+        own: extensions that take the place of those with the same name.
+
+    """
+    made: dict[str, HostExtension] = {}
+    for name in sorted(HOST_EXTENSIONS.names, key=lambda name: (not HOST_EXTENSIONS.is_stock(name), name)):
+        try:
+            made[name] = (own.get(name) or HOST_EXTENSIONS.get(name))(host)
+        except UnknownEntry as error:
+            logger.error("%s: %s", host.name, error)  # noqa: TRY400 - the text names the cause
+    return made
