@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robrain.algorithms.localization.gyro_yaw import YawRate
+from robrain.algorithms.localization.odometry import YawRate
 from robrain.algorithms.localization.rssi_ranging import RssiSample
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.energy.power_learner import PowerLearner, PowerPrior
+from robrain.algorithms.energy.consumption import PowerLearner, PowerPrior
 from robrain.algorithms.energy.soc_filter import PackModel, SocFilter
 from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
 from robrain.algorithms.localization.mote_relocalisation import Signals, find_robot
@@ -31,7 +31,6 @@ from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.algorithms.navigation.clearance_kernels import clearance_m
 from robrain.algorithms.navigation.escape import escape_cells
 from robrain.algorithms.navigation.frontier import find_frontiers
-from robrain.algorithms.navigation.line_of_sight import standpoint
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
 from robrain.algorithms.navigation.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 from robrain.algorithms.navigation.path_planning import (
@@ -40,6 +39,7 @@ from robrain.algorithms.navigation.path_planning import (
     nearest_traversable,
     plan_path,
     shorten_path,
+    standpoint,
 )
 from robrain.algorithms.navigation.right_of_way import (
     DrivenPath,

@@ -3,7 +3,7 @@
 import numpy as np
 import pymunk
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.firmware.load_kernel import LOAD, add_motion
 from robrain.sim.firmware.wheel_encoders import WheelEncoders

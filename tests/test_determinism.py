@@ -27,7 +27,7 @@ SCIPY = {"ndimage", "linear_sum_assignment"}
 EXCEPTIONS: dict[str, str] = {
     **dict.fromkeys(
         (
-            f"algorithms/localization/scan_motion.py: {name}"
+            f"algorithms/localization/wheel_calibration.py: {name}"
             for name in ("np.linalg", "np.einsum", "np.arctan2", "@", "scipy.spatial.cKDTree")
         ),
         "measures a robot in bring-up; no plugin of a run reads it",

@@ -50,7 +50,7 @@ from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_output import PluginLogs, PluginOutput, PluginStream
 from robrain.agent.plugin_traceback import raised
 from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
-from robrain.algorithms.localization.gyro_yaw import YawRate
+from robrain.algorithms.localization.odometry import YawRate
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.table.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve

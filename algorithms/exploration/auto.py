@@ -6,9 +6,8 @@ of small rooms stand in each other's way, and leave parts of rooms behind: there
 """
 
 from robrain.algorithms.exploration.joint import joint
-from robrain.algorithms.exploration.rooms import rooms
 from robrain.algorithms.exploration.situation import Choice, Situation
-from robrain.algorithms.exploration.tours import tours
+from robrain.algorithms.exploration.tours import rooms, tours
 
 TOUR_ROBOTS = 4
 """Largest number of robots that are sent on tours. With the full stack, four robots know 95 % of five floors after

@@ -3,15 +3,220 @@
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.situation import FrontierCandidate
+from robrain.algorithms.exploration.situation import FrontierCandidate, PathCosts
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.navigation.floor_rooms import NO_ROOM, floor_rooms
-from robrain.algorithms.navigation.unknown_shares import unknown_shares
+from robrain.algorithms.navigation.clearance_kernels import clearance_m
+from robrain.algorithms.numeric.kernel_array import INT8, kernel_array
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
+
+if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
+    from robrain.algorithms.navigation.navigation_grid import NavigationGrid, WayField
+
+
+def unknown_shares(classes: NDArray[np.int8], cells: Sequence[tuple[int, int]], reach: int) -> NDArray[np.int64]:
+    """Number of unknown cells that are nearer to each frontier than to the others, (frontiers,).
+
+    Nearer by a path through unknown cells, from cell to cell above, below, left and right; a cell as near to several
+    counts for the first.
+
+    Args:
+        classes: (H, W) as of `OccupancyGrid.classes`.
+        cells: rows and columns of the frontiers.
+        reach: cells farther away than this many steps count for none.
+
+    """
+    at = np.array(cells, np.int64).reshape(-1, 2)
+    shares: NDArray[np.int64] = _shares(kernel_array(classes, INT8), at, reach, int(UNKNOWN))
+    return shares
+
+
+@njit(cache=True, nogil=True)
+def _shares(classes: NDArray[np.int8], at: NDArray[np.int64], reach: int, unknown: int) -> NDArray[np.int64]:
+    height, width = classes.shape
+    owner = np.full((height, width), -1, np.int32)
+    waiting = np.empty((height * width + at.shape[0], 2), np.int32)
+    shares = np.zeros(at.shape[0], np.int64)
+    first, end = 0, 0
+    for k in range(at.shape[0]):
+        row, column = at[k, 0], at[k, 1]
+        if 0 <= row < height and 0 <= column < width and owner[row, column] < 0:
+            owner[row, column] = k
+            waiting[end] = row, column
+            end += 1
+    for _ in range(reach):
+        turn = end
+        while first < turn:
+            row, column = waiting[first]
+            first += 1
+            for side in range(4):
+                near_row = row + (side == 0) - (side == 1)
+                near_column = column + (side == 2) - (side == 3)
+                if not (0 <= near_row < height and 0 <= near_column < width):
+                    continue
+                if owner[near_row, near_column] < 0 and classes[near_row, near_column] == unknown:
+                    owner[near_row, near_column] = owner[row, column]
+                    shares[owner[row, column]] += 1
+                    waiting[end] = near_row, near_column
+                    end += 1
+    return shares
+
+
+DOOR_SHARE = 0.6
+"""A passage is a door if its clearance is at most this share of that of the narrower of both rooms (chosen)."""
+FELT_M = 3.0
+"""Clearances beyond this are equal: halls of different widths are one room if what joins them is as wide (chosen)."""
+NO_ROOM = -1
+
+
+def floor_rooms(classes: NDArray[np.int8], resolution_m: float) -> NDArray[np.int32]:
+    """The number of the room of each cell, (H, W), from 0; `NO_ROOM` for cells that are not free.
+
+    Args:
+        classes: (H, W) as of `OccupancyGrid.classes`.
+        resolution_m: side of a cell, metres.
+
+    Raises:
+        ValueError: the resolution is not above 0, or `classes` has another shape.
+
+    """
+    if classes.ndim != 2 or not (math.isfinite(resolution_m) and resolution_m > 0):
+        raise ValueError(f"expected classes (H, W) and a resolution above 0, got {classes.shape}, {resolution_m}")
+    near_m = clearance_m(classes == OCCUPIED, resolution_m, FELT_M)
+    free = np.flatnonzero(classes == FREE)
+    # From the widest down; cells of equal clearance row by row, so that equal maps have equal rooms.
+    order = free[np.argsort(-near_m.ravel()[free], kind="stable")]
+    rooms: NDArray[np.int32] = _watershed(order, near_m.astype(np.float64), DOOR_SHARE)
+    return rooms
+
+
+@njit(cache=True, nogil=True)
+def _root(parent: NDArray[np.int32], basin: int) -> int:
+    while parent[basin] != basin:
+        parent[basin] = parent[parent[basin]]
+        basin = parent[basin]
+    return basin
+
+
+@njit(cache=True, nogil=True)
+def _watershed(order: NDArray[np.int64], near_m: NDArray[np.float64], door_share: float) -> NDArray[np.int32]:
+    height, width = near_m.shape
+    basin_of = np.full((height, width), -1, np.int32)
+    parent = np.empty(order.size + 1, np.int32)
+    peak_m = np.empty(order.size + 1)
+    basins = 0
+    for k in range(order.size):
+        row, column = order[k] // width, order[k] % width
+        own = -1
+        for near_row in range(max(row - 1, 0), min(row + 2, height)):
+            for near_column in range(max(column - 1, 0), min(column + 2, width)):
+                if basin_of[near_row, near_column] < 0:
+                    continue
+                other = _root(parent, basin_of[near_row, near_column])
+                if own < 0 or other == own:
+                    own = other
+                    continue
+                low, high = (own, other) if peak_m[own] < peak_m[other] else (other, own)
+                if near_m[row, column] > door_share * peak_m[low]:
+                    parent[low] = high
+                own = high
+        if own < 0:
+            own = basins
+            parent[basins], peak_m[basins] = basins, near_m[row, column]
+            basins += 1
+        basin_of[row, column] = own
+    number_of = np.full(basins, -1, np.int32)
+    rooms = 0
+    for k in range(order.size):
+        row, column = order[k] // width, order[k] % width
+        root = _root(parent, basin_of[row, column])
+        if number_of[root] < 0:
+            number_of[root] = rooms
+            rooms += 1
+        basin_of[row, column] = number_of[root]
+    return basin_of
+
+
+SNAP_M = 0.8
+"""Greatest distance of a path's ends from the robot and from the frontier."""
+FIELD_KEPT_NS = to_ns(5.0)
+"""Costs between frontiers are computed again after this long (chosen: little changes far from the robots)."""
+
+
+class FrontierPaths:
+    """Path costs on one map, each place computed once.
+
+    Args:
+        navigation: the team's map.
+        candidates: frontiers.
+        shut: circles (x, y, radius in metres) whose narrow places are impassable.
+
+    """
+
+    def __init__(
+        self,
+        navigation: "NavigationGrid",
+        candidates: Sequence[FrontierCandidate],
+        shut: Sequence[tuple[float, float, float]] = (),
+    ) -> None:
+        self._navigation = navigation
+        self._shut = shut
+        cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
+        self._columns = [column for column, cell in enumerate(cells) if cell is not None]
+        self._cells = [cell for cell in cells if cell is not None]
+        self.count = len(cells)
+        """Number of frontiers."""
+        self._known: dict[Point2D, NDArray[np.float64]] = {}
+
+    def costs_m(self, place: Point2D) -> NDArray[np.float64]:
+        """Path cost from a place to each frontier, (frontiers,), metres of open floor; inf where there is no path."""
+        ways_m = self._known.get(place)
+        if ways_m is None:
+            ways_m = np.full(self.count, np.inf)
+            ways_m[self._columns] = self._navigation.ways_m(place, self._cells, snap_m=SNAP_M, shut=self._shut)
+            self._known[place] = ways_m
+        return ways_m
+
+    def costs_along(self, field: "WayField") -> NDArray[np.float64]:
+        """Path costs to each frontier from where a field was computed, (frontiers,)."""
+        ways_m = np.full(self.count, np.inf)
+        ways_m[self._columns] = field.to(self._cells)
+        return ways_m
+
+
+class FrontierFields:
+    """Path costs from frontiers to everywhere, each kept for some seconds while the frontier is there.
+
+    The costs between frontiers would else be most of what a decision takes. A frontier that has just come has a new
+    field; a way between older ones that has closed counts as open until their fields are due.
+    """
+
+    def __init__(self) -> None:
+        self._fields: dict[Point2D, tuple[int, WayField | None]] = {}
+        self._navigation: NavigationGrid | None = None
+
+    def costs_between(self, paths: FrontierPaths, navigation: "NavigationGrid", now_ns: int) -> PathCosts:
+        """A function that gives the path costs from a frontier to all frontiers, (frontiers,)."""
+        known = {} if navigation is not self._navigation else self._fields
+        self._navigation = navigation
+        self._fields = {place: one for place, one in known.items() if now_ns - one[0] <= FIELD_KEPT_NS}
+        used = self._fields
+
+        def costs_m(place: Point2D) -> NDArray[np.float64]:
+            if place not in used:
+                used[place] = now_ns, navigation.cost_field(place, snap_m=SNAP_M)
+            field = used[place][1]
+            return paths.costs_along(field) if field is not None else np.full(paths.count, np.inf)
+
+        return costs_m
+
 
 SHARE_REACH_M = 6.0
 """Unknown floor farther than this from all frontiers belongs to none."""

@@ -56,7 +56,7 @@ STRATEGIES: Registry[Strategy] = Registry(
         BURGARD: f"{BASELINES}:burgard",
         JOINT: "robrain.algorithms.exploration.joint:joint",
         TOURS: "robrain.algorithms.exploration.tours:tours",
-        ROOMS: "robrain.algorithms.exploration.rooms:rooms",
+        ROOMS: "robrain.algorithms.exploration.tours:rooms",
     },
     has_files=True,
 )

@@ -6,10 +6,199 @@ together, so they fall to one robot, and the others are sent elsewhere. A robot 
 gains earlier elsewhere outweighs the way back.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from robrain.algorithms.exploration.situation import Choice, Situation
+
+ROUNDS = 20
+"""Rounds of moves at most; almost all are settled after five."""
+LEAST_SAVING = 1e-6
+"""A move has to save this, so that rounding never makes two tours change places for ever."""
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Places(NamedTuple):
+    """What is to be visited."""
+
+    first_m: Floats
+    """Way of each robot to each place (robots, places), metres; inf where there is none."""
+    between_m: Floats
+    """Ways between the places (places, places)."""
+    weights: Floats
+    """What it is worth to reach each place early (places,), above 0."""
+    stay_m: Floats
+    """Way that could be made in the time which each place takes (places,)."""
+    far_m: float
+    """A way of this length counts for half of what it would; longer ones for less and less."""
+
+
+class Tours(NamedTuple):
+    """Tours as far as they are made."""
+
+    places: Ints
+    """(robots, places + 1), −1 behind each robot's last."""
+    lengths: Ints
+    """(robots,)."""
+    costs: Floats
+    """(robots,)."""
+    tried: Ints
+    """(places + 1,), for a tour that is tried."""
+
+
+def plan_tours(places: Places) -> list[list[int]]:
+    """A tour for each robot; every place that some robot can reach is in one of them.
+
+    Raises:
+        ValueError: shapes that do not fit each other.
+
+    """
+    robots, count = places.first_m.shape
+    shapes = places.between_m.shape, places.weights.shape, places.stay_m.shape
+    if shapes != ((count, count), (count,), (count,)):
+        raise ValueError(f"expected {count} places, got ways, weights and stays of shapes {shapes}")
+    exact = Places(
+        np.ascontiguousarray(places.first_m, np.float64),
+        np.ascontiguousarray(places.between_m, np.float64),
+        np.ascontiguousarray(places.weights, np.float64),
+        np.ascontiguousarray(places.stay_m, np.float64),
+        float(places.far_m),
+    )
+    tours = Tours(
+        np.full((robots, count + 1), -1, np.int64),
+        np.zeros(robots, np.int64),
+        np.zeros(robots),
+        np.empty(count + 1, np.int64),
+    )
+    _plan(exact, tours)
+    return [tours.places[robot, : tours.lengths[robot]].tolist() for robot in range(robots)]
+
+
+@njit(cache=True, nogil=True)
+def _cost(places: Places, robot: int, tour: Ints, length: int) -> float:
+    """Sum of weight times way of one tour; inf if it cannot be driven."""
+    way_m, cost = 0.0, 0.0
+    for index in range(length):
+        place = tour[index]
+        way_m += places.first_m[robot, place] if index == 0 else places.between_m[tour[index - 1], place]
+        cost += places.weights[place] * way_m * places.far_m / (way_m + places.far_m)
+        way_m += places.stay_m[place]
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def _insert(tour: Ints, length: int, place: int, position: int, into: Ints) -> None:
+    for index in range(position):
+        into[index] = tour[index]
+    into[position] = place
+    for index in range(position, length):
+        into[index + 1] = tour[index]
+
+
+@njit(cache=True, nogil=True)
+def _best_insertion(places: Places, tours: Tours, place: int) -> tuple[float, int, int]:
+    """What the best insertion of a place adds, with its robot and position; inf if no robot can reach it."""
+    best, best_robot, best_position = np.inf, -1, -1
+    for robot in range(places.first_m.shape[0]):
+        if places.first_m[robot, place] == np.inf:
+            continue
+        length = tours.lengths[robot]
+        for position in range(length + 1):
+            _insert(tours.places[robot], length, place, position, tours.tried)
+            added = _cost(places, robot, tours.tried, length + 1) - tours.costs[robot]
+            if added < best:
+                best, best_robot, best_position = added, robot, position
+    return best, best_robot, best_position
+
+
+@njit(cache=True, nogil=True)
+def _put(tours: Tours, robot: int, place: int, position: int) -> None:
+    for index in range(tours.lengths[robot], position, -1):
+        tours.places[robot, index] = tours.places[robot, index - 1]
+    tours.places[robot, position] = place
+    tours.lengths[robot] += 1
+
+
+@njit(cache=True, nogil=True)
+def _take(tours: Tours, robot: int, position: int) -> None:
+    for index in range(position + 1, tours.lengths[robot]):
+        tours.places[robot, index - 1] = tours.places[robot, index]
+    tours.lengths[robot] -= 1
+
+
+@njit(cache=True, nogil=True)
+def _move_places(places: Places, tours: Tours) -> bool:
+    """Move places to where they add less, each once; whether any was moved."""
+    is_better = False
+    for robot in range(places.first_m.shape[0]):
+        position = 0
+        while position < tours.lengths[robot]:
+            place, before = tours.places[robot, position], tours.costs[robot]
+            _take(tours, robot, position)
+            tours.costs[robot] = _cost(places, robot, tours.places[robot], tours.lengths[robot])
+            saved = before - tours.costs[robot]
+            added, to_robot, to_position = _best_insertion(places, tours, place)
+            if added < saved - LEAST_SAVING:
+                _put(tours, to_robot, place, to_position)
+                tours.costs[to_robot] += added
+                is_better = True
+            else:
+                _put(tours, robot, place, position)
+                tours.costs[robot] = before
+                position += 1
+    return is_better
+
+
+@njit(cache=True, nogil=True)
+def _reverse_stretches(places: Places, tours: Tours) -> bool:
+    """Reverse stretches of tours where that saves; whether any was reversed."""
+    is_better = False
+    tried = tours.tried
+    for robot in range(places.first_m.shape[0]):
+        length = tours.lengths[robot]
+        for start in range(length - 1):
+            for end in range(start + 1, length):
+                for index in range(length):
+                    is_within = start <= index <= end
+                    tried[index] = tours.places[robot, start + end - index if is_within else index]
+                if places.first_m[robot, tried[0]] == np.inf:
+                    continue
+                cost = _cost(places, robot, tried, length)
+                if cost < tours.costs[robot] - LEAST_SAVING:
+                    tours.places[robot, :length] = tried[:length]
+                    tours.costs[robot] = cost
+                    is_better = True
+    return is_better
+
+
+@njit(cache=True, nogil=True)
+def _plan(places: Places, tours: Tours) -> None:
+    """Make the tours, which are empty at first."""
+    count = places.weights.size
+    is_open = np.ones(count, np.bool_)
+    while True:
+        least, found_place, found_robot, found_position = np.inf, -1, -1, -1
+        for place in range(count):
+            if is_open[place]:
+                added, robot, position = _best_insertion(places, tours, place)
+                if added < least:
+                    least, found_place, found_robot, found_position = added, place, robot, position
+        if found_place < 0:
+            break
+        _put(tours, found_robot, found_place, found_position)
+        tours.costs[found_robot] += least
+        is_open[found_place] = False
+    for _ in range(ROUNDS):
+        is_moved = _move_places(places, tours)
+        is_reversed = _reverse_stretches(places, tours)
+        if not (is_moved or is_reversed):
+            break
+
 
 LEAST_WEIGHT_M2 = 0.3
 """Every frontier counts as if this much more were unknown beyond it, so that none is left for ever (chosen)."""
@@ -34,7 +223,7 @@ def tours(situation: Situation) -> list[Choice]:
     if not situation.candidates or not situation.seekers:
         return []
     # Imported here: it brings the compiler, which would delay the coordinator's start.
-    from robrain.algorithms.exploration.tour_kernels import Places, plan_tours
+    from robrain.algorithms.exploration.tours import Places, plan_tours
 
     stay_m = STAY_ALONE_M if len(situation.seekers) + len(situation.busy) == 1 else STAY_M
     weights = _weights_m2(situation)
@@ -77,3 +266,76 @@ def considered(situation: Situation, weights: NDArray[np.float64], stay_m: float
     value = np.where(np.isfinite(least_m), weights / (least_m + stay_m), 0.0)
     order = np.argsort(-value, kind="stable")[:CONSIDERED]
     return sorted(column for column in order.tolist() if value[column] > 0)
+
+
+SHARE_LIMIT_M2 = 50.0
+"""Most unknown floor that a frontier counts for (chosen)."""
+ROOM_STAY_M = 4.0
+"""Way that a robot could make in the time that the smallest frontier takes it (chosen)."""
+WORK_M_PER_M2 = 0.2
+"""Way that a robot could make in the time that a square metre of unknown floor takes it (chosen; one robot alone drives
+0.15 to 0.4 m for each square metre of the floors of `robrain bench exploration`)."""
+DOOR_M = 1.0
+"""Way that changing rooms counts for (chosen; with 4 m, four points take 24.9 instead of 23.4 s in a cave and 35.5
+instead of 32.9 s in a depot, whose halls are no rooms)."""
+MEET_M = 2.0
+"""Way that a robot could make in the time that it and another give way to each other (chosen)."""
+MEET_OVER_M = 2.0
+"""Robots whose ways run against each other for this long meet for sure; for less, less so."""
+
+
+def rooms(situation: Situation) -> list[Choice]:
+    """Give each robot the first frontier of its tour; robots whose tour is empty get none."""
+    if not situation.candidates or not situation.seekers:
+        return []
+    # Imported here: it brings the compiler, which would delay the coordinator's start.
+    from robrain.algorithms.exploration.tours import Places, plan_tours
+
+    shares_m2 = _shares_m2(situation)
+    weights = (LEAST_WEIGHT_M2 + np.minimum(shares_m2, SHARE_LIMIT_M2)) * taken_share(situation)
+    columns = considered(situation, weights, ROOM_STAY_M)
+    if not columns:
+        return []
+    first_m = (situation.ways_m + meetings_m(situation))[:, columns]
+    between_m = situation.between(columns)
+    if situation.floor is not None:
+        room_of = situation.floor.frontier_rooms[columns]
+        own = np.array([situation.floor.room_of(seeker.place) for seeker in situation.seekers])
+        first_m += DOOR_M * (own[:, None] != room_of[None, :])
+        between_m += DOOR_M * (room_of[:, None] != room_of[None, :])
+    stays_m = ROOM_STAY_M + WORK_M_PER_M2 * shares_m2[columns]
+    found = plan_tours(Places(first_m, between_m, weights[columns], stays_m, FAR_M))
+    return [
+        situation.choice(row, columns[tour[0]], float(situation.ways_m[row, columns[tour[0]]]))
+        for row, tour in enumerate(found)
+        if tour
+    ]
+
+
+def meetings_m(situation: Situation) -> NDArray[np.float64]:
+    """Way lost on the way to each frontier to robots that come towards the robot, (seekers, frontiers), metres.
+
+    Two ways, from a to b and from c to d, run against each other over half of ab + cd − ad − cb, if the paths between
+    all of them are those of a tree, as in a building of rooms and corridors they nearly are.
+    """
+    ways_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
+    goals = [*(seeker.goal for seeker in situation.seekers), *(robot.goal for robot in situation.busy)]
+    lost_m = np.zeros_like(situation.ways_m)
+    for mate, goal in enumerate(goals):
+        column = None if goal is None else situation.column_of(goal)
+        if column is None or not np.isfinite(ways_m[mate, column]):
+            continue
+        own_m = situation.ways_m
+        with np.errstate(invalid="ignore"):
+            against_m = 0.5 * (own_m + ways_m[mate, column] - own_m[:, column, None] - ways_m[mate])
+        against_m = np.where(np.isfinite(against_m), against_m, 0.0)
+        if mate < len(own_m):
+            against_m[mate] = 0.0
+        lost_m += MEET_M * np.clip(against_m / MEET_OVER_M, 0.0, 1.0)
+    return lost_m
+
+
+def _shares_m2(situation: Situation) -> NDArray[np.float64]:
+    if situation.floor is None:
+        return np.array([candidate.unknown_m2 for candidate in situation.candidates])
+    return situation.floor.shares_m2

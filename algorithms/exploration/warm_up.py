@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from robrain.algorithms.exploration.frontier_paths import FrontierPaths
 from robrain.algorithms.exploration.joint import joint
-from robrain.algorithms.exploration.map_look import MapLook
-from robrain.algorithms.exploration.rooms import rooms
+from robrain.algorithms.exploration.map_look import FrontierPaths, MapLook
 from robrain.algorithms.exploration.situation import FrontierCandidate, Seeker, Situation
-from robrain.algorithms.exploration.tours import tours
+from robrain.algorithms.exploration.tours import rooms, tours
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.frontier import find_frontiers
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid

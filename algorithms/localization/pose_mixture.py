@@ -10,8 +10,14 @@ import math
 
 import numpy as np
 
-from robrain.algorithms.localization import pose_filter_kernels as kernels
-from robrain.algorithms.localization.pose_filter import GATE, MeasurementUpdate, PoseFilter
+from robrain.algorithms.localization.pose_filter import (
+    GATE,
+    SCALE,
+    SHADOWS,
+    MeasurementUpdate,
+    PoseFilter,
+    closest_pair,
+)
 from robrain.algorithms.localization.rssi_ranging import RssiSample
 from robrain.algorithms.numeric.elementary_functions import exp, log
 from robrain.algorithms.numeric.kernel_array import Floats
@@ -80,7 +86,7 @@ class PoseMixture:
         """Scale error, curve (rad/m) and turn error (rad/rad) of the odometry."""
         if len(self._parts) == 1:
             return self._parts[0].biases
-        scale, curve, turn = self._mean()[kernels.SCALE :].tolist()
+        scale, curve, turn = self._mean()[SCALE:].tolist()
         return scale, curve, turn
 
     @property
@@ -175,7 +181,7 @@ class PoseMixture:
     def _mean(self) -> Floats:
         if len(self._parts) == 1:
             return self._parts[0].mean
-        total = np.zeros(kernels.SHADOWS)
+        total = np.zeros(SHADOWS)
         for part, weight in zip(self._parts, self._weights, strict=True):
             total += weight * part.mean
         return total
@@ -200,7 +206,7 @@ class PoseMixture:
         while len(self._parts) > 1:
             poses = np.array([part.mean[:3] for part in self._parts])
             covariances = np.array([part.covariance for part in self._parts])
-            first, second, loss = kernels.closest_pair(poses, covariances, np.array(self._weights))
+            first, second, loss = closest_pair(poses, covariances, np.array(self._weights))
             if loss > MERGE_LOSS and len(self._parts) + 2 <= self._parts_max:
                 break
             self._merge(first, second)

@@ -11,13 +11,339 @@ import math
 
 import msgspec
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.localization import scan_match_kernels as kernels
-from robrain.algorithms.mapping.occupancy_kernels import HIT_DEPTH_CELLS
+from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS
 from robrain.algorithms.numeric.kernel_array import FLOAT64, Floats, kernel_array
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+
+SWEEPS = 12
+"""Limit; Jacobi's method needs four or five sweeps for a 3 × 3 matrix."""
+NEGLIGIBLE = 1e-17
+
+
+@njit(cache=True, nogil=True)
+def eigen(matrix: Floats, values: Floats, vectors: Floats) -> None:
+    """Write a symmetric matrix's eigenvalues (3,), ascending, and eigenvectors (3, 3), as columns; overwrites `matrix`.
+
+    Jacobi's method, cyclic by rows (Golub and Van Loan, *Matrix Computations*, section 8.5), because LAPACK's results
+    differ by processor; see `small_linear_algebra`. The sign of an eigenvector is arbitrary.
+    """
+    for i in range(3):
+        for j in range(3):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _sweep in range(SWEEPS):
+        if matrix[0, 1] == 0.0 and matrix[0, 2] == 0.0 and matrix[1, 2] == 0.0:
+            break
+        for p in range(2):
+            for q in range(p + 1, 3):
+                aside = matrix[p, q]
+                if abs(aside) <= NEGLIGIBLE * min(abs(matrix[p, p]), abs(matrix[q, q])):
+                    matrix[p, q] = matrix[q, p] = 0.0
+                    continue
+                half = (matrix[q, q] - matrix[p, p]) / (2.0 * aside)
+                tan = 1.0 / (abs(half) + math.sqrt(half * half + 1.0))
+                if half < 0.0:
+                    tan = -tan
+                cos = 1.0 / math.sqrt(tan * tan + 1.0)
+                sin = tan * cos
+                matrix[p, p] -= tan * aside
+                matrix[q, q] += tan * aside
+                matrix[p, q] = matrix[q, p] = 0.0
+                k = 3 - p - q
+                by_p, by_q = matrix[k, p], matrix[k, q]
+                matrix[k, p] = matrix[p, k] = cos * by_p - sin * by_q
+                matrix[k, q] = matrix[q, k] = sin * by_p + cos * by_q
+                for i in range(3):
+                    by_p, by_q = vectors[i, p], vectors[i, q]
+                    vectors[i, p] = cos * by_p - sin * by_q
+                    vectors[i, q] = sin * by_p + cos * by_q
+    for i in range(3):
+        values[i] = matrix[i, i]
+    for last in range(2, 0, -1):
+        for k in range(last):
+            if values[k] > values[k + 1]:
+                values[k], values[k + 1] = values[k + 1], values[k]
+                for i in range(3):
+                    vectors[i, k], vectors[i, k + 1] = vectors[i, k + 1], vectors[i, k]
+
+
+@njit(cache=True, nogil=True)
+def lever_of(points: Floats, per_m: float) -> float:
+    """Cells by which a turn of one radian moves the points, as a root mean square."""
+    square = 0.0
+    for k in range(points.shape[0]):
+        square += points[k, 0] ** 2 + points[k, 1] ** 2
+    return per_m * math.sqrt(square / points.shape[0])
+
+
+@njit(cache=True, nogil=True)
+def add_residual(
+    information: Floats, pull: Floats, by_x: float, by_y: float, by_turn: float, residual: float, weight: float
+) -> None:
+    """Add a residual with these derivatives to the normal equations: upper triangle (3, 3) and right side (3,)."""
+    information[0, 0] += weight * by_x * by_x
+    information[0, 1] += weight * by_x * by_y
+    information[0, 2] += weight * by_x * by_turn
+    information[1, 1] += weight * by_y * by_y
+    information[1, 2] += weight * by_y * by_turn
+    information[2, 2] += weight * by_turn * by_turn
+    pull[0] -= weight * residual * by_x
+    pull[1] -= weight * residual * by_y
+    pull[2] -= weight * residual * by_turn
+
+
+@njit(cache=True, nogil=True)
+def solve_step(
+    information: Floats, pull: Floats, least: float, values: Floats, vectors: Floats, step: Floats
+) -> tuple[int, float]:
+    """Solve the normal equations for `step` (3,): how many directions are held, and the step's length.
+
+    A direction is held if its information is at least `least`. A direction with less information here may have enough
+    at the right place, so the step follows it too, but slowly. Writes eigenvalues and eigenvectors as `eigen` does;
+    overwrites `information`.
+    """
+    information[1, 0], information[2, 0], information[2, 1] = information[0, 1], information[0, 2], information[1, 2]
+    eigen(information, values, vectors)
+    held = 0
+    step[:] = 0.0
+    for k in range(3):
+        held += values[k] >= least
+        along = 0.0
+        for i in range(3):
+            along += vectors[i, k] * pull[i]
+        for i in range(3):
+            step[i] += vectors[i, k] * along / max(values[k], least)
+    return held, math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+
+
+@njit(cache=True, nogil=True)
+def held_directions(
+    held: int, values: Floats, vectors: Floats, moved: tuple[float, float, float], lever: float, per_m: float
+) -> Floats:
+    """Held directions (3, 5) as row in m and rad, offset in m, information; `moved` is the way that the scan went."""
+    found = np.zeros((3, 5))
+    for at in range(held):
+        k = 3 - held + at  # eigenvalues ascend
+        found[at, 0], found[at, 1], found[at, 2] = vectors[0, k], vectors[1, k], vectors[2, k] * lever / per_m
+        offset = vectors[0, k] * moved[0] + vectors[1, k] * moved[1] + vectors[2, k] * moved[2]
+        found[at, 3], found[at, 4] = offset / per_m, values[k]
+    return found
+
+
+ITERATIONS = 12
+DONE_CELLS = 0.002
+NEAR_M = 0.2
+IN_FRONT_CELLS = (2.0, 3.0)
+"""Distances before a beam's end, cells, at which the map has free floor if it saw the same side of the wall."""
+
+
+@njit(cache=True, nogil=True)
+def distance_window(
+    log_odds: NDArray[np.int8], first_row: int, first_column: int, rows: int, columns: int, reach: int
+) -> NDArray[np.float32]:
+    """(rows, columns) distance in cells of each cell's middle to that of the nearest occupied one; at most `reach`."""
+    field = np.full((rows, columns), np.float32(reach))
+    height, width = log_odds.shape
+    side = 2 * reach + 1
+    disc = np.empty((side, side), np.float32)
+    for i in range(side):
+        for j in range(side):
+            disc[i, j] = math.sqrt((i - reach) ** 2 + (j - reach) ** 2)
+    for row in range(max(first_row - reach, 0), min(first_row + rows + reach, height)):
+        for column in range(max(first_column - reach, 0), min(first_column + columns + reach, width)):
+            if log_odds[row, column] <= 0:
+                continue
+            top, left = row - first_row - reach, column - first_column - reach
+            for i in range(max(0, -top), min(side, rows - top)):
+                for j in range(max(0, -left), min(side, columns - left)):
+                    field[top + i, left + j] = min(field[top + i, left + j], disc[i, j])
+    return field
+
+
+@njit(cache=True, nogil=True)
+def _window(points: Floats, per_m: float, x: float, y: float, margin: int) -> tuple[int, int, int, int]:
+    """Box of cells that holds the points, turned whichever way, about (x, y): first row and column, rows, columns."""
+    square = 0.0
+    for k in range(points.shape[0]):
+        square = max(square, points[k, 0] ** 2 + points[k, 1] ** 2)
+    half = math.ceil(math.sqrt(square) * per_m) + margin
+    return math.floor(y) - half, math.floor(x) - half, 2 * half + 1, 2 * half + 1
+
+
+@njit(cache=True, nogil=True)
+def refine(
+    log_odds: NDArray[np.int8],
+    per_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    points: Floats,
+    reach_m: float,
+    degenerate: float,
+    beams_min: int,
+) -> tuple[Floats, int, float, int]:
+    """Held directions as `held_directions` has them; how many; the fit; beams compared."""
+    height, width = log_odds.shape
+    start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
+    if points.shape[0] < beams_min:
+        return np.zeros((3, 5)), 0, 0.0, 0
+    reach = math.ceil(reach_m * per_m)
+    first_row, first_column, rows, columns = _window(points, per_m, start_x, start_y, 2 * reach + 2)
+    field = distance_window(log_odds, first_row, first_column, rows, columns, reach)
+    lever = lever_of(points, per_m)
+    x, y, yaw = start_x, start_y, yaw_rad
+    held = 0
+    vectors = np.zeros((3, 3))
+    values = np.zeros(3)
+    information, pull, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    for _iteration in range(ITERATIONS):
+        information[:] = 0.0
+        pull[:] = 0.0
+        used = 0
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        for k in range(points.shape[0]):
+            out_x = per_m * (cos * points[k, 0] - sin * points[k, 1])
+            out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
+            # Bilinear between the middles of four cells.
+            at_column, at_row = x + out_x - 0.5 - first_column, y + out_y - 0.5 - first_row
+            column, row = math.floor(at_column), math.floor(at_row)
+            if row < 0 or column < 0 or row + 1 >= rows or column + 1 >= columns:
+                continue
+            right, up = at_column - column, at_row - row
+            low_left, low_right = field[row, column], field[row, column + 1]
+            high_left, high_right = field[row + 1, column], field[row + 1, column + 1]
+            distance = (1 - up) * ((1 - right) * low_left + right * low_right) + up * (
+                (1 - right) * high_left + right * high_right
+            )
+            if distance >= reach - 1:
+                continue
+            slope_x = (1 - up) * (low_right - low_left) + up * (high_right - high_left)
+            slope_y = (1 - right) * (high_left - low_left) + right * (high_right - low_right)
+            by_turn = (slope_y * out_x - slope_x * out_y) / lever
+            weight = 1.0 if distance < 1.0 else 1.0 / distance  # Huber: what is far off may be something else
+            used += 1
+            add_residual(information, pull, slope_x, slope_y, by_turn, distance, weight)
+        if used < beams_min:
+            held = 0
+            break
+        held, size = solve_step(information, pull, degenerate * used, values, vectors, step)
+        if size > 1.0:
+            step /= size
+        x += step[0]
+        y += step[1]
+        yaw += step[2] / lever
+        if size < DONE_CELLS:
+            break
+
+    moved = x - start_x, y - start_y, (yaw - yaw_rad) * lever
+    found = held_directions(held, values, vectors, moved, lever, per_m)
+    compared, near = 0, 0
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    for k in range(points.shape[0]):
+        row = math.floor(y + per_m * (sin * points[k, 0] + cos * points[k, 1]))
+        column = math.floor(x + per_m * (cos * points[k, 0] - sin * points[k, 1]))
+        if row < 0 or column < 0 or row >= height or column >= width:
+            continue
+        distance = field[row - first_row, column - first_column]
+        if log_odds[row, column] != 0 or distance < 2.0:
+            compared += 1
+            near += distance <= NEAR_M * per_m
+    return found, held, near / max(compared, 1), compared
+
+
+@njit(cache=True, nogil=True)
+def in_view(
+    log_odds: NDArray[np.int8], x: float, y: float, yaw_rad: float, per_m: float, points: Floats
+) -> NDArray[np.bool_]:
+    """Which points, in metres, lie just behind free cells, as seen from (x, y)."""
+    height, width = log_odds.shape
+    is_seen = np.zeros(points.shape[0], np.bool_)
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    for k in range(points.shape[0]):
+        out_x = per_m * (cos * points[k, 0] - sin * points[k, 1])
+        out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
+        length = math.sqrt(out_x * out_x + out_y * out_y)
+        for before in IN_FRONT_CELLS:
+            share = max(length - before, 0.0) / length
+            row, column = math.floor(y + share * out_y), math.floor(x + share * out_x)
+            if 0 <= row < height and 0 <= column < width and log_odds[row, column] < 0:
+                is_seen[k] = True
+    return is_seen
+
+
+@njit(cache=True, nogil=True)
+def search(
+    log_odds: NDArray[np.int8],
+    per_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    points: Floats,
+    steps: int,
+    turns: int,
+    turn_rad: float,
+    apart: int,
+    apart_turns: int,
+) -> tuple[int, int, int, float, float]:
+    """Best turn, column and row offset about the guess, its score, and the best score away from it."""
+    start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
+    reach = 2
+    first_row, first_column, rows, columns = _window(points, per_m, start_x, start_y, steps + 2)
+    field = distance_window(log_odds, first_row, first_column, rows, columns, reach)
+    side = 2 * steps + 1
+    scores = np.zeros((2 * turns + 1, side, side), np.float32)
+    best, best_turn, best_row, best_column = np.float32(-1.0), 0, 0, 0
+    for turn in range(2 * turns + 1):
+        angle = yaw_rad + (turn - turns) * turn_rad
+        cos, sin = math.cos(angle), math.sin(angle)
+        for k in range(points.shape[0]):
+            row = math.floor(start_y + per_m * (sin * points[k, 0] + cos * points[k, 1])) - first_row
+            column = math.floor(start_x + per_m * (cos * points[k, 0] - sin * points[k, 1])) - first_column
+            for i in range(side):
+                for j in range(side):
+                    scores[turn, i, j] += 1.0 - field[row - steps + i, column - steps + j] / reach
+        for i in range(side):
+            for j in range(side):
+                if scores[turn, i, j] > best:
+                    best, best_turn, best_row, best_column = scores[turn, i, j], turn, i, j
+    second = np.float32(0.0)
+    for turn in range(2 * turns + 1):
+        for i in range(side):
+            for j in range(side):
+                if abs(turn - best_turn) > apart_turns or abs(i - best_row) > apart or abs(j - best_column) > apart:
+                    second = max(second, scores[turn, i, j])
+    return best_turn - turns, best_column - steps, best_row - steps, float(best), float(second)
+
+
+@njit(cache=True, nogil=True)
+def _without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> Floats:
+    """A copy with NaN for runs, around the whole scan, of fewer than `misses_min` ranges at the maximum."""
+    count = ranges_m.shape[0]
+    heard_m = ranges_m.copy()
+    first = 0  # a beam with a return: runs are counted from there
+    while first < count and not ranges_m[first] < range_max_m:
+        first += 1
+    if first == count:
+        return heard_m
+    run = 0
+    for n in range(1, count + 1):
+        beam = (first + n) % count
+        if not ranges_m[beam] < range_max_m:
+            run += 1
+            continue
+        if run < misses_min:
+            for back in range(1, run + 1):
+                heard_m[(beam - back) % count] = np.nan
+        run = 0
+    return heard_m
+
 
 REACH_M = 0.4
 """A beam that ends farther from all walls than this says nothing to the refinement."""
@@ -68,7 +394,7 @@ def match_walls(
 ) -> ScanFit:
     """As `match_scan`, with the middles (K, 2) of a map's occupied cells in place of the ends of beams."""
     _check(log_odds, geometry)
-    found, held, fit, beams = kernels.refine(
+    found, held, fit, beams = refine(
         log_odds,
         1.0 / geometry.resolution_m,
         geometry.origin_x_m,
@@ -103,7 +429,7 @@ def search_scan(
     if len(points) < BEAMS_MIN:
         return None
     steps, turns = math.ceil(within_m / geometry.resolution_m), math.ceil(within_rad / SEARCH_STEP_RAD)
-    turn, column, row, best, second = kernels.search(
+    turn, column, row, best, second = search(
         log_odds,
         1.0 / geometry.resolution_m,
         geometry.origin_x_m,
@@ -135,7 +461,7 @@ def points_in_view(log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: P
     """
     per_m = 1.0 / geometry.resolution_m
     x, y = (sensor.x_m - geometry.origin_x_m) * per_m, (sensor.y_m - geometry.origin_y_m) * per_m
-    seen: Floats = points[kernels.in_view(log_odds, x, y, sensor.yaw_rad, per_m, points)]
+    seen: Floats = points[in_view(log_odds, x, y, sensor.yaw_rad, per_m, points)]
     return seen
 
 
@@ -160,7 +486,7 @@ def without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> F
     Black or wet surfaces return single beams or none at random: that is no sign that the way is free. Where it is, many
     neighbouring beams have no return. The first and the last beam count as neighbours.
     """
-    heard_m: Floats = kernels.without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)
+    heard_m: Floats = _without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)
     return heard_m
 
 

@@ -13,10 +13,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.localization.gauss_newton_kernels import add_residual, held_directions, lever_of, solve_step
-from robrain.algorithms.localization.scan_match import DEGENERATE, Direction, ScanFit
-from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.mapping.occupancy_kernels import HIT_DEPTH_CELLS
+from robrain.algorithms.localization.scan_match import (
+    DEGENERATE,
+    Direction,
+    ScanFit,
+    add_residual,
+    held_directions,
+    lever_of,
+    solve_step,
+)
+from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import FLOAT64, Floats, kernel_array
 from robrain.protocol.model.geometry import Pose2D
 
@@ -195,7 +201,7 @@ def _match(
     yaw_rad: float,
     points: Floats,
 ) -> tuple[Floats, int, float, int, float, float]:
-    """Results as of `scan_match_kernels.refine`, and the mean drift of the surfaces."""
+    """Results as of `scan_match.refine`, and the mean drift of the surfaces."""
     count = points.shape[0]
     if count < USED_MIN:
         return np.zeros((3, 5)), 0, 0.0, 0, 0.0, 0.0

@@ -12,8 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.localization.scan_match import match_walls
-from robrain.algorithms.localization.scan_match_kernels import distance_window
+from robrain.algorithms.localization.scan_match import distance_window, match_walls
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import INT8, Floats, kernel_array
 from robrain.algorithms.numeric.small_linear_algebra import least_solution

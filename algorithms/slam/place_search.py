@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.localization.scan_match_kernels import distance_window
+from robrain.algorithms.localization.scan_match import distance_window
 from robrain.algorithms.numeric.kernel_array import FLOAT64, INT8, Floats, kernel_array
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry

@@ -14,10 +14,14 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from robrain.agent.host.robot_file import RobotFile, read_robot_file
-from robrain.algorithms.localization.scan_motion import followed, scan_motion
-from robrain.algorithms.localization.umbmark import SquareEnd, SquareErrors, odometry_errors
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Omni
+from robrain.algorithms.localization.wheel_calibration import (
+    SquareEnd,
+    SquareErrors,
+    followed,
+    odometry_errors,
+    scan_motion,
+)
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Omni, OmniBase
 from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, has_imu
 from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, CheckStep, FindingKind, Patch
 from robrain.deploy.bringup.floor_checks import (

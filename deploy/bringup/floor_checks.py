@@ -7,9 +7,8 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.localization.scan_match import beam_ends
-from robrain.algorithms.localization.scan_motion import followed, still_points
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Differential, Mecanum, Omni, WheelBase
+from robrain.algorithms.localization.wheel_calibration import followed, still_points
+from robrain.algorithms.navigation.wheel_bases import Differential, Mecanum, Omni, OmniBase, WheelBase
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.deploy.bringup.bench import LIDAR, Bench
 from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Patch

@@ -5,8 +5,15 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.algorithms.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
+from robrain.algorithms.navigation.wheel_bases import (
+    WHEEL_ANGLES_RAD,
+    Ackermann,
+    Differential,
+    Mecanum,
+    Omni,
+    OmniBase,
+    WheelBase,
+)
 from robrain.deploy.bringup.findings import Patch
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice

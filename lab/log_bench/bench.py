@@ -17,7 +17,7 @@ from robrain.agent.event import Event
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.plugin import Device, Unit
-from robrain.algorithms.localization.pose_track import PoseTrack
+from robrain.algorithms.localization.odometry import PoseTrack
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.warm_up import warm_up
 from robrain.deploy.command_line.terminal import new_console, print_line

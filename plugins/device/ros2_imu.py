@@ -10,7 +10,7 @@ from sensor_msgs.msg import Imu
 
 from robrain.agent.plugin import external, unlocked
 from robrain.agent.silence import FirstWord, Silence
-from robrain.algorithms.localization.gyro_yaw import YawRate
+from robrain.algorithms.localization.odometry import YawRate
 from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.imu_codec import ImuMotion

@@ -3,7 +3,7 @@
 import msgspec
 
 from robrain.agent.plugin import external
-from robrain.algorithms.localization.pose_track import PoseTrack
+from robrain.algorithms.localization.odometry import PoseTrack
 from robrain.plugins.device.scan.lidar_device import LidarDevice
 from robrain.plugins.device.scan.lidar_mount import Mount, Placed, ScanMaker
 from robrain.protocol.clock import to_ns, to_seconds

@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
     FrameMap,

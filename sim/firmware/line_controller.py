@@ -10,8 +10,7 @@ from collections.abc import Callable, Sized
 
 import can
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
 from robrain.protocol.links.inbox import Inbox
 from robrain.sim.firmware.described_controller import DescribedController
 from robrain.sim.firmware.motor_controller import MotorState

@@ -10,7 +10,7 @@ from enum import IntEnum
 import can
 import numpy as np
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame, codec

@@ -17,8 +17,8 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_clearance_m, mapped_clearance_m
 from robrain.algorithms.navigation.frontier import MIN_CELLS, frontier_mask
-from robrain.algorithms.navigation.line_of_sight import standpoint
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
+from robrain.algorithms.navigation.path_planning import standpoint
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry

@@ -11,7 +11,7 @@ from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from robrain.algorithms.navigation.omni_drive import TANGENTS, WHEEL_ANGLES_RAD
+from robrain.algorithms.navigation.wheel_bases import TANGENTS, WHEEL_ANGLES_RAD
 from robrain.algorithms.numeric.kernel_array import Floats
 
 STATE = np.dtype(

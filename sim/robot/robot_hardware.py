@@ -5,8 +5,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
 from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.firmware.described_controller import Chassis, frames_of

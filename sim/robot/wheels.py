@@ -13,7 +13,7 @@ from typing import Self
 import msgspec
 import numpy as np
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.ranges import check_within
 from robrain.sim.robot.body_kernels import axial_m, body_twist, slip_variance_m2, wheel_turn_rad

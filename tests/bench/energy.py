@@ -19,8 +19,7 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, TrackedReading
-from robrain.algorithms.energy.consumption import Consumption, Drawn
-from robrain.algorithms.energy.power_learner import PowerPrior
+from robrain.algorithms.energy.consumption import Consumption, Drawn, PowerPrior
 from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.lab.bench.figure import Figure, at_least, at_most, between, deterministic
 from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate

@@ -19,7 +19,7 @@ import numpy as np
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.algorithms.warm_up import warm_up
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures, timing
 from robrain.protocol.clock import VirtualClock

@@ -29,7 +29,7 @@ from pathlib import Path
 from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
 from robrain.protocol.model import geometry
-from robrain.algorithms.localization.gauss_newton_kernels import eigen
+from robrain.algorithms.localization.scan_match import eigen
 from robrain.algorithms.navigation import clearance_kernels
 import numpy as np
 root = Path.cwd()
@@ -48,7 +48,7 @@ def show(code):
 
 put("protocol/model/geometry.py", "2 * math.pi -> 2 / math.pi")
 show({SHOW_ANGLE!r})
-put("algorithms/localization/gauss_newton_kernels.py", "eigen::3 -> 4")
+put("algorithms/localization/scan_match.py", "eigen::3 -> 4")
 try:
     eigen(np.eye(3), np.zeros(3), np.zeros((3, 3)))
 except IndexError:

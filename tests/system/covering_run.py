@@ -15,7 +15,7 @@ import numpy as np
 
 from robrain import Point2D, Scenario
 from robrain.algorithms.allocation.optimal import OptimalAllocator
-from robrain.algorithms.energy.power_learner import PowerLearner
+from robrain.algorithms.energy.consumption import PowerLearner
 from robrain.algorithms.localization import localiser
 from robrain.algorithms.localization.mote_relocalisation import Signals, find_robot
 from robrain.algorithms.localization.pose_mixture import PoseMixture

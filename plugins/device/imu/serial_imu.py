@@ -14,7 +14,7 @@ from msgspec import Meta
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
-from robrain.algorithms.localization.gyro_yaw import YawRate
+from robrain.algorithms.localization.odometry import YawRate
 from robrain.plugins.device.imu.agreement import check_agreement
 from robrain.plugins.device.imu.errors import ImuAbsent
 from robrain.plugins.device.imu.imu_codec import ImuCodec, ImuMotion

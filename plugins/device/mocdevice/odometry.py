@@ -3,8 +3,7 @@
 import itertools
 from typing import NamedTuple
 
-from robrain.algorithms.localization.odometry import moved
-from robrain.algorithms.localization.pose_track import PoseTrack
+from robrain.algorithms.localization.odometry import PoseTrack, moved
 from robrain.algorithms.navigation.wheel_bases import WheelBase
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 

@@ -14,9 +14,8 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import FirstWord, Silence
-from robrain.algorithms.localization.gyro_yaw import GyroYaw
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import WheelBase
+from robrain.algorithms.localization.odometry import GyroYaw
+from robrain.algorithms.navigation.wheel_bases import OmniBase, WheelBase
 from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import FrameClock, StampedAt
 from robrain.plugins.device.mocdevice.interface import (

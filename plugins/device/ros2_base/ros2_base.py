@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import FirstWord, Silence
-from robrain.algorithms.localization.pose_track import PoseTrack
+from robrain.algorithms.localization.odometry import PoseTrack
 from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, DriveCondition, MocDeviceInterface
 from robrain.plugins.device.ros2.checked_topic import CheckedTopic

@@ -3,8 +3,7 @@
 import math
 
 from robrain.agent.plugin import Skill, external
-from robrain.algorithms.energy.consumption import Consumption
-from robrain.algorithms.energy.power_learner import PowerPrior
+from robrain.algorithms.energy.consumption import Consumption, PowerPrior
 from robrain.plugins.skill.energy.interface import EnergyEstimate, EnergyInterface, EnergyModel, Work
 from robrain.plugins.unit.battery.interface import BatteryInterface
 from robrain.plugins.unit.driver.interface import DriverInterface

@@ -12,8 +12,7 @@ import numpy as np
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
-from robrain.algorithms.localization.divergence_watch import WatchSpec
-from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
+from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec, WatchSpec
 from robrain.algorithms.localization.odometry import chord
 from robrain.algorithms.localization.pose_filter import DriftModel
 from robrain.algorithms.localization.rssi_ranging import PathLoss

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.slam.map_patch import (
     AHEAD_MAX_MS,
+    SharedSteps,
     in_own_time,
     joined_message,
     map_stamp_ms,
@@ -17,7 +18,6 @@ from robrain.algorithms.slam.map_patch import (
     to_message,
     whole_map,
 )
-from robrain.algorithms.slam.shared_patches import SharedSteps
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import OwnSubmap
 from robrain.plugins.skill.mapper.closures import ClosureDesk

@@ -9,7 +9,7 @@ from robrain.agent.isolation.child import RemoteBoard
 from robrain.agent.isolation.messages import ReadBoard, WriteBoard
 from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.plain_data import decoder
-from robrain.algorithms.localization.gyro_yaw import YawRate
+from robrain.algorithms.localization.odometry import YawRate
 from robrain.protocol.model.geometry import Pose2D
 
 

@@ -2,8 +2,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.algorithms.energy.consumption import Consumption, Drawn, MotionTerms
-from robrain.algorithms.energy.power_learner import PowerLearner, PowerPrior
+from robrain.algorithms.energy.consumption import Consumption, Drawn, MotionTerms, PowerLearner, PowerPrior
 from robrain.protocol.model.energy_model import Work, estimate
 
 TRUE = (9.0, 0.3, 12.0, 1.0, 10.0)

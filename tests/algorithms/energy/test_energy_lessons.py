@@ -6,19 +6,23 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.energy.consumption import (
+    BATCH_S,
     GAP_S,
     KEPT,
     LESSON_MAX_S,
     LESSON_S,
     OUTCOME_MOST,
+    PACE_OVER_S,
     POWER_OVER_S,
+    PRIOR_BATCHES,
     PRIOR_OUTCOMES,
     USUAL_OVER_S,
     Consumption,
     Drawn,
     MotionTerms,
+    PowerLearner,
+    PowerPrior,
 )
-from robrain.algorithms.energy.power_learner import BATCH_S, PACE_OVER_S, PRIOR_BATCHES, PowerLearner, PowerPrior
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.energy_model import Work, estimate
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.algorithms.exploration.narrow_ways import SHUT_RADIUS_M, TRIES, NarrowWays
+from robrain.algorithms.exploration.regions_left import SHUT_RADIUS_M, TRIES, NarrowWays
 from robrain.protocol.model.geometry import Point2D
 
 GOAL = Point2D(4.0, 2.0)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.exploration.narrow_ways import Gap
-from robrain.algorithms.exploration.regions_left import Evidence, exploration_left
+from robrain.algorithms.exploration.regions_left import Evidence, Gap, exploration_left
 from robrain.protocol.messages.maps.left_messages import REGIONS_MAX, LeftKind
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry

@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.algorithms.localization.divergence_watch import DivergenceWatch, WatchSpec
+from robrain.algorithms.localization.localiser import DivergenceWatch, WatchSpec
 
 GATE = 10.0
 

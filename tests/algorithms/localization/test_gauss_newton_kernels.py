@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization import gauss_newton_kernels as kernels
+from robrain.algorithms.localization import scan_match as kernels
 
 
 @settings(deadline=None, max_examples=80)

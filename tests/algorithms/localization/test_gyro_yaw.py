@@ -5,7 +5,7 @@ from collections import deque
 
 import pytest
 
-from robrain.algorithms.localization.gyro_yaw import BIAS_MAX_RAD_S, GAP_NS, STILL_RAD_S, GyroYaw, YawRate
+from robrain.algorithms.localization.odometry import BIAS_MAX_RAD_S, GAP_NS, STILL_RAD_S, GyroYaw, YawRate
 
 FRAME_NS, SAMPLE_NS = 20_000_000, 10_000_000
 

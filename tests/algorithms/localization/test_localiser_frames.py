@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.localization.divergence_watch import WatchSpec
-from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
+from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec, WatchSpec
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.localization import localiser as module
-from robrain.algorithms.localization.divergence_watch import WatchSpec
-from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
+from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec, WatchSpec
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D

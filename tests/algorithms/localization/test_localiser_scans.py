@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.divergence_watch import WatchSpec
-from robrain.algorithms.localization.localiser import JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec
+from robrain.algorithms.localization.localiser import JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec, WatchSpec
 from robrain.algorithms.localization.rssi_ranging import RssiSample
 from robrain.algorithms.mapping.local_map import NO_DRIFT
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid

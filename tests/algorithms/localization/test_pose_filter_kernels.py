@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from robrain.algorithms.localization import pose_filter_kernels as kernels
+from robrain.algorithms.localization import pose_filter as kernels
 
 Floats = NDArray[np.float64]
 SIZE, CAPACITY = 8, 9
@@ -162,7 +162,7 @@ def test_a_signal_is_taken_in_by_statistical_linear_regression(
     innovation = rssi_dbm - middle - mean[slot]
     variance = row @ covariance[:SIZE, :SIZE] @ row + left + NOISE_DB2
     expected = kalman(mean[:SIZE], covariance[:SIZE, :SIZE], row, innovation, left + NOISE_DB2)
-    told = kernels.hear(mean, covariance, SIZE, slot, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 0)
+    told = kernels.update_by_signal(mean, covariance, SIZE, slot, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 0)
     assert told == pytest.approx((innovation**2 / variance, innovation, variance), rel=1e-6)
     assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-6)
     assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-6)
@@ -186,7 +186,7 @@ def test_a_signal_is_linearised_anew_about_where_it_puts_the_robot(
         expected = kalman(*prior, row, innovation, left + NOISE_DB2)
         at, spread = expected[0][:2], expected[1][:2, :2]
     assert first is not None
-    told = kernels.hear(mean, covariance, SIZE, 6, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 2)
+    told = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 2)
     assert told == pytest.approx((first[0] ** 2 / first[1], *first), rel=1e-6)
     assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-5)
     assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-5)
@@ -204,7 +204,7 @@ def test_without_a_spread_the_tangent_is_taken(state: tuple[Floats, Floats], rss
     row[7] = 1.0
     innovation = rssi_dbm - strength_dbm(mean[:2]) - mean[7]
     expected = kalman(mean[:SIZE], covariance[:SIZE, :SIZE], row, innovation, NOISE_DB2)
-    kernels.hear(mean, covariance, SIZE, 7, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, 0.0, 0)
+    kernels.update_by_signal(mean, covariance, SIZE, 7, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, 0.0, 0)
     assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-5)
     assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-5)
 
@@ -216,7 +216,7 @@ def test_beside_a_mote_the_far_field_ends_for_the_slope_too() -> None:
     slope = np.array((0.03, 0.04)) * -DB_PER_FOLD / 0.1**2
     variance = 1e-3 * (slope @ slope) + 1e-3 + NOISE_DB2
     innovation = -20.0 - (AT_1_M_DBM - DB_PER_FOLD * math.log(0.1))
-    told = kernels.hear(mean, covariance, SIZE, 6, *SIGNAL, -20.0, *RADIO, NO_GATE, 0.0, 0)
+    told = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, -20.0, *RADIO, NO_GATE, 0.0, 0)
     assert told == pytest.approx((innovation**2 / variance, innovation, variance))
 
 
@@ -224,7 +224,7 @@ def test_a_signal_at_the_gate_is_taken_and_one_beyond_it_changes_nothing() -> No
     for gate, is_taken in ((100.0, True), (1.0, False)):
         mean, covariance = np.zeros(CAPACITY), np.diag(np.full(CAPACITY, 1e-2))
         before = mean.copy(), covariance.copy()
-        nis, _, _ = kernels.hear(mean, covariance, SIZE, 6, *SIGNAL, -55.0, *RADIO, gate, kernels.ROOT_3, 0)
+        nis, _, _ = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, -55.0, *RADIO, gate, kernels.ROOT_3, 0)
         assert 1.0 < nis < 100.0
         assert np.array_equal(mean, before[0]) != is_taken
         assert np.array_equal(covariance, before[1]) != is_taken

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization import pose_filter_kernels as kernels
+from robrain.algorithms.localization import pose_filter as kernels
 from robrain.algorithms.localization.pose_filter import DriftModel, PoseFilter
 from robrain.algorithms.localization.pose_mixture import PARTS_MAX, PoseMixture
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample

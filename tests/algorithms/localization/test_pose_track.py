@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.pose_track import PoseTrack
+from robrain.algorithms.localization.odometry import PoseTrack
 from robrain.protocol.model.geometry import Pose2D
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
-from robrain.algorithms.localization import scan_match_kernels as kernels
+from robrain.algorithms.localization import scan_match as kernels
 from robrain.algorithms.localization.scan_match import (
     AMBIGUOUS,
     DEGENERATE,
@@ -19,7 +19,7 @@ from robrain.algorithms.localization.scan_match import (
     points_in_view,
     search_scan,
 )
-from robrain.algorithms.mapping.occupancy_kernels import HIT_DEPTH_CELLS
+from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES

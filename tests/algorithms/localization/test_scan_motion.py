@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.localization.scan_motion import followed, scan_motion, still_points
+from robrain.algorithms.localization.wheel_calibration import followed, scan_motion, still_points
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Pose2D
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.localization.odometry import moved
-from robrain.algorithms.localization.umbmark import SquareEnd, odometry_errors
+from robrain.algorithms.localization.wheel_calibration import SquareEnd, odometry_errors
 from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.mapping.occupancy_kernels import LOG_ODDS_LIMIT
+from robrain.algorithms.mapping.occupancy_grid import LOG_ODDS_LIMIT, OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry

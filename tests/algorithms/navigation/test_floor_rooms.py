@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation.floor_rooms import NO_ROOM, floor_rooms
+from robrain.algorithms.exploration.map_look import NO_ROOM, floor_rooms
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 
 CELL_M = 0.1

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robrain.algorithms.navigation.line_of_sight import standpoint
+from robrain.algorithms.navigation.path_planning import standpoint
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 
 FLOOR = np.full((20, 20), FREE, np.int8)

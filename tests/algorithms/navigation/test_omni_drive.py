@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.omni_drive import WHEEL_ANGLES_RAD, OmniBase
+from robrain.algorithms.navigation.wheel_bases import WHEEL_ANGLES_RAD, OmniBase
 from robrain.protocol.model.geometry import Twist2D
 
 BASES = st.builds(OmniBase, wheel_radius_m=st.floats(0.01, 0.5), wheel_distance_m=st.floats(0.05, 2.0))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robrain.algorithms.navigation.unknown_shares import unknown_shares
+from robrain.algorithms.exploration.map_look import unknown_shares
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 
 

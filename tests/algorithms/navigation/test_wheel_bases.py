@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
 from robrain.protocol.model.geometry import Twist2D
 
 SIZES = st.floats(0.02, 0.5)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.gauss_newton_kernels import eigen
+from robrain.algorithms.localization.scan_match import eigen
 from robrain.algorithms.numeric.small_linear_algebra import (
     covariance_of,
     dot,

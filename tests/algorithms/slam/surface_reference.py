@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.mapping.occupancy_kernels import HIT_DEPTH_CELLS
+from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid
 from robrain.protocol.model.geometry import Pose2D
 
 Floats = NDArray[np.float64]

@@ -3,8 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, WheelBase
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
 from robrain.deploy.bringup.wheel_table import base_patch, frames_of, positive_way, slots_of, wheel_names
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 

@@ -9,7 +9,7 @@ import can
 import pytest
 
 from robrain.agent.authoring.testing import PluginBench
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Twist2D
 from robrain.sim.firmware.motor_controller import MotorController, MotorState
@@ -23,7 +23,7 @@ MULTICAST = "239.74.163.2"
 FIRMWARE = """
     import sys, time
     import can
-    from robrain.algorithms.navigation.omni_drive import OmniBase
+    from robrain.algorithms.navigation.wheel_bases import OmniBase
     from robrain.sim.firmware.motor_controller import MotorController
 
     bus = can.Bus(interface="udp_multicast", channel=sys.argv[1], port=int(sys.argv[2]), hop_limit=0, fd=False)

@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import pytest
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Pose2D, Twist2D

@@ -5,7 +5,7 @@ import math
 import can
 import pytest
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.plugins.device.mocdevice.errors import BusFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, DriveCondition

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D

@@ -9,7 +9,7 @@ from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.algorithms.slam.map_patch import merge_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec

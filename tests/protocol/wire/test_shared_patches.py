@@ -11,8 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam import submap_atlas
-from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message, whole_map
-from robrain.algorithms.slam.shared_patches import SharedSteps
+from robrain.algorithms.slam.map_patch import SharedSteps, merge_message, pose_message, to_message, whole_map
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
 from robrain.plugins.device.mocdevice.signal_frame import read_dbc
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session

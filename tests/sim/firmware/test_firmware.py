@@ -3,7 +3,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session

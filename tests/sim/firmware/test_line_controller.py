@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
-from robrain.algorithms.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.topics import ARENA_SERIAL_TX
 from robrain.sim.firmware.line_controller import LineController, SerialPort

@@ -6,7 +6,7 @@ import numpy as np
 import pymunk
 import pytest
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.sim.firmware.battery_manager import Load
 from robrain.sim.firmware.load_kernel import LOAD, add_motion

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Twist2D
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.robot.wheels import Wheels, WheelSpec

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock, VirtualClock

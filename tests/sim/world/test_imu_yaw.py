@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from robrain import Scenario
-from robrain.algorithms.localization.gyro_yaw import COMPARED_RAD, REFUSED_AFTER
+from robrain.algorithms.localization.odometry import COMPARED_RAD, REFUSED_AFTER
 from robrain.protocol.model.geometry import Twist2D
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.world.robot_specs import RobotSpec, RobotType

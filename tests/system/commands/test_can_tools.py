@@ -22,7 +22,7 @@ import pytest
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.algorithms.navigation.omni_drive import OmniBase
+from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock
