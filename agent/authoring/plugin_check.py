@@ -13,10 +13,10 @@ from typing import Any, Generic, Protocol, Union, get_args, get_origin, get_type
 
 import msgspec
 
-from robrain.agent.access.callee import level_refusal
 from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
 from robrain.agent.host.agent_host import stock_place
+from robrain.agent.lifecycle.access import level_refusal
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, find_manifests, read_manifest

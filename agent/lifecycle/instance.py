@@ -1,17 +1,19 @@
 """One instance of a plugin with all that was made for it, and what the plugin holds while it is active."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from robrain.agent.environment import Environment
 from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.lifecycle.plugin_code import PluginCode
-from robrain.agent.lifecycle.robot_context import RobotContext
 from robrain.agent.plugin import Plugin
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 from robrain.protocol.wire.endpoint import Endpoint
+
+if TYPE_CHECKING:
+    from robrain.agent.lifecycle.registry import PluginRegistry
 
 
 class Instance(msgspec.Struct, frozen=True, eq=False):
@@ -66,7 +68,7 @@ class Holdings:
 
     """
 
-    def __init__(self, plugin: str, context: RobotContext) -> None:
+    def __init__(self, plugin: str, context: "PluginRegistry") -> None:
         self.mailbox = Mailbox()
         """Where notifications wait for the plugin; another one after each `release`."""
         self._plugin = plugin

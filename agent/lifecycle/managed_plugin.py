@@ -7,14 +7,8 @@ import logging
 import threading
 from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from robrain.agent.access.callee import Caller, check_outside, check_use
-from robrain.agent.access.exclusive_use import ExclusiveUse
-from robrain.agent.access.external_function import ExternalFunction
-from robrain.agent.access.handle import Handle
-from robrain.agent.access.incoming_calls import call_from_outside, external_function, query_handler, task_handlers
-from robrain.agent.access.turn import LockstepTurn, PluginLock
 from robrain.agent.environment import Environment
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
@@ -29,10 +23,21 @@ from robrain.agent.errors import (
 )
 from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.hung_thread import end_thread, traceback_in
+from robrain.agent.lifecycle.access import (
+    ExclusiveUse,
+    Handle,
+    call_from_outside,
+    check_outside,
+    check_use,
+    external_function,
+    query_handler,
+    task_handlers,
+)
+from robrain.agent.lifecycle.external_function import ExternalFunction
 from robrain.agent.lifecycle.instance import Holdings, Instance
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
-from robrain.agent.lifecycle.robot_context import RobotContext
 from robrain.agent.lifecycle.transitions import Effect, Trigger, transition
+from robrain.agent.lifecycle.turn import LockstepTurn, PluginLock
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import raised
@@ -41,6 +46,9 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.host_messages import Lease
 from robrain.protocol.table.topic import Query
 from robrain.protocol.wire.endpoint import Handler, Serve
+
+if TYPE_CHECKING:
+    from robrain.agent.lifecycle.registry import PluginRegistry
 
 logger = logging.getLogger(__name__)
 
@@ -60,7 +68,7 @@ class ManagedPlugin:
 
     """
 
-    def __init__(self, manifest: Manifest, context: RobotContext) -> None:
+    def __init__(self, manifest: Manifest, context: "PluginRegistry") -> None:
         self.manifest = manifest
         self.name = manifest.name
         self.state = PluginState.DISCOVERED
@@ -456,7 +464,7 @@ class ManagedPlugin:
             raise PluginError(self.name, f"{self.name} cannot take tasks: its class declares no `kind`")
         self.holdings.do_tasks(desk, task_kind.kind, *task_handlers(self, accept, let_go, work))
 
-    def grant(self, caller: Caller, interface: type) -> Handle:
+    def grant(self, caller: "ManagedPlugin", interface: type) -> Handle:
         """A handle on this plugin for a caller.
 
         Raises:

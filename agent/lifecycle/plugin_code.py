@@ -5,11 +5,11 @@ from typing import Any
 
 import msgspec
 
-from robrain.agent.access.external_function import ExternalFunction, external_functions
 from robrain.agent.class_import import import_class, module_file
 from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import isolated_class, try_import
+from robrain.agent.lifecycle.external_function import ExternalFunction, external_functions
 from robrain.agent.manifest import Manifest, key_and_problem
 from robrain.agent.plugin import Behavior, Plugin
 from robrain.protocol.keys import check_name

@@ -1,17 +1,15 @@
 """The plugins of one robot: which there are, who requires whom, who holds whom."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
-from robrain.agent.access.callee import Callee, Caller, level_conflict
-from robrain.agent.access.exclusive_use import ExternalLeases
-from robrain.agent.access.handle import Handle
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginCrashed, PluginError, PluginInactive, PluginMissing
 from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins
+from robrain.agent.lifecycle.access import ExternalLeases, Handle, level_conflict
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.lifecycle.requirements import branch_of
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
@@ -108,7 +106,7 @@ class PluginRegistry:
         """Whether a plugin of that name runs."""
         return self.is_foreign(name) or (name in self.plugins and self.plugins[name].state.is_running)
 
-    def lacked_by(self, plugin: Callee, error: BaseException) -> str:
+    def lacked_by(self, plugin: ManagedPlugin, error: BaseException) -> str:
         """The required plugin that raised an error because it does not run or hangs; empty if none did."""
         branch = branch_of(plugin.name, self.requirements())
         for cause in causes_of(error):
@@ -116,7 +114,7 @@ class PluginRegistry:
                 return cause.plugin
         return ""
 
-    def excuses(self, plugin: Callee, error: BaseException) -> bool:
+    def excuses(self, plugin: ManagedPlugin, error: BaseException) -> bool:
         """Whether an error that a plugin raised is the fault of one that it requires, or of a halt."""
         return (self.halted and isinstance(error, PluginInactive)) or bool(self.lacked_by(plugin, error))
 
@@ -145,7 +143,7 @@ class PluginRegistry:
             if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
                 raise level_conflict(user.name, user.plugin_class, manifest.name, plugin_class)
 
-    def request(self, caller: Caller, name: str, interface: type) -> Handle | ForeignHandle:
+    def request(self, caller: ManagedPlugin, name: str, interface: type) -> Handle | ForeignHandle:
         """Pass a plugin's request for another on to the other, or to a foreign process of that name."""
         if self.foreign is not None and self.is_foreign(name):
             return self.foreign.use(caller.name, caller.plugin_class.level, name, interface)
@@ -169,3 +167,37 @@ class PluginRegistry:
     def foreign_infos(self) -> list[PluginInfo]:
         """Those plugins that are processes of their own; the robot's own come first where names are the same."""
         return [info for info in self.foreign.infos() if info.name not in self.plugins] if self.foreign else []
+
+
+Requires = Mapping[str, Sequence[str]]
+"""For each plugin the names of those that it requires."""
+
+
+def start_order(requires: Requires) -> tuple[list[str], list[list[str]]]:
+    """The plugins, requirements first, and the circles among them, each as the way round.
+
+    >>> start_order({"b": ["a"], "a": []})
+    (['a', 'b'], [])
+    """
+    graph = {name: [each for each in wanted if each in requires] for name, wanted in sorted(requires.items())}
+    circles: list[list[str]] = []
+    while True:
+        try:
+            return list(TopologicalSorter(graph).static_order()), circles
+        except CycleError as error:
+            circle = list(reversed(error.args[1]))
+            circles.append(circle)
+            for name in circle:
+                graph[name] = []
+
+
+def branch_of(name: str, requires: Requires) -> set[str]:
+    """All that a plugin requires, also by way of others."""
+    branch: set[str] = set()
+    waiting = list(requires.get(name, ()))
+    while waiting:
+        required = waiting.pop()
+        if required not in branch:
+            branch.add(required)
+            waiting += requires.get(required, ())
+    return branch

@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable
 from enum import Enum, auto
 
-from robrain.agent.access.callee import level_conflict
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
     ForeignError,
@@ -15,11 +14,11 @@ from robrain.agent.errors import (
     PluginHung,
     PluginInactive,
 )
+from robrain.agent.lifecycle.access import level_conflict
 from robrain.agent.lifecycle.instance import Instance
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_code import import_code
-from robrain.agent.lifecycle.registry import PluginRegistry
-from robrain.agent.lifecycle.requirements import start_order
+from robrain.agent.lifecycle.registry import PluginRegistry, start_order
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
 from robrain.agent.manifest import Manifest

@@ -90,12 +90,8 @@ def test_functions_and_compiled_kernels_make_the_mistake_also_in_a_child_process
 
 
 def test_equal_seeds_draw_equal_mutants_and_others_do_not() -> None:
-    assert draw(ROOT, 20, 1, ("agent/access/exclusive_use.py",)) == draw(
-        ROOT, 20, 1, ("agent/access/exclusive_use.py",)
-    )
-    assert draw(ROOT, 20, 1, ("agent/access/exclusive_use.py",)) != draw(
-        ROOT, 20, 2, ("agent/access/exclusive_use.py",)
-    )
+    assert draw(ROOT, 20, 1, ("agent/lifecycle/access.py",)) == draw(ROOT, 20, 1, ("agent/lifecycle/access.py",))
+    assert draw(ROOT, 20, 1, ("agent/lifecycle/access.py",)) != draw(ROOT, 20, 2, ("agent/lifecycle/access.py",))
 
 
 def test_an_edit_changes_only_what_is_drawn_of_the_lines_it_touches(tmp_path: Path) -> None:
@@ -123,8 +119,6 @@ def test_what_is_dangerous_is_in_scope(path: str) -> None:
 
 
 def test_every_file_in_scope_has_mutants_that_name_it() -> None:
-    found = mutants_of(ROOT, "agent/access/exclusive_use.py")
+    found = mutants_of(ROOT, "agent/lifecycle/access.py")
     assert found
-    assert all(
-        isinstance(mutant, Mutant) and mutant.name.startswith("agent/access/exclusive_use.py::") for mutant in found
-    )
+    assert all(isinstance(mutant, Mutant) and mutant.name.startswith("agent/lifecycle/access.py::") for mutant in found)

@@ -9,8 +9,8 @@ from typing import Any
 
 import msgspec
 
-from robrain.agent.access.external_function import external_functions
 from robrain.agent.host.agent_host import stock_place
+from robrain.agent.lifecycle.external_function import external_functions
 from robrain.agent.manifest import Manifest, find_manifests, read_manifest
 from robrain.agent.plugin import Level, Plugin
 from tests.reference_pages.markdown import page, table

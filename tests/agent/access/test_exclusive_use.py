@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.agent.access.exclusive_use import ExternalLeases
 from robrain.agent.errors import PluginBusy
+from robrain.agent.lifecycle.access import ExternalLeases
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import LONGEST_LEASE_S, CommandRequest

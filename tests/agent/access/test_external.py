@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.agent.access.external_function import external_functions, find_function
+from robrain.agent.lifecycle.external_function import external_functions, find_function
 from robrain.agent.plugin import Unit, external, unlocked
 from robrain.agent.text_form import print_value, register_text_form
 from robrain.protocol.errors import CallError, ErrorCode

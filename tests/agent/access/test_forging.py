@@ -14,7 +14,6 @@ from typing import Protocol
 import msgspec
 import pytest
 
-from robrain.agent.access.handle import Handle
 from robrain.agent.board import Board
 from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, ManifestError, PluginBusy, PluginError, PluginUnloaded
@@ -22,6 +21,7 @@ from robrain.agent.event import Event
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.lifecycle.access import Handle
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_code import import_code
 from robrain.agent.lifecycle.transitions import Trigger
@@ -356,7 +356,7 @@ def test_on_the_wire_a_plugin_is_loaded_under_any_free_name(lab, env, tmp_path):
 
 ISOLATED = """
     import gc, os
-    from robrain.agent.access.handle import Handle
+    from robrain.agent.lifecycle.access import Handle
     from robrain.agent.host.agent_host import AgentHost
     from robrain.agent.isolation.messages import CallRequest, Use
     from robrain.agent.host.plugin_manager import PluginManager

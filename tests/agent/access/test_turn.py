@@ -5,8 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robrain.agent.access.turn import PluginLock
 from robrain.agent.errors import PluginHung
+from robrain.agent.lifecycle.turn import PluginLock
 from robrain.protocol.clock import VirtualClock, to_ns
 from tests.waiting import PATIENCE_S
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.agent.access.external_function import external_functions, find_function
 from robrain.agent.errors import PluginInactive, PluginMissing
 from robrain.agent.host.command_door import TextCommandDoor
+from robrain.agent.lifecycle.external_function import external_functions, find_function
 from robrain.agent.plugin import Unit, external
 from robrain.agent.transform import TransformTable
 from robrain.protocol.errors import CallError, ErrorCode

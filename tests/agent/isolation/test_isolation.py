@@ -10,10 +10,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.agent.access.external_function import external_functions
 from robrain.agent.errors import AccessDenied, HardwareAbsent, PluginBusy, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import IsolatedPlugin
+from robrain.agent.lifecycle.external_function import external_functions
 from robrain.agent.plugin import Level
 from robrain.agent.plugin_traceback import plugin_traceback, where_raised
 from robrain.protocol.clock import LiveClock

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.agent.access.external_function import external_functions
+from robrain.agent.lifecycle.external_function import external_functions
 from robrain.client.team import Team
 from robrain.deploy.assistant.policy import (
     BANNED_WORDS,

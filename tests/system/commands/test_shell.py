@@ -13,7 +13,7 @@ from prompt_toolkit.input import create_pipe_input
 from prompt_toolkit.output import DummyOutput
 
 from robrain import Team
-from robrain.agent.access.external_function import external_functions
+from robrain.agent.lifecycle.external_function import external_functions
 from robrain.agent.plugin import Unit, external
 from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
 from robrain.plugins.unit.interactive_shell import InteractiveShell

@@ -1,1 +1,0 @@
-"""Who may call a plugin and how: handles, access rules, exclusive use, external calls."""

@@ -1,0 +1,406 @@
+"""Access to a plugin: who may use it, handles, exclusive use, and calls that enter it from outside its own step.
+
+The name of an outside holder is what the caller says it is: leases keep those who mean well from meddling with each
+other. Who may speak to a robot at all is the router's business.
+"""
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+from robrain.agent.environment import Environment
+from robrain.agent.errors import FOREIGN_ERRORS, AccessDenied, PluginBusy, PluginError, PluginUnloaded
+from robrain.agent.event import Event, EventView
+from robrain.agent.lifecycle.external_function import ExternalFunction, find_function
+from robrain.agent.manifest import ANYBODY, COMMAND
+from robrain.agent.plugin import UNLOCKED_MARK, Level, Plugin, PluginState
+from robrain.agent.plugin_traceback import log_error
+from robrain.agent.task_desk import Accept, LetGo, TaskWork
+from robrain.protocol.clock import Clock, to_ns
+from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.keys import check_name
+from robrain.protocol.messages.robots.host_messages import Lease
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.model.energy_model import Work
+from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.reasons.offers import PluginOut
+from robrain.protocol.wire.endpoint import Handler, Request
+
+if TYPE_CHECKING:
+    from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+
+logger = logging.getLogger(__name__)
+
+
+def check_use(callee: "ManagedPlugin", caller: "ManagedPlugin", interface: type) -> None:
+    """Whether one plugin may use another by an interface (AccessDenied, saying what speaks against it)."""
+    own = callee.plugin_class
+    if own.level >= caller.plugin_class.level:
+        raise AccessDenied(
+            callee.name,
+            level_refusal(caller.name, caller.plugin_class.level, callee.name, own.level),
+        )
+    visible = callee.manifest.tag.visibility
+    if caller.name not in visible and ANYBODY not in visible:
+        raise AccessDenied(callee.name, f"{caller.name} is not in the visibility of {callee.name}")
+    if own.interface is None or not _offers(own.interface, interface):
+        offered = own.interface.__name__ if own.interface else "nothing"
+        raise AccessDenied(callee.name, f"{callee.name} offers {offered}, not {interface.__name__}")
+
+
+def level_refusal(caller: str, level: Level, callee: str, callee_level: Level) -> str:
+    """Why a plugin may not call one that is not of a lower level, and what makes it possible."""
+    if callee_level is Level.BEHAVIOR:  # no level is above it
+        advice = f"put what {caller} needs of {callee} into a skill that both use"
+    else:
+        advice = f"make {caller} a {Level(callee_level + 1).name.lower()}"
+    levels = level.name.lower(), callee_level.name.lower()
+    return f"{caller} ({levels[0]}) may not call {callee} ({levels[1]}): calls go to lower levels only; {advice}"
+
+
+def level_conflict(name: str, plugin_class: type[Plugin], required: str, required_class: type[Plugin]) -> PluginError:
+    """The error of a plugin that requires one that is not of a lower level."""
+    return PluginError(name, level_refusal(name, plugin_class.level, required, required_class.level))
+
+
+def check_outside(callee: "ManagedPlugin") -> None:
+    """Whether a plugin is open to the outside (AccessDenied if not)."""
+    if COMMAND not in callee.manifest.tag.visibility:
+        raise AccessDenied(callee.name, f"{callee.name} is not open to the outside")
+
+
+def _offers(own: type, wanted: type) -> bool:
+    """By name, not by identity: after a reload the class that a caller knows is another one of the same name."""
+    if wanted in own.__mro__:
+        return True
+    name = (wanted.__module__, wanted.__qualname__)
+    return any((base.__module__, base.__qualname__) == name for base in own.__mro__)
+
+
+class ExternalLeases:
+    """The leases of one robot. May be used from any thread; a lease that has run out is as none.
+
+    Args:
+        clock: the run's clock.
+
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._leases: dict[str, Lease] = {}
+        """How long each was given for."""
+
+    def take(self, plugin: str, holder: str, lease_s: float) -> Lease:
+        """Give a plugin to a holder, from now on for so long; the holder's own lease is renewed by it.
+
+        Raises:
+            PluginBusy: another one holds it.
+            BadName: the holder's name cannot be one.
+
+        """
+        role, _, name = holder.rpartition(":")  # in a secured team: `operator:ann`
+        for part in (name, role) if role else (holder,):
+            check_name("holder", part)
+        with self._lock:
+            found = self._valid(plugin)
+            if found is not None and found.holder != holder:
+                raise PluginBusy(plugin, found.holder)
+            lease = Lease(plugin=plugin, holder=holder, until_ns=self._clock.now_ns() + to_ns(lease_s))
+            self._leases[plugin] = lease
+            return lease
+
+    def release(self, plugin: str, holder: str) -> bool:
+        """End a holder's lease; False if it has none."""
+        with self._lock:
+            found = self._valid(plugin)
+            if found is None or found.holder != holder:
+                return False
+            del self._leases[plugin]
+            return True
+
+    def drop(self, plugin: str) -> None:
+        """End whatever lease there is: the plugin goes."""
+        with self._lock:
+            self._leases.pop(plugin, None)
+
+    def holder(self, plugin: str) -> str:
+        """Who outside holds a plugin now; empty if nobody does."""
+        with self._lock:
+            found = self._valid(plugin)
+            return found.holder if found is not None else ""
+
+    def _valid(self, plugin: str) -> Lease | None:
+        found, now_ns = self._leases.get(plugin), self._clock.now_ns()
+        if found is None:
+            return None
+        if now_ns >= found.until_ns:
+            del self._leases[plugin]
+            return None
+        return found
+
+
+class ExclusiveUse:
+    """The exclusive use of one plugin; it may be asked for on any thread.
+
+    Args:
+        plugin: its name.
+        leases: the robot's, of those outside.
+
+    """
+
+    def __init__(self, plugin: str, leases: ExternalLeases) -> None:
+        self.inside = ""
+        """Who in the robot has it; nobody if empty."""
+        self._plugin = plugin
+        self._leases = leases
+        self._deciding = threading.Lock()
+
+    @property
+    def by(self) -> str:
+        """Who has it, inside or outside; nobody if empty."""
+        return self.inside or self._leases.holder(self._plugin)
+
+    def rival_of(self, by: str) -> str:
+        """Who keeps somebody outside from calling the plugin; empty if nobody does."""
+        outside = self._leases.holder(self._plugin)
+        return self.inside or (outside if outside != by else "")
+
+    def keep(self, user: "ManagedPlugin", *, granted: bool = False) -> None:
+        """Let a plugin that runs, or is granted a handle, have it from now on (PluginBusy if somebody else has)."""
+        if self.inside == user.name:
+            return
+        with self._deciding:
+            if self.by:
+                raise PluginBusy(self._plugin, self.by)
+            if granted or user.state is PluginState.ACTIVE:
+                self.inside = user.name
+
+    def lease(self, by: str, lease_s: float) -> Lease:
+        """Let somebody outside have it for a time, or longer if they have it.
+
+        Raises:
+            PluginBusy: somebody else has it.
+            BadName: the holder's name cannot be one.
+
+        """
+        with self._deciding:
+            if self.inside:
+                raise PluginBusy(self._plugin, self.inside)
+            return self._leases.take(self._plugin, by, lease_s)
+
+
+class Handle:
+    """The functions and events of one interface of one plugin, for one caller.
+
+    A call takes the callee's lock, is refused while the callee is not active, and reaches whatever instance of the
+    callee is there by then.
+    """
+
+    __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__locks", "__user")
+
+    def __init__(
+        self, callee: "ManagedPlugin", interface: type, caller: "ManagedPlugin", *, locks: bool = True
+    ) -> None:
+        write = object.__setattr__
+        write(self, "_Handle__callee", callee)
+        write(self, "_Handle__user", caller.environment)
+        write(self, "_Handle__caller", caller)
+        write(self, "_Handle__interface", interface)
+        write(self, "_Handle__locks", locks)
+
+    __callee: "ManagedPlugin"
+    __caller: "ManagedPlugin"
+    __interface: type
+    __locks: bool
+    __user: Environment | None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{name}: nothing can be written through a handle")
+
+    def __getattr__(self, name: str) -> Any:
+        if name[0] == "_" and name.startswith("_Handle__"):  # of a copy that `__init__` never ran for
+            raise AttributeError(name)
+        callee, interface, user, caller = self.__callee, self.__interface, self.__user, self.__caller
+        own = callee.plugin_class.interface  # what the caller shows may be another one of the same name
+        if name.startswith("_") or name not in _offered(interface) or own is None or name not in _offered(own):
+            raise AccessDenied(callee.name, f"{name} is not in {interface.__name__}, the interface of {callee.name}")
+        value = getattr(callee.live_plugin(), name)
+        if isinstance(value, Event):
+            return EventView(value)
+        if not callable(value):
+            return value
+
+        if getattr(value, UNLOCKED_MARK, False):
+            return lambda *args, **kwargs: getattr(callee.live_plugin(), name)(*args, **kwargs)
+
+        kind = _locked_call if self.__locks else _lockstep_call
+        call = self.__dict__[name] = kind(callee, caller, user, name)  # found there from now on
+        return call
+
+    def __repr__(self) -> str:
+        return f"<handle on {self.__callee.name} as {self.__interface.__name__}>"
+
+
+def _locked_call(
+    callee: "ManagedPlugin", caller: "ManagedPlugin", user: Environment | None, name: str
+) -> Callable[..., Any]:
+    def call(*args: Any, **kwargs: Any) -> Any:
+        turn = callee.turn
+        with turn:
+            plugin = callee.live_plugin()
+            if user is not None:
+                if user.has_gone:
+                    raise _gone(caller)
+                if not callee.manifest.tag.shared:
+                    callee.exclusive.keep(caller)
+            before, turn.caller = turn.caller, caller.name
+            try:
+                return getattr(plugin, name)(*args, **kwargs)
+            finally:
+                turn.caller = before
+
+    return call
+
+
+def _lockstep_call(
+    callee: "ManagedPlugin", caller: "ManagedPlugin", user: Environment | None, name: str
+) -> Callable[..., Any]:
+    """As `_locked_call`, for one thread: nobody else can be in the plugin."""
+    is_gone, own_name = user.gone if user is not None else (), caller.name
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        plugin = callee.callable
+        if plugin is None:
+            plugin = callee.live_plugin()
+        if is_gone:
+            raise _gone(caller)
+        if not callee.manifest.tag.shared and user is not None and callee.exclusive.inside != own_name:
+            callee.exclusive.keep(caller)
+        turn = callee.turn
+        before, turn.caller = turn.caller, own_name
+        turn.depth += 1
+        try:
+            return getattr(plugin, name)(*args, **kwargs)
+        finally:
+            turn.depth -= 1
+            turn.caller = before
+
+    return call
+
+
+def _gone(caller: "ManagedPlugin") -> PluginUnloaded:
+    return PluginUnloaded(caller.name, f"this instance of {caller.name} has gone")
+
+
+_offered_by: "WeakKeyDictionary[type, set[str]]" = WeakKeyDictionary()
+"""Names in each interface: all robots of a run have the same ones."""
+
+
+def _offered(interface: type) -> set[str]:
+    found = _offered_by.get(interface)
+    if found is None:
+        found = _offered_by[interface] = _names_in(interface)
+    return found
+
+
+def _names_in(interface: type) -> set[str]:
+    # Not hasattr(): a Protocol's own class has `register` and `mro`, which the interface does not offer.
+    return {name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))}
+
+
+def external_function(callee: "ManagedPlugin", function: str, by: str) -> ExternalFunction:
+    """An external function that somebody outside may call now.
+
+    Args:
+        callee: whose function it is.
+        function: its external name, or that of one signature.
+        by: who calls; only that one may call a plugin that it holds.
+
+    Raises:
+        CallError: with the code that says why not.
+
+    """
+    if COMMAND not in callee.manifest.tag.visibility:
+        raise CallError(ErrorCode.FORBIDDEN, f"{callee.name} is not open to the outside")
+    functions = callee.functions
+    if functions is None:
+        raise CallError(ErrorCode.INACTIVE, f"{callee.name} is {callee.state}: {callee.why}")
+    known = find_function(functions, function)
+    if known is None:
+        names = ", ".join(functions) or "none"
+        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"{callee.name} has no function {function}; it has: {names}")
+    if callee.state is PluginState.HALTED:
+        raise CallError(ErrorCode.HALTED, f"{callee.name} is halted")
+    if not callee.manifest.tag.shared:
+        holder = callee.exclusive.rival_of(by)
+        if holder:
+            raise CallError(ErrorCode.BUSY, str(PluginBusy(callee.name, holder)), holder)
+    return known
+
+
+def call_from_outside(callee: "ManagedPlugin", known: ExternalFunction, call: Callable[[Plugin], Any]) -> Any:
+    """Call a plugin that is live, in its turn unless the function needs none (CallError if it refuses)."""
+    try:
+        if known.unlocked:
+            return call(callee.live_plugin())
+        with callee.turn:
+            return call(callee.live_plugin())
+    except CallError:
+        raise
+    except PluginError as error:
+        raise CallError(error.code, str(error), getattr(error, "holder", "")) from error
+    except FOREIGN_ERRORS as error:  # foreign plugin code; the caller and the log both get its traceback
+        kind = type(error).__name__
+        detail = log_error(logger, f"plugin {callee.name}: {known.name} failed: {kind}", error)
+        raise CallError(ErrorCode.FAILED, f"{kind}: {error}", detail) from error
+
+
+def task_handlers(
+    plugin: "ManagedPlugin", accept: Accept, let_go: LetGo, work: TaskWork
+) -> tuple[Accept, LetGo, TaskWork]:
+    """The same three, called with the plugin's lock held.
+
+    `accept` is called only while the plugin is active; what `accept` or `let_go` raises is a fault of the plugin.
+    """
+
+    def accept_in_turn(task: Task) -> TaskAnswer:
+        try:
+            with plugin.turn:
+                if plugin.state is not PluginState.ACTIVE:
+                    return TaskAnswer.refused(PluginOut(plugin.name, plugin.state))
+                return accept(task)
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            plugin.blame(error)
+            return TaskAnswer.refused(PluginOut(plugin.name, plugin.state, cut(plugin.why or str(error))))
+
+    def release_in_turn(why: str) -> None:
+        try:
+            with plugin.turn:
+                let_go(why)
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            plugin.blame(error)
+
+    def work_in_turn(task: Task) -> Work:
+        with plugin.turn:
+            return work(task)
+
+    return accept_in_turn, release_in_turn, work_in_turn
+
+
+def query_handler(plugin: "ManagedPlugin", environment: Environment, handler: Handler[Any, Any]) -> Handler[Any, Any]:
+    """The same handler, called with the plugin's lock held and only while this instance is there."""
+
+    def answer(request: Request[Any]) -> Any:
+        try:
+            with plugin.turn:
+                if not plugin.holds(environment) or plugin.state not in (PluginState.ACTIVE, PluginState.HALTED):
+                    raise CallError(ErrorCode.INACTIVE, f"{plugin.name} is {plugin.state}: {plugin.why}")
+                return handler(request)
+        except PluginError as error:
+            raise CallError(error.code, str(error)) from error
+
+    return answer
