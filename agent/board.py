@@ -29,6 +29,8 @@ class Board:
     """
 
     def __init__(self) -> None:
+        self.hardware: object | None = None
+        """The robot itself, where it is simulated in this process without devices; None for all others."""
         self.pose: Pose2D | None = None
         self.T_arena_odom: Pose2D | None = None
         """The frame of dead reckoning in the team's frame; localisation writes it."""

@@ -128,6 +128,9 @@ def run(
     method: Annotated[
         str | None, typer.Option(help="Allocator of tasks: a name such as auction, or FILE.py:NAME.")
     ] = None,
+    fidelity: Annotated[
+        str | None, typer.Option(help="Fidelity: full, or points, where robots are points and runs are fast.")
+    ] = None,
     until: UntilOption = None,
     time_limit: TimeLimitOption = None,
     speed: Annotated[
@@ -147,9 +150,10 @@ def run(
     def choose() -> "Scenario":
         from robrain.deploy.command_line.options import choose_scenario
 
-        return choose_scenario(
+        chosen = choose_scenario(
             scenario, map_file, robots, motes, seed, near, idle=idle, strategy=strategy, method=method
         )
+        return chosen if fidelity is None else chosen.replace(fidelity=fidelity)
 
     options = RunOptions(
         until=until,

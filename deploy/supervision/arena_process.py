@@ -45,6 +45,7 @@ def arena_command(
 
     """
     world = scenario.world()
+    world.check_live()
     if resume is not None:
         world = resumed(world, resume)
     prepare_kernels()

@@ -48,6 +48,7 @@ def scenario_parts(site: Site, scenario: Scenario, words: Sequence[str], wanted:
 
     """
     world = scenario.world()
+    world.check_live()
     prepare_kernels(quiet=wanted.quiet)  # once here, instead of in every process at the same time
     parts: list[Part] = []
     if RECORDER in wanted.parts and wanted.record is not None:

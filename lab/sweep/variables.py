@@ -26,6 +26,7 @@ SHORT = {
     "strategy": "planning.exploration",
     "method": "planning.method",
     "objective": "planning.objective",
+    "fidelity": "scenario.fidelity",
     "until": "scenario.until_explored",
     "time_limit": "scenario.time_limit_s",
 }

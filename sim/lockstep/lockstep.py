@@ -43,7 +43,6 @@ from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.lockstep.team_faults import ComponentStarts, TeamFaults
-from robrain.sim.world.arena import TICK_S
 from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.link_spec import check_alone
 from robrain.sim.world.overlap import overlap
@@ -51,7 +50,7 @@ from robrain.sim.world.radio_run import RadioRun
 from robrain.sim.world.time_use import TimeUseMeter
 from robrain.sim.world.world import World, manifest_texts
 
-TRUTH_TICKS = 10
+WATCH_S = 0.2
 OUTSIDE_BYTES = 1_048_576
 """Of a payload from outside; what is longer is cut off in the recording."""
 
@@ -102,6 +101,9 @@ class LockstepRun:
         """Whether the coordinator runs."""
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
+        self.tick_s = world.tick_s
+        """Duration of a tick."""
+        self._watch_ticks = round(WATCH_S / self.tick_s)
         self._ticks = 0
         self._endpoints: list[Endpoint] = []
         self._planning = planning
@@ -191,6 +193,7 @@ class LockstepRun:
         )
         if self._faults is None:
             self._closers.append(host.close)
+        host.board.hardware = self.arena.robot(host.name)
         host.start()
         return host
 
@@ -221,7 +224,7 @@ class LockstepRun:
     @property
     def sim_time_s(self) -> float:
         """Simulated time so far."""
-        return self._ticks * TICK_S
+        return self._ticks * self.tick_s
 
     @property
     def explored_fraction(self) -> float:
@@ -347,7 +350,7 @@ class LockstepRun:
 
         """
         self._ticks += 1
-        self.clock.advance_to(to_ns(self._ticks * TICK_S))
+        self.clock.advance_to(to_ns(self._ticks * self.tick_s))
         self.arena.step()
         if self._radio is not None:
             self._radio.step()
@@ -360,7 +363,7 @@ class LockstepRun:
                     host.step()
             if self.has_coordinator:
                 self.coordinator.step()
-        if self._ticks % TRUTH_TICKS == 0:
+        if self._ticks % self._watch_ticks == 0:
             self._watch()
         for endpoint in self._endpoints:
             if endpoint.has_waiting:
@@ -375,7 +378,7 @@ class LockstepRun:
         for host in self.hosts:
             if host.refusals.defect:
                 raise RunFailed(self._failed(f"{host.name}: {host.refusals.defect}"))
-            if self._distributions and not self.world.faults and self._ticks % TRUTH_TICKS == 0:
+            if self._distributions and not self.world.faults and self._ticks % self._watch_ticks == 0:
                 self._end_on_fault(host)
 
     def _end_on_fault(self, host: AgentHost) -> None:
@@ -428,7 +431,7 @@ class LockstepRun:
             else:
                 self.nothing_left = received.message.all_explored
                 self.idle = {robot.name: robot.idle for robot in received.message.robots if robot.idle is not None}
-        self.time_use.note(self._poses(), self.arena.accuracy.at_task, TRUTH_TICKS * TICK_S)
+        self.time_use.note(self._poses(), self.arena.accuracy.at_task, self._watch_ticks * self.tick_s)
         plan = self.world.plan
         for body in self.arena.bodies:
             row, column = plan.cell_of(body.x_m, body.y_m)
@@ -472,7 +475,7 @@ class LockstepTransport:
 
     def pass_time(self, seconds: float) -> None:
         """Tick, until at least that much time has passed."""
-        for _ in range(max(1, math.ceil(seconds / TICK_S - 1e-6))):
+        for _ in range(max(1, math.ceil(seconds / self.run.tick_s - 1e-6))):
             self.run.tick()
 
     def open_folder(self, robot: str, folder: Path) -> None:

@@ -22,7 +22,7 @@ from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mesh import MoteMesh, energy_of
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, SimulatedMote
 from robrain.sim.motes.radio import FAR_DEVIATIONS, FadingLink, Floats, RadioCounters, RadioModel, RobotAir, ShadowField
-from robrain.sim.robot.robot_body import RobotBody
+from robrain.sim.robot.robot_body import Body
 
 BETWEEN_ROBOTS = 0xBA5E
 """Keeps the randomness between robots apart from that of any mote, however many there are."""
@@ -114,7 +114,7 @@ class MoteField:
         self._wakes = [(mote.next_tick, index) for index, mote in enumerate(self.motes)]
         heapq.heapify(self._wakes)
 
-    def step(self, robots: Sequence[RobotBody]) -> None:
+    def step(self, robots: Sequence[Body]) -> None:
         """Go on by a tick: base stations' packets reach motes; motes whose time has come sense and send."""
         self._tick += 1
         if self._inbox.has_some:
@@ -192,7 +192,7 @@ class MoteField:
         for robot, rssi_dbm in self.between_robots.heard_by(sender, xs_m, ys_m, self._tick):
             self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm) if is_beacon else packet)
 
-    def _update_robot_places(self, robots: Sequence[RobotBody]) -> None:
+    def _update_robot_places(self, robots: Sequence[Body]) -> None:
         if self._places_tick != self._tick:
             self._places_tick = self._tick
             self._xs_m[: self._robots] = [robot.x_m for robot in robots]

@@ -6,6 +6,7 @@ encoders thus tell the truth up to their resolution.
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import pymunk
@@ -34,6 +35,27 @@ APART_S = 0.5
 
 _RATES = BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
 _POSE_AND_RATES = BodyFields.POSITION | BodyFields.ANGLE | _RATES
+
+
+class Body(Protocol):
+    """A robot as the arena's other parts see it, as of the last tick."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    """Arena frame, as x and y; may be not wrapped."""
+    radius_m: float
+    forward_m: float
+    left_m: float
+    """Displacement of the last tick, body frame."""
+    distance_m: float
+    """Length of the path since the start."""
+    was_carried: bool
+    """Whether somebody carried it in the last tick."""
+
+    @property
+    def pose(self) -> Pose2D:
+        """Arena frame; yaw in [−π, π]."""
 
 
 class RobotBody:

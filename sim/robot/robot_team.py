@@ -7,36 +7,86 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
+from robrain.algorithms.mapping.ray_cast import SOLID
+from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.wire.endpoint import Endpoint
+from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.firmware.load_kernel import LOAD, add_motion
 from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
-from robrain.sim.robot.robot_body import RobotBodies
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.maps.wall_shapes import add_walls
+from robrain.sim.robot.robot_body import (
+    COLLISION_SLOP_M,
+    OVERLAP_LEFT_PER_TICK,
+    WALL_COLLISION,
+    CollisionCounter,
+    RobotBodies,
+)
+from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.simulated_robot import SimulatedRobot
-
-NO_CIRCLES = np.zeros((0, 3))
+from robrain.sim.traffic.traffic import SeenWalls, Traffic, TrafficPlan
 
 
 class RobotTeam:
-    """The robots' ticks: `act()`, the step of the space, `report()`, `sense()`.
+    """Robots with bodies, firmware and sensors, and the doors, obstacles and people that they meet.
 
     Args:
-        robots: in the order in which they were added to the space.
-        space: where their bodies move.
+        plan: the floor.
+        walls: (H, W) what robots and cameras see; writable, doors and people change it.
+        geometry: where `walls` lies in the arena frame.
+        specs: the robots, in this order.
+        endpoint: the arena's place on the wire.
+        rng: the source of all randomness.
         tick_s: how long a tick is.
-        others: bodies in the space that are no robots, added after them.
-        circles: (K, 3) x, y, radius of what is round among these, as sensors see it; arena frame.
+        surfaces: glass and mirrors among the walls; None if there are none.
+        disturbance: delays of frames and scans; None for no delays.
+        traffic: doors, moving obstacles and people; None if there are none.
 
     """
 
     def __init__(
         self,
-        robots: Sequence[SimulatedRobot],
-        space: pymunk.Space,
+        plan: FloorPlan,
+        walls: NDArray[np.bool_],
+        geometry: GridGeometry,
+        specs: Sequence[ArenaRobot],
+        endpoint: Endpoint,
+        rng: np.random.Generator,
         tick_s: float,
-        others: Sequence[pymunk.Body] = (),
-        circles: NDArray[np.float64] = NO_CIRCLES,
+        surfaces: Surfaces | None,
+        disturbance: Disturbance | None,
+        traffic: TrafficPlan | None,
     ) -> None:
+        self._space = space = pymunk.Space()
+        space.collision_slop = COLLISION_SLOP_M
+        space.collision_bias = OVERLAP_LEFT_PER_TICK ** (1.0 / tick_s)
+        add_walls(space, plan, collision_type=WALL_COLLISION)
+        self.robots = robots = list[SimulatedRobot]()
+        try:
+            for index, (spec, own_rng) in enumerate(zip(specs, rng.spawn(len(specs)), strict=True)):
+                robots.append(
+                    SimulatedRobot(
+                        spec, space, walls, geometry, endpoint, index, tick_s, own_rng, surfaces, disturbance
+                    )
+                )
+        except BaseException:
+            self.close()  # the caller has no team to close
+            raise
+        self.traffic: Traffic | None = None
+        others: Sequence[pymunk.Body] = ()
+        circles: NDArray[np.float64] = np.zeros((0, 3))
+        if traffic is not None:
+            seen: list[SeenWalls] = [(walls, 1)]
+            if surfaces is not None:
+                seen.append((surfaces.cells, SOLID))
+            self.traffic = Traffic(traffic, plan, space, seen, [spec.disc for spec in specs], tick_s)
+            others, circles = self.traffic.bodies, self.traffic.circles
         self.bodies = RobotBodies(space, [robot.body for robot in robots], tick_s, others)
-        self._robots = robots
+        shapes = self.traffic.shapes if self.traffic is not None else ()
+        self._collisions = CollisionCounter(space, self.bodies, tick_s, shapes)
+        self.collisions = self._collisions.count
+        """Of each robot."""
         self._tick_s = tick_s
         self._loads = np.zeros(len(robots), LOAD)
         for row, robot in enumerate(robots):
@@ -59,23 +109,41 @@ class RobotTeam:
         """Rows and buses of the robots whose encoder frames are made together."""
         self._late = [robot for robot in robots if robot.is_late]
 
-    def act(self, tick: int) -> None:
-        """Hear the buses, set the wheels."""
+    def move(self, tick: int) -> None:
+        """Read the buses, set the wheels, and move all bodies."""
+        if self.traffic is not None:
+            hulls = [(body.x_m, body.y_m, body.radius_m) for body in self.bodies.bodies]
+            self.traffic.step(tick * self._tick_s, hulls, self.bodies.other_velocities, self.circles)
+        self._act(tick)
+        self._space.step(self._tick_s)
+        self._collisions.tick = tick
+
+    def report(self, tick: int) -> None:
+        """Send what firmware and sensors measure."""
+        self._report(tick)
+        self._sense(tick)
+
+    def close(self) -> None:
+        """Leave the robots' buses."""
+        for robot in self.robots:
+            robot.bus.shutdown()
+
+    def _act(self, tick: int) -> None:
         wanted_rad_s = self.bodies.wanted_rad_s
-        for row, robot in enumerate(self._robots):
+        for row, robot in enumerate(self.robots):
             controller = robot.controller
             if robot.pending or tick >= controller.due_tick or controller.has_failed:
                 controller.receive(tick)
                 wanted_rad_s[row] = controller.wheel_speeds_rad_s
         self.bodies.drive()
 
-    def report(self, tick: int) -> None:
+    def _report(self, tick: int) -> None:
         """Follow the bodies' motion and tell it on the buses."""
         bodies = self.bodies
         bodies.roll()
         add_motion(self._loads, bodies.state, self._tick_s)
         before = tick - 1  # the first tick is 1, and everything but the battery's status is due in it
-        robots = self._robots
+        robots = self.robots
         if robots and before % robots[0].controller.encoder_period_ticks == 0:
             frames = self._encoders.frames(bodies.turns_rad)
             for row, bus in self._three_wheels:
@@ -108,9 +176,9 @@ class RobotTeam:
             if before % controller.encoder_period_ticks == 0:
                 controller.send_counts()
 
-    def sense(self, tick: int) -> None:
+    def _sense(self, tick: int) -> None:
         """Measure the ranges and scan with the lidars that are due; then pass on what was late."""
-        due = [robot for robot in self._robots if tick % robot.scan_period_ticks == robot.scan_phase]
+        due = [robot for robot in self.robots if tick % robot.scan_period_ticks == robot.scan_phase]
         ranging = self._ranging[tick % len(self._ranging)]
         if due or ranging or self._sweeping:
             self._at[:, 0], self._at[:, 1] = self.bodies.state["x_m"], self.bodies.state["y_m"]

@@ -11,12 +11,14 @@ from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.table.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.battery import SimulatedBattery
 from robrain.sim.firmware.battery_manager import BatteryManager
-from robrain.sim.firmware.bus_line import BusLine, FrameStamps
+from robrain.sim.firmware.bus_line import BusLine, FrameStamps, LineFault
 from robrain.sim.firmware.described_controller import DescribedController, FrameController, obeyed
 from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
@@ -32,6 +34,8 @@ from robrain.sim.robot.wheels import Wheels
 
 CAN_CHANNEL = "can0"
 STANDARD_MASK = 0x7FF
+LIE_V, LIE_A, LIE_C = 16.7, 0.0, 22.0
+"""A battery that claims to be full and to give nothing, whatever the robot does."""
 OBEYED = ("WheelCommand", "Stop")
 """Frames that the robot's nodes listen to; those of a described base listen to its commands."""
 
@@ -145,6 +149,34 @@ class SimulatedRobot:
         self.bus.read_frames()
         if isinstance(self.described, LineController):
             self.described.forget()
+
+    @property
+    def delivered_j(self) -> float:
+        """Energy that the battery has given so far."""
+        return self.battery.delivered_j
+
+    def supply(self, supply_w: float) -> None:
+        """Charge with this power from now on."""
+        self.manager.supply_w = supply_w
+
+    def set_fault(self, fault: FaultSpec, *, breaks: bool) -> None:
+        """Break something now, or mend it."""
+        match fault.kind:
+            case FaultKind.CAN_CUT | FaultKind.CAN_SHORTED as kind:
+                broken = LineFault.CUT if kind is FaultKind.CAN_CUT else LineFault.SHORTED
+                self.bus.break_down(broken if breaks else LineFault.NONE)
+            case FaultKind.MOTORS_FAIL:
+                self.controller.has_failed = breaks
+            case FaultKind.LIDAR_FREEZES:
+                self.lidar.is_frozen = breaks
+            case FaultKind.BATTERY_LIES:
+                self.manager.lie = (lambda _: (LIE_V, LIE_A, LIE_C)) if breaks else None
+            case FaultKind.CARRIED_OFF:
+                assert fault.place_m is not None  # FaultSpec has checked it
+                self.body.carry_to(Pose2D(*fault.place_m, fault.yaw_rad))
+            case FaultKind.DRAIN:
+                assert fault.soc is not None
+                self.battery.drain(fault.soc)
 
     def scan(self, hulls: NDArray[np.float64]) -> None:
         """Send a turn of the lidar; `hulls` (K, 3) are x, y, radius of all robots, arena frame."""

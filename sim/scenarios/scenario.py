@@ -38,6 +38,7 @@ from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.motes.gateway import check_gateways
 from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.points.point_team import POSSIBLE
 from robrain.sim.scenarios.driving import Progress, drive
 from robrain.sim.scenarios.scenario_file import (
     MAX_MOTES,
@@ -61,7 +62,7 @@ from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
-from robrain.sim.world.world import World, build_world
+from robrain.sim.world.world import Fidelity, World, build_world
 
 MAX_SEED = (1 << 63) - 1
 
@@ -109,6 +110,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """What it shows, in one sentence."""
     links: LinkSpec | None = None
     """The radio between robots and coordinator; None if everybody hears everybody."""
+    fidelity: Fidelity = Fidelity.FULL
+    """How exactly robots are simulated."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -195,6 +198,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             tasks=tables.tasks,
             traffic=tables.traffic,
             links=tables.links,
+            fidelity=tables.scenario.fidelity,
             seed=tables.scenario.seed,
             until_explored=tables.scenario.until_explored,
             time_limit_s=tables.scenario.time_limit_s,
@@ -214,7 +218,9 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         """
         near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
         tables = ScenarioTables(
-            scenario=ScenarioTable(self.name, self.about, self.seed, self.until_explored, self.time_limit_s),
+            scenario=ScenarioTable(
+                self.name, self.about, self.seed, self.until_explored, self.time_limit_s, self.fidelity
+            ),
             floor=None if isinstance(self.floor, Path) else self.floor,
             map=MapTable(str(map_file or self.floor.resolve())) if isinstance(self.floor, Path) else None,
             team=TeamTable(self.robots, near_m, self.starts, self.starts_known, self.idle),
@@ -244,7 +250,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     def replace(self, **changes: Any) -> Self:
         """The same scenario with some fields changed: `scenario.replace(robots=8, seed=2)`."""
         try:
+            if "fidelity" in changes:
+                changes["fidelity"] = Fidelity(changes["fidelity"])
             return msgspec.structs.replace(self, **changes)
+        except ValueError as error:
+            raise ScenarioError(f"{self.name}: fidelity: expected one of {', '.join(Fidelity)}: {error}") from error
         except TypeError as error:
             known = ", ".join(self.__struct_fields__)
             raise ScenarioError(f"{self.name}: {error}; a scenario has {known}") from error
@@ -263,6 +273,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def world(self) -> World:
         """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
+        if self.fidelity is Fidelity.POINTS:
+            self._check_points()
         try:
             plan, chargers = self.plan(), self.chargers
             world = build_world(
@@ -279,7 +291,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 self.roster,
             )
             discs = [robot.disc for robot in world.robots]
-            traffic = plan_traffic(self.traffic, plan, discs, self.seed) if self.traffic.is_on else None
+            has_traffic = self.traffic.is_on and self.fidelity is Fidelity.FULL
+            traffic = plan_traffic(self.traffic, plan, discs, self.seed) if has_traffic else None
         except MapError as error:
             raise ScenarioError(str(error)) from error
         robots, gateways = [robot.name for robot in world.robots], self.network.motes.gateways
@@ -304,7 +317,14 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             tasks=self.tasks,
             traffic=traffic,
             links=self.links,
+            fidelity=self.fidelity,
         )
+
+    def _check_points(self) -> None:
+        """Raise ScenarioError for what robots that are points cannot have."""
+        for fault in self.faults:
+            if fault.kind not in POSSIBLE:
+                raise ScenarioError(f'{self.name}: faults: expected no {fault.kind} with fidelity "points"')
 
     def team(
         self,

@@ -30,6 +30,7 @@ from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
+from robrain.sim.world.world import Fidelity
 
 MAX_ROBOTS = 1000
 ROBOTS = 4
@@ -50,6 +51,8 @@ class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Share of the reachable floor at which the run ends."""
     time_limit_s: float = 900.0
     """Simulated time at which the run ends at the latest."""
+    fidelity: Fidelity = Fidelity.FULL
+    """How exactly robots are simulated: `full`, or `points`, which is many times faster."""
 
     def __post_init__(self) -> None:
         check_not_negative(self, "seed")

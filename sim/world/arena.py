@@ -10,10 +10,8 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import pymunk
 from numpy.typing import NDArray
 
-from robrain.algorithms.mapping.ray_cast import SOLID
 from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -28,23 +26,17 @@ from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import Surfaces
-from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.gateway import MoteGateway, gateway_motes
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
+from robrain.sim.points.point_team import PointFloor, PointRobot, PointTeam
 from robrain.sim.robot.camera import Camera, CameraSpec, SeenMote, SeenRobot
-from robrain.sim.robot.robot_body import (
-    COLLISION_SLOP_M,
-    OVERLAP_LEFT_PER_TICK,
-    WALL_COLLISION,
-    CollisionCounter,
-    RobotBody,
-)
+from robrain.sim.robot.robot_body import Body
 from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
-from robrain.sim.traffic.traffic import SeenWalls, Traffic, TrafficPlan
+from robrain.sim.traffic.traffic import TrafficPlan
 from robrain.sim.world.chargers import Chargers, ChargerSpec
 from robrain.sim.world.referee import TRUE_POSE_PERIOD_S, AccuracyWatch, Referee, team_geometry
 from robrain.sim.world.scenario_tasks import TaskSchedule, TaskSpec
@@ -69,7 +61,7 @@ class SensorDesk:
     def __init__(
         self,
         names: Sequence[str],
-        bodies: Sequence[RobotBody],
+        bodies: Sequence[Body],
         field: SimulatedField,
         endpoint: Endpoint,
         rng: np.random.Generator,
@@ -122,7 +114,7 @@ class CameraDesk:
         self,
         names: Sequence[str],
         specs: Sequence[CameraSpec],
-        bodies: Sequence[RobotBody],
+        bodies: Sequence[Body],
         motes: Sequence[SeenMote],
         walls: NDArray[np.bool_],
         geometry: GridGeometry,
@@ -153,8 +145,6 @@ class CameraDesk:
 FLOOD_PACKETS_A_TICK = 40
 """2,000 a second at 50 ticks; a Mica2's radio brings some 40."""
 FLOOD_TYPE = 0xEE
-LIE_V, LIE_A, LIE_C = 16.7, 0.0, 22.0
-"""A battery that says to be full and to give nothing, whatever the robot does."""
 
 
 class FaultSchedule:
@@ -170,7 +160,9 @@ class FaultSchedule:
 
     """
 
-    def __init__(self, faults: Sequence[FaultSpec], robots: Mapping[str, SimulatedRobot], endpoint: Endpoint) -> None:
+    def __init__(
+        self, faults: Sequence[FaultSpec], robots: Mapping[str, SimulatedRobot | PointRobot], endpoint: Endpoint
+    ) -> None:
         self._robots = robots
         self._endpoint = endpoint
         self._waiting: list[tuple[float, int, FaultSpec, bool]] = []
@@ -198,27 +190,13 @@ class FaultSchedule:
         """Break something now, or mend it."""
         name = fault.robot
         robot = self._robots[name]
-        match fault.kind:
-            case FaultKind.CAN_CUT | FaultKind.CAN_SHORTED as kind:
-                broken = LineFault.CUT if kind is FaultKind.CAN_CUT else LineFault.SHORTED
-                robot.bus.break_down(broken if breaks else LineFault.NONE)
-            case FaultKind.MOTORS_FAIL:
-                robot.controller.has_failed = breaks
-            case FaultKind.LIDAR_FREEZES:
-                robot.lidar.is_frozen = breaks
-            case FaultKind.BATTERY_LIES:
-                robot.manager.lie = (lambda _: (LIE_V, LIE_A, LIE_C)) if breaks else None
-            case FaultKind.CARRIED_OFF:
-                assert fault.place_m is not None  # FaultSpec has checked it
-                robot.body.carry_to(Pose2D(*fault.place_m, fault.yaw_rad))
-            case FaultKind.DRAIN:
-                assert fault.soc is not None
-                robot.battery.drain(fault.soc)
-            case FaultKind.MOTE_BASE_FLOODS if breaks:
-                self._floods[name] = self._endpoint.publisher(ARENA_RADIO_RX, robot=name)
-                self.is_on = True
-            case FaultKind.MOTE_BASE_FLOODS:
-                del self._floods[name]
+        if fault.kind is not FaultKind.MOTE_BASE_FLOODS:
+            robot.set_fault(fault, breaks=breaks)
+        elif breaks:
+            self._floods[name] = self._endpoint.publisher(ARENA_RADIO_RX, robot=name)
+            self.is_on = True
+        else:
+            del self._floods[name]
 
 
 __all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
@@ -248,6 +226,7 @@ class Arena:
         tasks: what the scenario asks of the team, and when.
         traffic: doors, moving obstacles and people; None if there are none.
         gateway_wire: opens the endpoint of a gateway of this name, which its owner closes; None for the arena's own.
+        points: whether robots are points, without hardware (`sim/points/`).
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -271,6 +250,7 @@ class Arena:
         tasks: Sequence[TaskSpec] = (),
         traffic: TrafficPlan | None = None,
         gateway_wire: Callable[[str], Endpoint] | None = None,
+        points: bool = False,
     ) -> None:
         names = [robot.name for robot in robots]
         _check_names(names, "robot")
@@ -280,39 +260,21 @@ class Arena:
 
         self.tick_s = tick_s
         self._ticks = 0
-        self._space = pymunk.Space()
-        self._space.collision_slop = COLLISION_SLOP_M
-        self._space.collision_bias = OVERLAP_LEFT_PER_TICK ** (1.0 / tick_s)
-        add_walls(self._space, plan, collision_type=WALL_COLLISION)
-
         walls, true_walls = plan.occupied.copy(), plan.occupied.copy()
         rows, columns = walls.shape
         geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
-        self._robots: list[SimulatedRobot] = []
-        try:
-            for index, (spec, own_rng) in enumerate(zip(robots, robots_rng.spawn(len(robots)), strict=True)):
-                self._robots.append(
-                    SimulatedRobot(
-                        spec, self._space, walls, geometry, endpoint, index, tick_s, own_rng, surfaces, disturbance
-                    )
-                )
-        except BaseException:
-            self.close()  # the caller has no arena to close
-            raise
-        self._traffic = None
-        if traffic is None:
-            self._team = RobotTeam(self._robots, self._space, tick_s)
+        self._team: RobotTeam | PointTeam
+        if points:
+            self._team = PointTeam(robots, PointFloor(true_walls, geometry), tick_s)
+            self._bodies: Sequence[Body] = self._team.robots
         else:
-            seen: list[SeenWalls] = [(walls, 1)]
-            if surfaces is not None:
-                seen.append((surfaces.cells, SOLID))
-            self._traffic = Traffic(traffic, plan, self._space, seen, [robot.disc for robot in robots], tick_s)
-            self._team = RobotTeam(self._robots, self._space, tick_s, self._traffic.bodies, self._traffic.circles)
-        self._bodies = self._team.bodies.bodies
+            self._team = RobotTeam(
+                plan, walls, geometry, robots, endpoint, robots_rng, tick_s, surfaces, disturbance, traffic
+            )
+            self._bodies = self._team.bodies.bodies
+        self._robots: Sequence[SimulatedRobot | PointRobot] = self._team.robots
         self.chargers = Chargers(chargers, tick_s)
         self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
-        shapes = self._traffic.shapes if self._traffic is not None else ()
-        self._collisions = CollisionCounter(self._space, self._team.bodies, tick_s, shapes)
 
         field = SimulatedField.draw(network.field, plan, field_rng)
         standing = gateway_motes(motes, network.motes.gateways)
@@ -361,10 +323,10 @@ class Arena:
     @property
     def collisions(self) -> int:
         """Sum of all robots' collisions; two that meet count one each."""
-        return sum(self._collisions.count)
+        return sum(self._team.collisions)
 
     @property
-    def bodies(self) -> Sequence[RobotBody]:
+    def bodies(self) -> Sequence[Body]:
         """The robots' bodies, in their order, as of the last tick."""
         return self._bodies
 
@@ -376,18 +338,18 @@ class Arena:
             robots=[
                 RobotTruth(
                     robot=robot.name,
-                    pose=robot.body.pose,
+                    pose=body.pose,
                     collisions=collisions,
-                    distance_m=robot.body.distance_m,
-                    energy_j=robot.battery.delivered_j,
+                    distance_m=body.distance_m,
+                    energy_j=robot.delivered_j,
                     accuracy=self.accuracy.pose_accuracy(robot.name),
                 )
-                for robot, collisions in zip(self._robots, self._collisions.count, strict=True)
+                for robot, body, collisions in zip(self._robots, self._bodies, self._team.collisions, strict=True)
             ],
             motes=self._mote_truths,
             explored_fraction=self.referee.explored_fraction,
             map_accuracy=self.accuracy.map_accuracy,
-            bodies=self._traffic.truth() if self._traffic is not None else msgspec.UNSET,
+            bodies=msgspec.UNSET if self._team.traffic is None else self._team.traffic.truth(),
         )
 
     def step(self) -> None:
@@ -395,15 +357,10 @@ class Arena:
         if self._faults.is_on:
             self._faults.step(self.sim_time_s)
         tick = self._ticks + 1
-        if self._traffic is not None:
-            hulls = [(body.x_m, body.y_m, body.radius_m) for body in self._bodies]
-            self._traffic.step(tick * self.tick_s, hulls, self._team.bodies.other_velocities, self._team.circles)
-        self._team.act(tick)
-        self._space.step(self.tick_s)
-        self._ticks = self._collisions.tick = tick
+        self._team.move(tick)
+        self._ticks = tick
         self._charge()
         self._team.report(tick)
-        self._team.sense(tick)
         self._motes.step(self._bodies)
         for gateway in self.gateways:
             gateway.step()
@@ -426,13 +383,17 @@ class Arena:
         """Break a robot's hardware now, or mend it; drain its battery."""
         self._faults.set(fault, breaks=breaks)
 
+    def robot(self, name: str) -> SimulatedRobot | PointRobot:
+        """A robot (KeyError: there is none of that name)."""
+        return {each.name: each for each in self._robots}[name]
+
     @contextmanager
     def unplugged(self, robot: str) -> Iterator[None]:
         """Frames that a robot's computer sends within the block reach none of its nodes (KeyError: no such robot)."""
         try:
             yield
         finally:
-            self._named(robot).drop_commands()
+            self.robot(robot).drop_commands()
 
     def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
         """Have a robot's lidar send the same turn again and again, or let it go on (KeyError: no such robot)."""
@@ -448,17 +409,18 @@ class Arena:
 
     def close(self) -> None:
         """Leave the robots' buses."""
-        for robot in self._robots:
-            robot.bus.shutdown()
+        self._team.close()
 
     def _charge(self) -> None:
         if self.chargers.docked and self._ticks % self._charger_period_ticks == 0:
             supplies_w = self.chargers.supplies_w(self._bodies)
             for robot, supply_w in zip(self._robots, supplies_w, strict=True):
-                robot.manager.supply_w = supply_w
+                robot.supply(supply_w)
 
     def _named(self, robot: str) -> SimulatedRobot:
-        return {each.name: each for each in self._robots}[robot]
+        found = self.robot(robot)
+        assert isinstance(found, SimulatedRobot)
+        return found
 
 
 def _check_names(names: Sequence[str], what: str) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import msgspec
 
 from robrain.protocol.model.ranges import check_positive
-from robrain.sim.robot.robot_body import RobotBody
+from robrain.sim.robot.robot_body import Body
 
 STANDS_BELOW_M_S = 0.05
 """A robot that passes by is not charged; contacts must rest on each other."""
@@ -45,7 +45,7 @@ class Chargers:
         self.docked: list[int | None] = [None] * len(specs)
         """For each charger the index of the robot that it feeds."""
 
-    def supplies_w(self, bodies: Sequence[RobotBody]) -> list[float]:
+    def supplies_w(self, bodies: Sequence[Body]) -> list[float]:
         """Power supplied to each robot now."""
         supplies = [0.0] * len(bodies)
         for number, spec in enumerate(self._specs):
@@ -56,7 +56,7 @@ class Chargers:
                 supplies[robot] = spec.power_w
         return supplies
 
-    def _first_at(self, spec: ChargerSpec, bodies: Sequence[RobotBody]) -> int | None:
+    def _first_at(self, spec: ChargerSpec, bodies: Sequence[Body]) -> int | None:
         (x_m, y_m), reach_m = spec.place_m, spec.reach_m
         for index, body in enumerate(bodies):
             # Most are far away, which costs no call to find out.
@@ -65,7 +65,7 @@ class Chargers:
                 return index
         return None
 
-    def _touches(self, spec: ChargerSpec, body: RobotBody) -> bool:
+    def _touches(self, spec: ChargerSpec, body: Body) -> bool:
         stands = math.hypot(body.forward_m, body.left_m) < self._step_m
         x_m, y_m = spec.place_m
         return stands and math.hypot(body.x_m - x_m, body.y_m - y_m) <= spec.reach_m

@@ -21,7 +21,7 @@ from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.gateway import gateway_motes
-from robrain.sim.robot.robot_body import RobotBody
+from robrain.sim.robot.robot_body import Body
 from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.world import World
 
@@ -346,7 +346,7 @@ class RadioRun:
         """What became of the messages so far."""
         return self.network.counters
 
-    def follow(self, bodies: Sequence[RobotBody], endpoint: Endpoint) -> None:
+    def follow(self, bodies: Sequence[Body], endpoint: Endpoint) -> None:
         """Measure by where the robots are from now on, and publish who hears whom by an endpoint of the arena."""
         self.network.where = lambda: np.array([(body.x_m, body.y_m) for body in bodies]).reshape(-1, 2)
         self._say = endpoint.publisher(ARENA_LINKS)

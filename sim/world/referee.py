@@ -24,7 +24,7 @@ from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.table.topics import ROBOT_MAP, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
-from robrain.sim.robot.robot_body import RobotBody
+from robrain.sim.robot.robot_body import Body
 
 PATCHES_A_STEP = 4096
 EDGE_CELLS = 3
@@ -155,7 +155,7 @@ class AccuracyWatch:
     def __init__(
         self,
         robots: Sequence[str],
-        bodies: Sequence[RobotBody],
+        bodies: Sequence[Body],
         referee: Referee,
         walls: NDArray[np.bool_],
         geometry: GridGeometry,

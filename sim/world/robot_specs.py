@@ -173,9 +173,15 @@ def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def with_all(without: Iterable[str]) -> list[str]:
-    """The stock plugins but these and those that require them, at whatever distance; sorted."""
-    known, missing = _requirements(), set(without)
+def with_all(without: Iterable[str], *, free: Iterable[str] = ()) -> list[str]:
+    """The stock plugins but these and those that require them, at whatever distance; sorted.
+
+    Args:
+        without: plugins that are missing.
+        free: plugins that others take the place of, which require nothing.
+
+    """
+    known, missing = _requirements() | {name: set[str]() for name in free}, set(without)
     while more := {name for name, requires in known.items() if name not in missing and missing & requires}:
         missing |= more
     return sorted(known.keys() - missing)

@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import msgspec
@@ -21,6 +22,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial.serial_line import SIMULATED
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.provenance import MAP_ATTACHMENT
+from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.described_controller import frames_of
 from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
@@ -33,9 +35,10 @@ from robrain.sim.maps.placement import Starts, scatter_points
 from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import SensorNetwork
+from robrain.sim.points.point_team import HARDWARE_PLUGINS, PLACE, POINT_TICK_S, ROLES
 from robrain.sim.robot.robot_hardware import Controller
 from robrain.sim.traffic.traffic import TrafficPlan
-from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
+from robrain.sim.world.arena import TICK_S, Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.referee import team_geometry
@@ -47,6 +50,7 @@ from robrain.sim.world.robot_specs import (
     check_places,
     merged,
     start_poses,
+    with_all,
 )
 from robrain.sim.world.scenario_tasks import TaskSpec
 
@@ -55,6 +59,15 @@ EXACT_NOISE = {"sigma_m_per_sqrt_m": 2e-4, "sigma_rad_per_sqrt_m": 1e-5, "sigma_
 EXACT_ERRORS = {"scale": 1e-5, "curve_rad_per_m": 2e-6, "turn": 1e-5}
 EXACT_START = {"start_sigma_m": 0.001, "start_sigma_rad": 0.0001}
 """Errors of odometry and start of a base whose wheels are as its file says: measured in open halls (`tests/sim`)."""
+
+
+class Fidelity(StrEnum):
+    """How exactly robots are simulated."""
+
+    FULL = "full"
+    """Bodies, firmware, buses and sensors."""
+    POINTS = "points"
+    """Points with exact poses on the floor, and batteries that follow the energy model; fast."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +96,17 @@ class World:
     """Doors, moving obstacles and people; None if there are none."""
     links: LinkSpec | None = None
     """Who hears whom; None if everybody hears everybody."""
+    fidelity: Fidelity = Fidelity.FULL
+
+    def check_live(self) -> None:
+        """Raise ScenarioError for robots that are simulated only in lockstep."""
+        if self.fidelity is not Fidelity.FULL:
+            raise ScenarioError(f'{self.plan.name}: fidelity: expected "full" in live, got "{self.fidelity}"')
+
+    @property
+    def tick_s(self) -> float:
+        """Duration of a tick."""
+        return POINT_TICK_S if self.fidelity is Fidelity.POINTS else TICK_S
 
     def arena(self, endpoint: Endpoint, gateway_wire: Callable[[str], Endpoint] | None = None) -> Arena:
         """An arena with all of it, that speaks by this endpoint; see `Arena` for that of gateways."""
@@ -100,6 +124,8 @@ class World:
             tasks=self.tasks,
             traffic=self.traffic,
             gateway_wire=gateway_wire,
+            tick_s=self.tick_s,
+            points=self.fidelity is Fidelity.POINTS,
         )
 
     def arena_rng(self) -> np.random.Generator:
@@ -153,10 +179,14 @@ class World:
             **(self.links.idle_parameters(start) if self.links is not None and is_known and not connect else {}),
         }
         load = None if robot.load is None else [*robot.load, *([IMU_PLUGIN] if robot.imu is not None else [])]
+        parameters, roles, places = merged(of_world, robot.plugins), _roles(robot), list[str]()
+        if self.fidelity is Fidelity.POINTS:
+            load, roles, places = point_load(load), ROLES, [str(PLACE)]
+            parameters = {name: values for name, values in parameters.items() if name in load}
         return RobotFile(
-            robot=RobotTable(robot.name, team, load=load, roles=_roles(robot), consensus=robot.consensus),
+            robot=RobotTable(robot.name, team, places=places, load=load, roles=roles, consensus=robot.consensus),
             zenoh=ZenohTable(connect=list(connect)),
-            parameters=merged(of_world, robot.plugins),
+            parameters=parameters,
         )
 
     def first_place(self) -> Point2D | None:
@@ -194,6 +224,17 @@ class World:
         buffer = io.BytesIO()
         picture.save(buffer, format="PNG")
         return buffer.getvalue()
+
+
+def point_load(load: Sequence[str] | None) -> list[str]:
+    """Plugins of a robot that is a point: those that need no hardware that points lack.
+
+    Args:
+        load: the plugins that it would have with hardware; all stock ones if None.
+
+    """
+    able = with_all(HARDWARE_PLUGINS, free=ROLES)
+    return able if load is None else [name for name in able if name in load]
 
 
 def build_world(

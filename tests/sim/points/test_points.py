@@ -1,0 +1,56 @@
+"""Runs of the fidelity `points`: host, behaviors and coordinator are real, robots are points."""
+
+import pytest
+
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.sim.errors import ScenarioError
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.robot_specs import RobotSpec
+from robrain.sim.world.scenario_tasks import TaskSpec
+
+
+def arena(**changes: object) -> Scenario:
+    return Scenario.builtin("arena_small").replace(fidelity="points", **changes)
+
+
+def test_one_robot_explores_and_then_visits() -> None:
+    visit = TaskSpec(kind="visit", place_m=(1.0, 1.0), name="there", at_s=1.0)
+    result = arena(robots=1, motes=0, tasks=(visit,)).run()
+    assert result.ended == "explored"
+    assert result.explored_fraction > 0.98
+    assert result.map_accuracy is not None
+    assert result.map_accuracy.cells_off == 0
+    assert [task.state for task in result.tasks] == [TaskState.DONE]
+    assert 0.3 * result.sim_time_s < result.distance_m <= 0.6 * result.sim_time_s
+
+
+def test_equal_seeds_give_equal_digests() -> None:
+    one, other = (arena(seed=5).run(time_limit_s=8.0) for _ in range(2))
+    assert one.digest == other.digest
+    assert one.digest != arena(seed=6).run(time_limit_s=8.0).digest
+
+
+def test_energy_follows_the_model() -> None:
+    scenario = arena(robots=1, motes=0, idle=True)
+    result = scenario.run(time_limit_s=10.0)
+    standing_j = 10.0 * scenario.hardware.power.standing_w(bursting=False)
+    assert result.energy_j == pytest.approx(standing_j)
+    assert result.distance_m == 0.0
+
+
+def test_a_charger_fills_the_battery() -> None:
+    dock = ChargerSpec(place_m=(1.0, 1.0))
+    empty = RobotSpec(place_m=(1.0, 1.0), hardware={"battery": {"soc_at_start": 0.3}})
+    charge = TaskSpec(kind="recharge", place_m=(1.0, 1.0), at_s=0.5, parameters={"until_soc": 0.31})
+    result = arena(robots=1, roster=(empty,), motes=0, idle=True, chargers=(dock,), tasks=(charge,)).run()
+    assert [task.state for task in result.tasks] == [TaskState.DONE]
+
+
+def test_what_points_cannot_have_is_refused() -> None:
+    cut = FaultSpec(robot="r1", kind=FaultKind.CAN_CUT, at_s=1.0)
+    with pytest.raises(ScenarioError, match="can_cut"):
+        arena(faults=(cut,)).run()
+    with pytest.raises(ScenarioError, match="fidelity"):
+        arena().replace(fidelity="cubes")
