@@ -6,90 +6,14 @@ robrain wire --format jsonschema | python client.py tcp/127.0.0.1:7447
 import json
 import math
 import queue
-import re
 import sys
 import time
 
 import zenoh
+from wire import ME, Refused, Wire, resolved
 
-ME = "any-language"
 PLACE = {"x_m": 4.2, "y_m": 3.0}
 WANDER_S, AGAIN_S, PATIENCE_S = 10.0, 0.2, 120.0
-
-
-class Refused(Exception):
-    """An error reply, or none at all."""
-
-
-class Wire:
-    """The printed document, and a session to use it with."""
-
-    def __init__(self, document, session):
-        self.document, self.session, self.subscribers = document, session, []
-        self.rows = {row["name"]: row for kind in ("topics", "queries", "tokens") for row in document[kind]}
-
-    def key(self, row, **names):
-        """The key of a row; names that are not given match any."""
-        filled = {"team": self.document["default_team"], **names}
-        return re.sub(r"{(\w+)}", lambda found: filled.get(found[1], "*"), self.rows[row]["key"])
-
-    def names(self, row, key):
-        """The names in a concrete key."""
-        return re.fullmatch(re.sub(r"{(\w+)}", r"(?P<\1>[^/]+)", self.rows[row]["key"]), str(key)).groupdict()
-
-    def message(self, schema, **fields):
-        """A message with these fields, if its schema has them and no others are required."""
-        told = resolved(schema, self.document)
-        unknown, missing = fields.keys() - told["properties"].keys(), set(told["required"]) - fields.keys()
-        if unknown or missing:
-            raise TypeError(f"{told['title']}: unknown {sorted(unknown)}, missing {sorted(missing)}")
-        return fields
-
-    def ask(self, row, request=None, **names):
-        """The reply to a query; raises Refused with the error's code."""
-        query = self.rows[row]
-        payload = None if request is None else json.dumps(request)
-        options = {"timeout": query["timeout_s"], "priority": getattr(zenoh.Priority, query["priority"].upper())}
-        for reply in self.session.get(f"{self.key(row, **names)}?by={ME}", payload=payload, **options):
-            if reply.ok is not None:
-                return json.loads(reply.ok.payload.to_string())
-            try:
-                error = json.loads(reply.err.payload.to_string())
-            except ValueError:  # Zenoh's own word
-                raise Refused("timeout") from None
-            raise Refused(error["code"], error["message"])
-        raise Refused("nobody answers")
-
-    def listen(self, row, take, **names):
-        """Give each message of a topic to `take`, decoded."""
-
-        def decode(sample):
-            take(json.loads(sample.payload.to_string()))
-
-        self.subscribers.append(self.session.declare_subscriber(self.key(row, **names), decode))
-
-    def put(self, row, **fields):
-        """Publish a message."""
-        topic = self.rows[row]
-        options = {
-            "encoding": topic["encoding"],
-            "priority": getattr(zenoh.Priority, topic["priority"].upper()),
-            "congestion_control": getattr(zenoh.CongestionControl, topic["congestion"].upper()),
-        }
-        said = self.message(topic["message"], stamp_ns=time.time_ns(), **fields)
-        self.session.put(self.key(row), json.dumps(said), **options)
-
-    def present(self, row):
-        """The names in all tokens of a row."""
-        replies = self.session.liveliness().get(self.key(row))
-        return [self.names(row, reply.ok.key_expr) for reply in replies if reply.ok is not None]
-
-
-def resolved(schema, root):
-    """A schema, or the one in `root` that it refers to."""
-    for name in schema.get("$ref", "#").split("/")[1:]:
-        root = root[name]
-    return root if "$ref" in schema else schema
 
 
 def until(condition, what, step=lambda: None):

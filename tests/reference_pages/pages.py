@@ -10,6 +10,7 @@ from tests.reference_pages.api import plugin_api_page, python_page
 from tests.reference_pages.commands import commands_page, recording_commands_page
 from tests.reference_pages.decisions import decisions_page
 from tests.reference_pages.files import manifests_page, planning_page, robot_files_page, scenarios_page, team_files_page
+from tests.reference_pages.robot_contract import robot_contract_page
 from tests.reference_pages.stock_plugins import stock_plugins_page
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -20,6 +21,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/commands-recordings.md": recording_commands_page,
     **{f"reference/commands-{group}.md": partial(commands_page, group) for group in GROUPS},
     "reference/topics.md": wire_page,
+    "reference/robot-contract.md": robot_contract_page,
     "reference/robot-files.md": robot_files_page,
     "reference/team-files.md": team_files_page,
     "reference/manifests.md": manifests_page,

@@ -70,9 +70,9 @@ def place_of(state: dict[str, Any]) -> tuple[float, float]:
 
 
 def test_the_client_knows_nothing_of_the_project_but_the_document() -> None:
-    source = CLIENT.read_text(encoding="utf-8")
+    source = "".join(path.read_text(encoding="utf-8") for path in (CLIENT, CLIENT.with_name("wire.py")))
     imported = set(re.findall(r"^\s*(?:import|from) (\w+)", source, re.MULTILINE))
-    assert imported - set(sys.stdlib_module_names) == {"zenoh"}
+    assert imported - set(sys.stdlib_module_names) == {"zenoh", "wire"}
     assert "robrain/" not in source
 
 
