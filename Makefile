@@ -97,7 +97,6 @@ figures: install ## the tables of the pages, from docs/figures/bench.json
 soak: install ## kill -9, 200 times the coordinator and 100 times an agent of a live team: a quarter of an hour
 	$(BIN)/python -m tests.system.soak --of coordinator --kills 200 $(ARGS)
 	$(BIN)/python -m tests.system.soak --of agent --kills 100 $(ARGS)
-	$(BIN)/python -m tests.sim.stand_in.test_copied_journal_in_soaks
 
 endurance: install ## a live team of eight with tasks for half an hour: memory, descriptors and threads of each process (ARGS="--minutes 480")
 	$(BIN)/python -m tests.system.endurance $(ARGS)

@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 SILENT_NS = to_ns(2.0)
 """Time for which a witness votes for no other coordinator than the one that it heard or elected last. A coordinator
-without contact suspends itself sooner: `LEASE_NS` in `coordinator/standing/mandate.py`."""
+without contact suspends itself sooner: `LEASE_NS` in `coordinator/leadership/mandate.py`."""
 
 
 class Kept(msgspec.Struct, frozen=True, kw_only=True):

@@ -117,15 +117,16 @@ class CoordinatorAnswers:
         return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
 
     def lead(self, *, by: str | None = None) -> list[str]:
-        """Have the coordinator offer tasks again, on your word that no other coordinator leads the silent robots.
+        """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.
 
-        It offers none while it hears neither a coordinator that stood by nor more than half of its robots.
+        A coordinator offers no task while most of its robots may be allocating tasks among themselves. A candidate does
+        not lead while most witnesses are silent, or refuse it because its journal may lack what was acknowledged.
 
         Args:
             by: who says so, in place of the team's `by`.
 
         Returns:
-            Names of the silent robots that count no more until they are heard again.
+            Names of the silent robots that do not count until they are heard again.
 
         """
         return self._requests.coordinator(COORDINATOR_LEAD, LeadRequest(by=self.by if by is None else by)).left_out

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from operator import attrgetter
 
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET
 
 from robrain.algorithms.exploration.explorer import Explorer
 from robrain.algorithms.exploration.situation import Choice
@@ -14,6 +14,8 @@ from robrain.coordinator.frontier_desk import FrontierDesk
 from robrain.coordinator.journal.backup_desk import BackupDesk
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.leadership.election import Elected
+from robrain.coordinator.leadership.leadership import Leadership
 from robrain.coordinator.motes.field_keeper import FieldKeeper
 from robrain.coordinator.motes.mote_members import MoteDesk
 from robrain.coordinator.planning.coalition import Coalitions
@@ -24,10 +26,6 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.rule_desk import RuleDesk
-from robrain.coordinator.standing.candidate import Elected
-from robrain.coordinator.standing.journal_feed import JournalFeed
-from robrain.coordinator.standing.mandate import Mandate
-from robrain.coordinator.standing.offer_fence import OfferFence
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
@@ -45,16 +43,14 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.messages.team.standing_messages import LeadReply, LeadRequest, RobotRemoval
-from robrain.protocol.messages.team.team_messages import FrontierSummary, StandByStatus, TeamState
+from robrain.protocol.messages.team.standing_messages import RobotRemoval
+from robrain.protocol.messages.team.team_messages import FrontierSummary, TeamState
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
 from robrain.protocol.reasons.idle import IdleReason, TeamHalted
 from robrain.protocol.reasons.offers import OfferRefusal, PositionLost
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.tasks import MinorityHeard, NotLeading, TakesOver
 from robrain.protocol.refusals import RefusalCode, most_refused
-from robrain.protocol.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT, COORDINATOR_STAND_BY
+from robrain.protocol.table.standing_topics import COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,
     COORDINATOR_STATE,
@@ -105,8 +101,6 @@ class Coordinator:
         self.tasks = TaskBook(wire.clock, first_epoch, wire.publisher(TASK_EVENT).put, journal)
         at_robots = {record.robot: record.task.id for record in self.tasks.open if record.robot}
         self.roster = Roster(self.tasks.journal, at_robots, wire.clock.now_ns())
-        self.mandate = None if elected is None else Mandate(wire, self.roster, elected)
-        """Whether it may lead; None if the team has no witnesses."""
         self.stale = StaleWatch(self.roster)
         self.team_map = TeamMap()
         policy = policy or PlanningPolicy()
@@ -141,15 +135,11 @@ class Coordinator:
         wire.subscribe(self._inbox, ROBOT_STATE)
         wire.subscribe(self._inbox, ROBOT_MAP)
         wire.subscribe(self._inbox, ROBOT_BALLOT)
-        wire.subscribe(self._inbox, COORDINATOR_STAND_BY)
         self._backups = BackupDesk(wire, self.tasks.journal)
-        self.feed: JournalFeed | None = None
-        """Sends the journal's changes to a coordinator that stands by, since one was heard."""
-        self.fence = OfferFence(self.roster)
-        lifecycle.reasons.held_back = self._hold_reason
-        wire.answer(COORDINATOR_LEAD, self._lead, serve=Serve.IN_STEP)
         wire.answer(COORDINATOR_REMOVE_ROBOT, self._remove_robot, serve=Serve.IN_STEP)
-        self._term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
+        self._own_tasks = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
+        self.leadership = Leadership(wire, self.tasks, self.roster, self._own_tasks, elected, lifecycle.take_back)
+        lifecycle.reasons.held_back = self.leadership.offer_refusal
         self.halts = HaltWatch(wire, self.roster)
         self.left = LeftDesk(wire, self.explorer, self.team_map, self.roster)
         self._summary = wire.publisher(COORDINATOR_STATE)
@@ -157,7 +147,6 @@ class Coordinator:
         self._decide_due_ns = 0
         self._check_due_ns = 0
         self._summary_due_ns = 0
-        self._own_tasks = self._term
         reasons = lifecycle.reasons
         self._requests = TaskRequests(
             wire,
@@ -168,11 +157,8 @@ class Coordinator:
             DryRuns(self.tasks, self.roster, reasons),
             self.motes.table.quantities,
             self.planning.chargers.places,
+            self.leadership,
         )
-        if self.tasks.journal.copied_by or self.mandate is not None:
-            self._begin_feed()  # the process that has a copy may be leading: offers are held back as before
-        if self.mandate is not None:
-            self._requests.not_leading_reason = self._not_leading_reason
         self.rules: RuleDesk | None = None
         if rules:
             self.rules = RuleDesk(wire, rules, self.tasks, self.roster, self._requests, self._new_id)
@@ -203,14 +189,12 @@ class Coordinator:
             self._summary_due_ns = now_ns
         if self.rules is not None and self.rules.has_some:
             stage("rules", None, self.rules.step, now_ns)
-        if self.mandate is not None:
-            copy = "" if self.feed is None else self.feed.copy
-            if stage("mandate", True, self.mandate.step, copy, now_ns):
-                self._summary_due_ns = now_ns
+        if stage("leadership", True, self.leadership.step, now_ns):
+            self._summary_due_ns = now_ns
         looks = has_received or self._requests.has_changed or now_ns >= self._check_due_ns
         if looks:
             self._check_due_ns = now_ns + LOOK_PERIOD_NS
-            stage("fence", None, self._update_contacts, now_ns)
+            stage("fence", None, self.leadership.check_robots, now_ns)
             stage("tasks", None, self._look, now_ns)
             stage("robots", None, self.roster.write, now_ns)
         if stage("motes", False, self.motes.step, now_ns, self.lifecycle.as_far_as_written):
@@ -220,7 +204,7 @@ class Coordinator:
             self._decide_due_ns = now_ns
         if stage("planning", False, self.planning.step, now_ns):
             self._decide_due_ns = now_ns
-        if looks and (self.mandate is None or self.mandate.leads(now_ns)):
+        if looks and self.leadership.leads(now_ns):
             stage("withdrawals", None, self.lifecycle.withdraw_strays, now_ns)
         if now_ns >= self._decide_due_ns:
             self._decide_due_ns = now_ns + DECIDE_PERIOD_NS
@@ -230,30 +214,7 @@ class Coordinator:
         if now_ns >= self._summary_due_ns:
             self._summary_due_ns = now_ns + SUMMARY_PERIOD_NS
             stage("summary", None, self._publish_summary, now_ns)
-        if self.feed is not None:
-            stage("stand-by", None, self.feed.step, now_ns)
-
-    def _update_contacts(self, now_ns: int) -> None:
-        was_fenced = self.fence.reason is not None
-        # Witnesses know whether the one with a copy may lead.
-        self.fence.step(self.feed if self.mandate is None else None, now_ns)
-        reason = self.fence.reason
-        if reason is not None and not was_fenced and not reason.stand_by:
-            self.lifecycle.take_back(self.fence.received_by_most(now_ns), reason, now_ns)
-
-    def _hold_reason(self) -> MinorityHeard | NotLeading | TakesOver | None:
-        why = None if self.mandate is None else self.mandate.why_not(self._wire.clock.now_ns())
-        return why or self.fence.reason
-
-    def _not_leading_reason(self) -> str:
-        now_ns = self._wire.clock.now_ns()
-        if self.mandate is None or self.mandate.leads(now_ns):
-            return ""
-        return told(NotLeading(self.mandate.heard(now_ns), len(self.mandate.witnesses)))
-
-    def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
-        self._decide_due_ns = 0
-        return LeadReply(left_out=self.fence.lead(self._now_ns))
+        stage("stand-by", None, self.leadership.publish, now_ns)
 
     def _remove_robot(self, request: Request[RobotRemoval]) -> None:
         name = request.asked.robot
@@ -272,8 +233,7 @@ class Coordinator:
         """End what runs beside `step`; the wire and the journal are their owners' to close."""
         self.planning.close()
         self._backups.close()
-        if self.feed is not None:
-            self.feed.close()
+        self.leadership.close()
 
     # -- hearing --------------------------------------------------------------------------------------------
 
@@ -289,7 +249,7 @@ class Coordinator:
                 self.capabilities.came(robot.name)
                 self.planning.chargers.came(robot.name)
         if gone:
-            self.fence.record_gone(gone, now_ns)
+            self.leadership.record_gone(gone, now_ns)
         self._now_ns = now_ns
         if self._inbox.has_some:
             self._guard.messages(self._inbox.drain(), self._take)
@@ -316,10 +276,6 @@ class Coordinator:
                 if take_in(self.tasks, received.message, impossibility, is_secured=is_secured, ahead_ns=ahead_ns):
                     self._decide_due_ns = now_ns
             return
-        if received.topic is COORDINATOR_STAND_BY:
-            feed = self.feed if self.feed is not None else self._begin_feed()
-            feed.hear(received.message, now_ns)
-            return
         state: RobotState = received.message
         if why := self.roster.why_unknown(state.robot, now_ns):
             self._wire.refusals.note(ROBOT_STATE.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
@@ -333,10 +289,6 @@ class Coordinator:
             if status is not None:
                 self._receive_task_status(state.robot, status, now_ns)
         self.planning.ends_soon(before, state, now_ns)
-
-    def _begin_feed(self) -> JournalFeed:
-        self.feed = self._requests.feed = JournalFeed(self._wire, self.tasks.journal, self._term, self.mandate)
-        return self.feed
 
     def _handle_patch(self, received: Received) -> None:
         patch: MapPatch = received.message
@@ -385,7 +337,8 @@ class Coordinator:
             self._decide_due_ns = now_ns
 
     def _hand_out(self, now_ns: int) -> None:
-        if self.mandate is not None and self.mandate.why_not(now_ns) is not None:
+        mandate = self.leadership.mandate
+        if mandate is not None and mandate.refusal(now_ns) is not None:
             return
         there = [] if self.halts.is_halted else self.roster.up(now_ns)
         up = [robot for robot in there if robot.state is not None and not robot.state.halted]
@@ -448,12 +401,6 @@ class Coordinator:
             return {robot.name: TeamHalted() for robot in idle}
         return {robot.name: known[robot.name] for robot in idle if robot.name in known}
 
-    def _standby_status(self) -> StandByStatus | UnsetType:
-        reason = self.fence.reason
-        if self.feed is not None and (self.feed.process or self.mandate is None):
-            return self.feed.status(reason)
-        return UNSET if reason is None else StandByStatus(process="", in_step=False, held_back=reason)
-
     def _publish_summary(self, now_ns: int) -> None:
         frontiers = self.explorer.candidates[:SHOWN_FRONTIERS]
         has_ended = self._frontiers.is_settled(now_ns)
@@ -472,9 +419,9 @@ class Coordinator:
                 stale=self.stale.found or UNSET,
                 rules=UNSET if self.rules is None else self.rules.status(),
                 mote_field=self.mote_field.state or UNSET,
-                stand_by=self._standby_status(),
+                stand_by=self.leadership.stand_by(),
                 unwritable=self.tasks.journal.failing or UNSET,
-                lead=UNSET if self.mandate is None else self.mandate.lead(now_ns),
+                lead=self.leadership.lead(now_ns),
                 last_change=self.tasks.last_change,
             )
         )

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
-from robrain.coordinator.standing.candidate import Elected
 from robrain.protocol.answers.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -39,7 +39,7 @@ def run_coordinator(
     arrived = threading.Event()
     wire.on_receive = wire.on_waiting = arrived.set
     coordinator = Coordinator(wire, journal, policy, rules, elected)
-    mandate = coordinator.mandate
+    mandate = coordinator.leadership.mandate
     coordinator.team_map.hold()
     collector = None
     loading = threading.Thread(target=_load, name="loading", daemon=True)

@@ -18,7 +18,6 @@ from robrain.deploy.command_line.command_group import CommandGroup
 from robrain.deploy.command_line.extras import missing_extra
 from robrain.deploy.command_line.process_options import (
     JournalOption,
-    LeadAnywayOption,
     ListenOption,
     PortOption,
     RecordOption,
@@ -225,9 +224,12 @@ def agent(
     robot: Annotated[Path, typer.Argument(help="The robot's ROBOT.toml.")],
     connect: ConnectOption = None,
     team: Annotated[str | None, typer.Option(help="Name of the team; default: the one in the file.")] = None,
+    votes: Annotated[
+        Path | None, typer.Option(help="Folder for the robot's votes; default: $STATE_DIRECTORY or ~/.local/state.")
+    ] = None,
 ) -> None:
     """Run the agent of one robot: it hosts the robot's plugins."""
-    _run_agent(robot, connect, team)
+    _run_agent(robot, connect, team, votes)
 
 
 @app.command()
@@ -243,18 +245,16 @@ def coordinator(
         Path | None, typer.Option(help="TOML file with a [planning] table, such as a scenario.")
     ] = None,
     rules: RulesOption = None,
-    stand_by: Annotated[bool, typer.Option("--stand-by", help="Take over when another coordinator has gone.")] = False,
     witnesses: WitnessesOption = None,
-    lead_anyway: LeadAnywayOption = False,
+    stand_by: Annotated[bool, typer.Option("--stand-by", hidden=True)] = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
     from robrain.deploy.processes.live_process import place_of
-    from robrain.deploy.run.coordinator_command import LeadershipOptions, coordinator_command
+    from robrain.deploy.run.coordinator_command import coordinator_command, read_witnesses
 
-    where = place_of(connect, listen)
-    team = check_name("team", team)
-    standing = LeadershipOptions.of(witnesses, stands_by=stand_by, leads_anyway=lead_anyway)
-    coordinator_command(where, team, journal, objective, planning, rules, standing)
+    where, team = place_of(connect, listen), check_name("team", team)
+    elect = read_witnesses(witnesses, stands_by=stand_by)
+    coordinator_command(where, team, journal, objective, planning, rules, elect)
 
 
 @app.command()
@@ -360,10 +360,10 @@ def main() -> None:
             _run_agent(*words)
 
 
-def _run_agent(robot: Path, connect: str | None, team: str | None) -> None:
+def _run_agent(robot: Path, connect: str | None, team: str | None, votes: Path | None) -> None:
     from robrain.deploy.agents.agent_process import agent_command
 
-    agent_command(robot, connect, team)
+    agent_command(robot, connect, team, votes)
 
 
 def _finish(result: "RunResult", *, as_json: bool) -> None:

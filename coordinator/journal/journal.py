@@ -279,16 +279,6 @@ class Journal(JournalReading):
         return self._epoch_ceiling
 
     @property
-    def copied_by(self) -> str:
-        """The process that had a whole copy of this journal last; empty if none had."""
-        return str(self._db.execute("SELECT copied_by FROM standing").fetchone()[0])
-
-    def record_copied_by(self, process: str) -> None:
-        """A process has a whole copy (JournalUnwritable)."""
-        with self._transaction(durable=True):
-            self._db.execute("UPDATE standing SET copied_by = ?", (process,))
-
-    @property
     def name(self) -> str:
         """By which witnesses remember this journal; drawn when it is first asked for (JournalUnwritable).
 
@@ -389,7 +379,7 @@ class Journal(JournalReading):
                 raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
-            self._db.execute("UPDATE standing SET copied_by = '', name = '', robots = '{}'")
+            self._db.execute("UPDATE standing SET name = '', robots = '{}'")
             for table in ("task", "change", "alarm"):
                 self._db.execute(f"DELETE FROM {table}")
 

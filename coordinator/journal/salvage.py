@@ -20,8 +20,6 @@ MISSES_MAX = 5000
 """So many numbers in a row without a row that can be read: there is nothing more (chosen). Only where the highest
 number itself cannot be read."""
 TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
-STANDING_COLUMNS = ("copied_by", "robots")
-NOTHING_STANDING = ("", "{}")
 
 
 class Salvaged(NamedTuple):
@@ -37,8 +35,8 @@ class Salvaged(NamedTuple):
     open: int
     copy: str = ""
     """Whether it is a copy of another coordinator's journal, as in the table; `partial` if that cannot be read."""
-    standing: tuple[str, ...] = NOTHING_STANDING
-    """STANDING_COLUMNS."""
+    robots: str = "{}"
+    """The robots of the team, as JSON."""
     alarms: Sequence[Sequence[object]] = ()
 
     def told(self) -> str:
@@ -151,10 +149,7 @@ def _read(connection: sqlite3.Connection) -> Salvaged:
     if copy is None and tasks:
         is_there = _one(connection, "SELECT count(*) FROM sqlite_master WHERE name = 'copy'")
         copy = ("partial",) if is_there is None or is_there[0] else None
-    standing = tuple(
-        str(found[0]) if (found := _one(connection, f"SELECT {column} FROM standing")) is not None else nothing
-        for column, nothing in zip(STANDING_COLUMNS, NOTHING_STANDING, strict=True)
-    )
+    robots = _one(connection, "SELECT robots FROM standing")
     return Salvaged(
         tasks,
         changes,
@@ -162,7 +157,7 @@ def _read(connection: sqlite3.Connection) -> Salvaged:
         tuple(lost),
         still_open,
         "" if copy is None else str(copy[0]),
-        standing,
+        "{}" if robots is None else str(robots[0]),
         list(_readable(connection, "SELECT * FROM alarm")),
     )
 
@@ -210,8 +205,7 @@ def write_new_journal(salvaged: Salvaged, path: Path) -> None:
         connection.execute("BEGIN IMMEDIATE")
         connection.execute("UPDATE epoch SET ceiling = ?", (salvaged.epoch_ceiling,))
         connection.execute("UPDATE copy SET state = ?", (salvaged.copy,))
-        names = ", ".join(f"{column} = ?" for column in STANDING_COLUMNS)
-        connection.execute(f"UPDATE standing SET {names}", salvaged.standing)
+        connection.execute("UPDATE standing SET robots = ?", (salvaged.robots,))
         for alarm in salvaged.alarms:
             connection.execute("INSERT OR IGNORE INTO alarm VALUES (?, ?, ?, ?, ?)", alarm)
         columns = f"number, {TASK_COLUMNS}"

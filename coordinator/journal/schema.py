@@ -90,6 +90,8 @@ MIGRATIONS: tuple[str, ...] = (
         FROM json_each(robots)
     );
     """,
+    # 10: only elected coordinators have copies, and the witnesses know which are complete.
+    "ALTER TABLE standing DROP COLUMN copied_by;",
 )
 
 VERSION = len(MIGRATIONS)

@@ -7,8 +7,8 @@ import msgspec
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.leadership.leadership import Leadership
 from robrain.coordinator.planning.dry_run import DryRuns
-from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.tasks.admission import impossibility, why_unknown
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
@@ -56,6 +56,7 @@ class TaskRequests:
         dry_runs: what would follow from a task.
         motes: names of those that were ever heard, each with what it senses.
         chargers: places of those that robots know.
+        leadership: whether tasks are accepted, and when a change may be acknowledged.
 
     """
 
@@ -69,13 +70,10 @@ class TaskRequests:
         dry_runs: DryRuns,
         motes: Callable[[], Mapping[str, str]],
         chargers: Callable[[], Sequence[Point2D]],
+        leadership: Leadership,
     ) -> None:
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
-        self.feed: JournalFeed | None = None
-        """To a coordinator that stands by, for whose disk answers wait as well."""
-        self.not_leading_reason: Callable[[], str] = str
-        """Why this coordinator takes nothing in, in words, as another one may lead; empty if it leads."""
         self._clock: Clock = wire.clock
         self._traces = wire.traces
         self._book = book
@@ -85,6 +83,7 @@ class TaskRequests:
         self._dry_runs = dry_runs
         self._motes = motes
         self._chargers = chargers
+        self._leadership = leadership
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
         wire.answer(TASK_DRY_RUN, self._dry_run, serve=Serve.IN_STEP)
         wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)
@@ -96,7 +95,7 @@ class TaskRequests:
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
-        if why := self.not_leading_reason():
+        if why := self._leadership.refusal():
             raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
         known = self._book.find(asked.task.id)
         if known is None:
@@ -178,10 +177,7 @@ class TaskRequests:
                 tell(CallError(ErrorCode.FAILED, text, why))
 
             journal = self._book.journal
-            if self.feed is None:
-                journal.when_on_disk(told)
-            else:
-                self.feed.when_kept(lambda: journal.when_on_disk(told), not_kept)
+            self._leadership.when_kept(lambda: journal.when_on_disk(told), not_kept)
 
         return Deferred(record, when)
 
@@ -208,11 +204,11 @@ class TaskRequests:
 
     def _cancel(self, request: Request[TaskRequest]) -> TaskRecord | Deferred[TaskRecord]:
         asked = request.asked
-        if why := self.not_leading_reason():
+        if why := self._leadership.refusal():
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
         record = self._known(asked.id)
         if record.state is TaskState.CANCELLED:
-            return record if self.feed is None else self._once_on_disk(record)
+            return record if self._leadership.feed is None else self._once_on_disk(record)
         if record.state.ended:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is {record.state}", record.state)
         by = asked.by or request.by
@@ -224,7 +220,7 @@ class TaskRequests:
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
         self.has_changed = True  # its robot is told to stop in the same step
-        return record if self.feed is None else self._once_on_disk(record)
+        return record if self._leadership.feed is None else self._once_on_disk(record)
 
     def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:
         wanted = request.asked

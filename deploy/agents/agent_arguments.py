@@ -11,16 +11,17 @@ class AgentWords(NamedTuple):
     robot: Path
     connect: str | None
     team: str | None
+    votes: Path | None = None
 
 
 def agent_arguments(words: Sequence[str]) -> AgentWords | None:
-    """The arguments of a plain `agent ROBOT [--connect ENDPOINT] [--team NAME]`.
+    """The arguments of a plain `agent ROBOT [--connect ENDPOINT] [--team NAME] [--votes FOLDER]`.
 
     None for everything else, mistakes and `--help` among it: that is left to Typer, which loads pydantic to read it. A
     robot's process would keep these 10 MB for as long as it runs, and start a quarter of a second later.
 
     >>> agent_arguments(["agent", "r1.toml", "--team=blue"])
-    AgentWords(robot=PosixPath('r1.toml'), connect=None, team='blue')
+    AgentWords(robot=PosixPath('r1.toml'), connect=None, team='blue', votes=None)
     >>> agent_arguments(["agent", "--help"]) is None
     True
     """
@@ -31,10 +32,13 @@ def agent_arguments(words: Sequence[str]) -> AgentWords | None:
     rest = iter(words[1:])
     for word in rest:
         name, equals, value = word.partition("=")
-        if name in ("--connect", "--team") and name not in options:
+        if name in ("--connect", "--team", "--votes") and name not in options:
             options[name] = value if equals else next(rest, "-")
         else:
             robots.append(word)
     if len(robots) != 1 or any(word.startswith("-") for word in (*robots, *options.values())):
         return None
-    return AgentWords(Path(robots[0]), options.get("--connect"), options.get("--team"))
+    votes = options.get("--votes")
+    return AgentWords(
+        Path(robots[0]), options.get("--connect"), options.get("--team"), None if votes is None else Path(votes)
+    )

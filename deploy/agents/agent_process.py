@@ -33,10 +33,10 @@ STATE_VARIABLE = "STATE_DIRECTORY"
 """Set by systemd for a unit with `StateDirectory=`; several folders are separated by colons."""
 
 
-def witness_path(team: str, robot: str) -> Path:
-    """The file of a robot: in the unit's state folder, else in the user's."""
+def witness_path(team: str, robot: str, votes: Path | None = None) -> Path:
+    """The file of a robot's votes: in `votes`, else in the unit's state folder, else in the user's."""
     folder = os.environ.get(STATE_VARIABLE, "").partition(":")[0]
-    return (Path(folder) if folder else state_folder()) / f"witness-{team}-{robot}.json"
+    return (votes or (Path(folder) if folder else state_folder())) / f"witness-{team}-{robot}.json"
 
 
 class WitnessFile:
@@ -77,13 +77,14 @@ class WitnessFile:
             os.close(descriptor)
 
 
-def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
+def agent_command(robot: Path, connect: str | None, team: str | None, votes: Path | None = None) -> None:
     """Run one robot until Ctrl-C; wait until its endpoint answers.
 
     Args:
         robot: its ROBOT.toml.
         connect: endpoint of the team; None uses the file's, else $ROBRAIN_CONNECT, else this machine's hub.
         team: its name; None uses the file's.
+        votes: folder for its votes; None chooses one.
 
     Raises:
         RobrainError: in one sentence.
@@ -111,7 +112,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None) -> None:
         # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
-        witness = partial(WitnessExtension, memory=WitnessFile(witness_path(table.team, table.name)))
+        witness = partial(WitnessExtension, memory=WitnessFile(witness_path(table.team, table.name, votes)))
         host = AgentHost(robot_file, robot.parent, session, LiveClock(), Drive.LIVE, extensions={"witness": witness})
         CONTEXT.robot, CONTEXT.plugin, CONTEXT.task = host.name, plugin_here, host.task_and_trace
 

@@ -22,11 +22,8 @@ WitnessesOption = Annotated[
     str | None,
     typer.Option(
         envvar="ROBRAIN_WITNESSES",
-        help="Robots, such as r1,r2,r3, that elect one of several coordinators with journals of their own.",
+        help="Robots, such as r1,r2,r3, that elect one of several coordinators, each with its own journal.",
     ),
-]
-LeadAnywayOption = Annotated[
-    bool, typer.Option("--lead-anyway", help="With --witnesses: no other journal has more, by your word.")
 ]
 PortOption = Annotated[int | None, typer.Option("--port", help="Port of the dashboard's page; 0 takes a free one.")]
 

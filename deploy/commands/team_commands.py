@@ -49,13 +49,13 @@ def halt(
 
 @team_app.command()
 def lead(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
-    """Have the coordinator offer tasks again: no other one leads the robots that it does not hear."""
+    """Have the coordinator lead, by your word: no other journal has more, and silent robots do no tasks."""
     with connect_team(connect, team) as client:
         skipped = client.lead()
     if skipped:
-        say(f"the coordinator offers tasks again; silent robots that count no more: {', '.join(skipped)}")
+        say(f"silent robots that do not count until they are heard again: {', '.join(skipped)}")
     else:
-        say("the coordinator was not holding tasks back")
+        say("all robots count: none of them is silent, or the coordinator leads already")
 
 
 @team_app.command()

@@ -96,16 +96,15 @@ class NameClaim:
         self._wire = Endpoint(session, team, LiveClock(), Drive.LIVE)
         self._tokens: dict[str, Any] = {}
 
-    def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool], *, stands_by: bool = False) -> bool:
+    def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool]) -> bool:
         """Claim the name; False if `should_stop` came first.
 
         Args:
             on_wait: called once with a message if there is a process to wait for.
             should_stop: asked every 20 ms.
-            stands_by: wait for as long as another process has the name.
 
         Raises:
-            NameTaken: another process has it; the text says which. Never if it stands by.
+            NameTaken: another process has it; the text says which.
 
         """
         is_waiting = False
@@ -123,12 +122,6 @@ class NameClaim:
                 continue
             if is_held or min(seen.asking) < self._process:
                 self._withdraw(ASKS)
-            if stands_by:
-                if not is_waiting:
-                    is_waiting = True
-                    on_wait(f"standing by for {self._keys.what}")
-                time.sleep(LOOK_PERIOD_S)
-                continue
             if is_held:
                 for info in self._who(ASK_TIMEOUT_S):
                     raise self._taken(str(info))

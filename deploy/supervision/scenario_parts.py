@@ -11,8 +11,15 @@ from robrain.deploy.run.kernels import prepare_kernels
 from robrain.deploy.run.planning_file import write_planning
 from robrain.deploy.run.rules_file import write_rules
 from robrain.deploy.supervision.arena_resume import write_resume
-from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, RECORDER, STAND_BY, Part
-from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
+from robrain.deploy.supervision.part import ARENA, DASHBOARD, RECORDER, Part
+from robrain.deploy.supervision.site import (
+    Site,
+    agent_part,
+    coordinator_parts,
+    dashboard_part,
+    recorder_part,
+    votes_option,
+)
 from robrain.protocol.wire.endpoint import Drive
 from robrain.recording.provenance import Provenance
 from robrain.sim.scenarios.scenario import Scenario
@@ -33,6 +40,8 @@ class WantedParts(NamedTuple):
     on_recorder: Callable[[str], None]
     robot_files: dict[str, Path]
     """Files of robots that are not the scenario's own."""
+    witnesses: Sequence[str] = ()
+    """Robots that elect one of two coordinators; none if the coordinator is alone."""
     quiet: bool = False
     """Report nothing while kernels are compiled."""
 
@@ -59,14 +68,13 @@ def scenario_parts(site: Site, scenario: Scenario, words: Sequence[str], wanted:
     options = ["--planning", str(write_planning(site.folder / "planning.toml", scenario.policy))]
     if scenario.rules:
         options += ["--rules", str(write_rules(site.folder / "rules.toml", scenario.rules))]
-    first, stands_by = COORDINATOR in wanted.parts, STAND_BY in wanted.parts
-    parts += coordinator_parts(site, wanted.journal, options, first=first, stands_by=stands_by)
+    parts += coordinator_parts(site, wanted.journal, options, wanted.parts, wanted.witnesses)
     for robot in world.robots:
         if robot.name in wanted.parts and robot.name not in wanted.robot_files:
-            parts.append(_robot_part(site, world, robot.name))
+            parts.append(_robot_part(site, world, robot.name, wanted.journal))
     for name, path in wanted.robot_files.items():
         if name in wanted.parts:
-            parts.append(agent_part(site, name, path))
+            parts.append(agent_part(site, name, path, wanted.journal))
     if DASHBOARD in wanted.parts:
         parts.append(dashboard_part(site, wanted.dashboard_port, wanted.on_dashboard))
     return parts
@@ -82,7 +90,7 @@ def _arena_part(site: Site, words: Sequence[str], on_line: Callable[[str], None]
     return Part(ARENA, arguments, is_vital=True, must_start=True, on_line=on_line)
 
 
-def _robot_part(site: Site, world: World, name: str) -> Part:
+def _robot_part(site: Site, world: World, name: str, journal: Path) -> Part:
     robot = next(robot for robot in world.robots if robot.name == name)
     loadable = loadable_from_here([site.endpoint]) if site.is_private else []
 
@@ -90,7 +98,7 @@ def _robot_part(site: Site, world: World, name: str) -> Part:
         robot_file = robot_file_of(world, robot, team=site.team, connect=site.endpoint, loadable=loadable)
         if start > 1:
             robot_file = started_again(robot_file, site.watch.last_pose(name))
-        return ["agent", str(write_robot_file(robot_file, site.folder))]
+        return ["agent", str(write_robot_file(robot_file, site.folder)), *votes_option(journal)]
 
     return Part(name, arguments)
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from robrain.deploy.supervision.part import COORDINATOR, DASHBOARD, HUB, HUB_POLICY, RECORDER, STAND_BY, Part
 from robrain.deploy.supervision.team_watch import TeamWatch
+from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
 
 RECORDER_STOP_S = 60.0
 """Time for a recorder to write what waits and to finish its file, on a slow disk."""
@@ -50,25 +51,36 @@ def router_part(listen: Callable[[], str], on_line: Callable[[str], None]) -> Pa
     return hub_part(listen, on_line)._replace(arguments=lambda _: ["router", "--listen", listen()])
 
 
-def coordinator_parts(site: Site, journal: Path, options: Sequence[str], *, first: bool, stands_by: bool) -> list[Part]:
-    """The coordinator, and one that stands by with the same journal.
+def witnesses_among(robots: Sequence[str]) -> list[str]:
+    """The robots of a team that elect its coordinator: an odd number, so that no vote ends in a tie.
+
+    >>> witnesses_among(["r1", "r2", "r3", "r4"])
+    ['r1', 'r2', 'r3']
+    """
+    count = min(len(robots), WITNESSES_MAX)
+    return list(robots[: count - (count % 2 == 0)]) if robots else []
+
+
+def coordinator_parts(
+    site: Site, journal: Path, options: Sequence[str], parts: Sequence[str], witnesses: Sequence[str]
+) -> list[Part]:
+    """The coordinator, and one that stands by with a journal of its own.
 
     Args:
         site: where they are started.
-        journal: the file of both.
+        journal: file of the coordinator; the other's is `NAME-stand-by` beside it.
         options: further arguments of both.
-        first: whether the coordinator runs here.
-        stands_by: whether the one that stands by does.
+        parts: names of the parts that run here.
+        witnesses: robots that elect one of them; none if the coordinator is alone.
 
     """
-    words = ["coordinator", "--journal", str(journal), *options, *site.common]
+    words = ["coordinator", *options, *site.common, *(["--witnesses", ",".join(witnesses)] if witnesses else [])]
+    files = {COORDINATOR: journal, STAND_BY: journal.with_stem(f"{journal.stem}-stand-by")}
 
-    def arguments(start: int) -> list[str]:
-        # The one that stands by coordinates by the time that this one is started again.
-        return [*words, "--stand-by"] if stands_by and start > 1 else words
+    def part(name: str) -> Part:
+        return Part(name, lambda _: [*words, "--journal", str(files[name])])
 
-    parts = [Part(COORDINATOR, arguments)] if first else []
-    return [*parts, Part(STAND_BY, lambda _: [*words, "--stand-by"])] if stands_by else parts
+    return [part(name) for name in files if name in parts]
 
 
 def dashboard_part(site: Site, port: Callable[[], int | None], on_line: Callable[[str], None]) -> Part:
@@ -91,9 +103,14 @@ def recorder_part(site: Site, path: Path, provenance: Path | None, on_line: Call
     return Part(RECORDER, arguments, must_start=True, stop_s=RECORDER_STOP_S, on_line=on_line)
 
 
-def agent_part(site: Site, name: str, path: Path) -> Part:
+def agent_part(site: Site, name: str, path: Path, journal: Path) -> Part:
     """The agent of a robot that has a file of its own."""
-    return Part(name, lambda _: ["agent", str(path), *site.common])
+    return Part(name, lambda _: ["agent", str(path), *site.common, *votes_option(journal)])
+
+
+def votes_option(journal: Path) -> list[str]:
+    """Where robots keep their votes: beside the journal of the coordinator for which they vote."""
+    return ["--votes", str(journal.with_name(f"{journal.name}.votes"))]
 
 
 def again_path(path: Path, start: int) -> Path:

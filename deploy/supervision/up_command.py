@@ -26,7 +26,14 @@ from robrain.deploy.supervision.part import (
     PartEvent,
 )
 from robrain.deploy.supervision.part_table import drawn
-from robrain.deploy.supervision.site import Site, agent_part, coordinator_parts, dashboard_part, recorder_part
+from robrain.deploy.supervision.site import (
+    Site,
+    agent_part,
+    coordinator_parts,
+    dashboard_part,
+    recorder_part,
+    witnesses_among,
+)
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.up import Printed, UpDisplay, UpOptions, UpResult, UpStatus, run_up
 from robrain.protocol.access.identity import TLS_VARIABLE
@@ -247,12 +254,13 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
     wanted += [RECORDER] if site.record is not None else []
     printed = Printed(site.dashboard_port)
     journal = site.journal or _new_journal(site.team)
+    witnesses = witnesses_among(robots) if site.stand_by else []
 
     def make(where: Site) -> list[Part]:
         if place is not None and not options.as_json:
             note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
         kept = journal or where.folder / "team.journal"
-        return _of_scenario(where, scenario, words, wanted, printed, options, kept, site.record, {})
+        return _of_scenario(where, scenario, words, wanted, printed, options, kept, site.record, {}, witnesses)
 
     up_options = UpOptions(
         team=site.team,
@@ -288,9 +296,11 @@ def up_host(path: Path, host_name: str | None, options: UpWords) -> UpResult:
     record = _recording(path, team_file, host)
     files = {name: folder / file for name, file in team_file.robots.items() if name in host.parts}
     printed = Printed(team.dashboard_port)
+    stands_by = any(STAND_BY in one.parts for one in team_file.hosts)
     if team.scenario:
         scenario, words = _scenario_of(path, team.scenario)
         known = [robot.name for robot in scenario.world().robots]
+        witnesses = witnesses_among(sorted({*known, *team_file.robots})) if stands_by else []
         if unknown := [name for name in host.robots if name not in known and name not in files]:
             names = ", ".join(known)
             raise UsageError(
@@ -299,13 +309,14 @@ def up_host(path: Path, host_name: str | None, options: UpWords) -> UpResult:
             )
 
         def make(where: Site) -> list[Part]:
-            return _of_scenario(where, scenario, words, host.parts, printed, options, journal, record, files)
+            return _of_scenario(where, scenario, words, host.parts, printed, options, journal, record, files, witnesses)
     else:
+        witnesses = witnesses_among(sorted(team_file.robots)) if stands_by else []
         kept = {"planning": team.planning, "rules": team.rules}
 
         def make(where: Site) -> list[Part]:
             options = [w for key, file in kept.items() if file for w in (f"--{key}", str(folder / file))]
-            return _of_robot_files(where, host, printed, journal, options, record, files)
+            return _of_robot_files(where, host, printed, journal, options, record, files, witnesses)
 
     up_options = UpOptions(
         team=team.name,
@@ -353,6 +364,7 @@ def _of_scenario(
     journal: Path,
     record: Path | None,
     files: dict[str, Path],
+    witnesses: Sequence[str],
 ) -> list[Part]:
     from robrain.deploy.supervision.scenario_parts import WantedParts, scenario_parts
 
@@ -365,6 +377,7 @@ def _of_scenario(
         printed.on_arena,
         printed.on_recorder,
         files,
+        witnesses,
         quiet=options.as_json,
     )
     return scenario_parts(site, scenario, words, wanted)
@@ -378,14 +391,14 @@ def _of_robot_files(
     coordination: Sequence[str],
     record: Path | None,
     files: dict[str, Path],
+    witnesses: Sequence[str],
 ) -> list[Part]:
     """The parts of a machine of a team without a scenario."""
     parts: list[Part] = []
     if record is not None:
         parts.append(recorder_part(site, record, None, printed.on_recorder))
-    first, stands_by = COORDINATOR in host.parts, STAND_BY in host.parts
-    parts += coordinator_parts(site, journal, coordination, first=first, stands_by=stands_by)
-    parts += [agent_part(site, name, file) for name, file in files.items()]
+    parts += coordinator_parts(site, journal, coordination, host.parts, witnesses)
+    parts += [agent_part(site, name, file, journal) for name, file in files.items()]
     if DASHBOARD in host.parts:
         parts.append(dashboard_part(site, printed.dashboard_port, printed.on_dashboard))
     return parts

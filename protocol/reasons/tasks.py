@@ -125,23 +125,14 @@ class IsState(Reason, frozen=True, tag="is_state"):
 
 
 class MinorityHeard(Reason, frozen=True, tag="minority_heard"):
-    """The coordinator hears too few of its robots: the others may be led by another, or allocate tasks themselves."""
+    """The coordinator hears too few of its robots: the others may allocate tasks themselves."""
+
+    sentence = "{heard} of {robots} robots are heard, and the others may allocate tasks among themselves"
 
     heard: Count
     """Robots that it hears."""
     robots: Count
     """Robots that count: those heard in the last ten minutes that have not ended."""
-    stand_by: Name = ""
-    """The process with a copy of its journal, which is silent as well; empty if there is none, and the robots that are
-    not heard go on without a coordinator."""
-
-    def __str__(self) -> str:
-        others = (
-            f"{self.stand_by} may lead the others"
-            if self.stand_by
-            else "the others may allocate tasks among themselves"
-        )
-        return f"{self.heard} of {self.robots} robots are heard, and {others}"
 
 
 class NobodyHasAll(Reason, frozen=True, tag="nobody_has_all"):

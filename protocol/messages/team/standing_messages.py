@@ -113,7 +113,7 @@ class StandByState(Message, frozen=True, kw_only=True):
 
 
 class LeadRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """The operator's word that no other coordinator leads."""
+    """The operator's word that no other journal has more, and that silent robots do no tasks."""
 
     by: Text = ""
     """Who says so."""
@@ -123,7 +123,7 @@ class LeadReply(msgspec.Struct, frozen=True, kw_only=True):
     """What follows from it."""
 
     left_out: Names
-    """Silent robots that count no more until they are heard again, sorted; none if tasks were offered before."""
+    """Silent robots that do not count until they are heard again, sorted."""
 
 
 class RobotRemoval(msgspec.Struct, frozen=True, kw_only=True):

@@ -57,7 +57,7 @@ def test_robots_gather_around_the_place_and_begin_when_all_are_there(team, crew)
 
 
 def test_they_do_not_begin_while_another_coordinator_may_lead(team, crew):
-    held_back = MinorityHeard(1, 3, "office-77")
+    held_back = MinorityHeard(1, 3)
     team.submit(together())
     run(team, crew, 60.0, until=lambda: len(at_it(crew)) == 2)
     team.coordinator.lifecycle.reasons.held_back = lambda: held_back

@@ -1,27 +1,26 @@
-"""How a coordinator comes to lead, by its options."""
+"""The robots that elect a coordinator, as the command line names them."""
 
 import pytest
 
-from robrain.deploy.run.coordinator_command import LeadershipOptions
+from robrain.deploy.run.coordinator_command import read_witnesses
 from robrain.protocol.errors import RobrainError
 
 
-def test_robots_elect_with_witnesses_and_nobody_without() -> None:
-    assert LeadershipOptions.of(None, stands_by=True, leads_anyway=False) == LeadershipOptions(stands_by=True)
-    elected = LeadershipOptions(witnesses=("r1", "r2", "r3"), is_forced=True)
-    assert LeadershipOptions.of("r1,r2,r3", stands_by=True, leads_anyway=True) == elected
+def test_a_coordinator_is_alone_without_witnesses_and_a_candidate_with_them() -> None:
+    assert read_witnesses(None) == ()
+    assert read_witnesses("r1,r2,r3", stands_by=True) == ("r1", "r2", "r3")
 
 
 @pytest.mark.parametrize(
-    ("witnesses", "leads_anyway", "why"),
+    ("witnesses", "stands_by", "reason"),
     [
-        (None, True, "--lead-anyway without --witnesses: expected both"),
+        (None, True, "--stand-by: expected the robots that elect as well, such as --witnesses r1,r2,r3"),
         ("r1,r2,r1", False, "--witnesses r1,r2,r1: expected each robot once, got r1 more often"),
         ("r1,,r2", False, "bad robot name '': it is empty"),
         (",".join(f"r{number}" for number in range(64)), False, "--witnesses: expected at most 63 robots, got 64"),
     ],
 )
-def test_a_mistake_is_refused_in_words(witnesses: str | None, leads_anyway: bool, why: str) -> None:
+def test_a_mistake_is_refused_in_words(witnesses: str | None, stands_by: bool, reason: str) -> None:
     with pytest.raises(RobrainError) as refused:
-        LeadershipOptions.of(witnesses, stands_by=False, leads_anyway=leads_anyway)
-    assert str(refused.value) == why
+        read_witnesses(witnesses, stands_by=stands_by)
+    assert str(refused.value) == reason

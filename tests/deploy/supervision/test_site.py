@@ -26,13 +26,16 @@ def world():
     return Scenario.builtin("arena_small").replace(robots=2).world()
 
 
-def test_coordinator_that_comes_back_stands_by_where_another_has_taken_over(site) -> None:
-    first, second = coordinator_parts(site, Path("j"), [], first=True, stands_by=True)
-    assert "--stand-by" not in first.arguments(1)
-    assert "--stand-by" in first.arguments(2)
-    assert "--stand-by" in second.arguments(1)
-    [alone] = coordinator_parts(site, Path("j"), [], first=True, stands_by=False)
-    assert "--stand-by" not in alone.arguments(2)
+def test_two_coordinators_are_candidates_with_journals_of_their_own(site) -> None:
+    parts = ["coordinator", "stand-by", "r1"]
+    first, second = coordinator_parts(site, Path("runs/a.journal"), [], parts, ["r1", "r2", "r3"])
+    for part, journal in ((first, "runs/a.journal"), (second, "runs/a-stand-by.journal")):
+        for start in (1, 2):
+            words = part.arguments(start)
+            assert words[words.index("--witnesses") + 1] == "r1,r2,r3"
+            assert words[words.index("--journal") + 1] == journal
+    [alone] = coordinator_parts(site, Path("j"), [], ["coordinator"], [])
+    assert "--witnesses" not in alone.arguments(1)
 
 
 def test_recorder_that_comes_back_writes_another_file(site) -> None:

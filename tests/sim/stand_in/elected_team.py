@@ -4,8 +4,8 @@ import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.standing.candidate import Candidate, Elected
-from robrain.coordinator.standing.stand_by import StandBy
+from robrain.coordinator.leadership.candidate import Candidate
+from robrain.coordinator.leadership.election import Elected, Election
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.fault_times import FaultTimes
 from robrain.sim.faults.kept_journal import JournalDisk
@@ -33,15 +33,15 @@ class Site:
         """Take the step of the part that it plays."""
         if self.coordinator is not None:
             self.coordinator.step()
-            if self.coordinator.mandate.superseded:
+            if self.coordinator.leadership.mandate.superseded:
                 self.coordinator.close()
                 self._wire.close()
                 self.coordinator = None
                 self._begin()
             return
-        self._stand_by.step()
-        if self._stand_by.elected is not None:
-            self._lead(self._stand_by.elected)
+        self.candidate.step()
+        if self.candidate.elected is not None:
+            self._lead(self.candidate.elected)
 
     def close(self) -> None:
         """End it."""
@@ -62,12 +62,12 @@ class Site:
     def leads(self) -> bool:
         """Whether it would offer tasks now."""
         now_ns = self._process.clock.now_ns()
-        return self.coordinator is not None and self.coordinator.mandate.leads(now_ns)
+        return self.coordinator is not None and self.coordinator.leadership.mandate.leads(now_ns)
 
     def _begin(self) -> None:
         self._wire = self._run._endpoint(self._process)
-        candidate = Candidate(self._wire, self._run.witnesses, self._journal.name)
-        self._stand_by = StandBy(self._wire, self._journal, self._process.name, candidate)
+        election = Election(self._wire, self._run.witnesses, self._journal.name)
+        self.candidate = Candidate(self._wire, self._journal, self._process.name, election)
 
 
 class ElectedRun(StandInRun):

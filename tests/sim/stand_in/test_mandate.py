@@ -9,17 +9,18 @@ import pytest
 from robrain.agent.witness import Kept, Witness, WitnessExtension
 from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.leadership.journal_feed import JournalFeed
 from robrain.coordinator.planning.policy import NEAREST
-from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.messages.team.standing_messages import JournalChanges, StandByState
+from robrain.protocol.messages.team.standing_messages import JournalChanges, LeadRequest, StandByState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons.tasks import NotLeading
+from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
 from robrain.protocol.table.topics import TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
@@ -35,6 +36,10 @@ NOT_NOW_S = 0.001
 """Of the wall: within this process a reply is there at once, or with a later step."""
 FIRST, SECOND = "coordinator-1", "stand_by-2"
 """Journals: that of the first, and the copy of it."""
+
+
+def kill(team: "Team", name: str, *, begins: bool = True) -> None:
+    team.run._set(500, FaultSpec(robot=name, kind=FaultKind.KILL, at_s=0.0), begins=begins)
 
 
 class Team:
@@ -90,7 +95,7 @@ class Team:
         self.run._set(number, fault, begins=False)
 
     def mandate(self, site: str):
-        return self.run.site(site).coordinator.mandate
+        return self.run.site(site).coordinator.leadership.mandate
 
     def journals(self) -> list[set[str]]:
         """Names of journals that each robot remembers to have everything."""
@@ -126,8 +131,8 @@ def test_one_that_is_cut_off_acknowledges_nothing_and_the_other_leads(team: Team
         assert team.run.leading() == [OTHER]
         site = team.run.site(COORDINATOR)
         now_ns = team.run.now_ns
-        assert team.mandate(COORDINATOR).why_not(now_ns) == NotLeading(0, 3)
-        assert team.mandate(OTHER).why_not(now_ns) is None
+        assert team.mandate(COORDINATOR).refusal(now_ns) == NotLeading(0, 3)
+        assert team.mandate(OTHER).refusal(now_ns) is None
     team.pass_s(4.0)
     assert site.coordinator is None  # it stands by, and copies the other's journal
     assert team.acknowledged == ["t1"]
@@ -160,8 +165,8 @@ def test_one_that_takes_over_listens_before_its_first_offer(team: Team) -> None:
     while team.run.leading() != [OTHER]:
         team.pass_s(0.1)
     began_ns = team.run.now_ns
-    assert team.mandate(OTHER).why_not(began_ns) is not None
-    while team.mandate(OTHER).why_not(team.run.now_ns) is not None:
+    assert team.mandate(OTHER).refusal(began_ns) is not None
+    while team.mandate(OTHER).refusal(team.run.now_ns) is not None:
         team.pass_s(0.1)
     assert to_ns(1.8) <= team.run.now_ns - began_ns <= to_ns(2.4)
 
@@ -284,29 +289,97 @@ def test_a_witness_that_could_not_store_its_answer_is_asked_again(team: Team) ->
 
 
 def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: Team) -> None:
-    stand_by = team.run.site(OTHER)._stand_by
-    stand_by._candidate.is_forced = True
+    election = team.run.site(OTHER).candidate.election
+    election.force()
     team.pass_s(0.5)
-    assert not stand_by._candidate.is_forced
+    assert not election.is_forced
+
+
+def lead_by_word(team: Team) -> list[str]:
+    with team.run.exchange.acting(OPERATOR):
+        return team._wire.ask(COORDINATOR_LEAD, LeadRequest(by="ann")).left_out
+
+
+def test_by_the_operators_word_one_leads_whose_journal_may_lack_something(team: Team) -> None:
+    with team.cut(OTHER):
+        team.pass_s(2.0)
+        team.submit("t1")
+        team.pass_s(1.0)
+        assert team.journals() == [{FIRST}] * 3
+    kill(team, COORDINATOR)
+    team.pass_s(8.0)
+    assert team.run.leading() == []
+    assert lead_by_word(team) == []
+    team.pass_s(5.0)
+    assert team.run.leading() == [OTHER]
+    assert team.journals() == [{SECOND}] * 3
+
+
+def test_by_the_operators_word_one_leads_without_the_witnesses_that_are_gone(team: Team) -> None:
+    for name in (COORDINATOR, "r2", "r3"):
+        kill(team, name)
+    team.pass_s(8.0)
+    assert team.run.leading() == []
+    assert lead_by_word(team) == ["r2", "r3"]
+    team.pass_s(5.0)
+    assert team.run.leading() == [OTHER]
+    team.submit("t1")
+    team.pass_s(1.0)
+    assert team.acknowledged == ["t1"]
+    assert team.journals()[0] == {SECOND}
+
+
+def test_a_witness_that_is_back_counts_again(team: Team) -> None:
+    for name in (COORDINATOR, "r2", "r3"):
+        kill(team, name)
+    team.pass_s(8.0)
+    lead_by_word(team)
+    team.pass_s(5.0)
+    for name in ("r2", "r3"):
+        kill(team, name, begins=False)
+    team.pass_s(5.0)
+    assert team.run.leading() == [OTHER]
+    assert team.journals() == [{SECOND}] * 3
+    assert team.mandate(OTHER)._election.voters == ROBOTS
+    kill(team, COORDINATOR, begins=False)
+    team.pass_s(4.0)
+    assert team.run.leading() == [OTHER]
+
+
+def test_by_the_operators_word_one_that_lost_its_witnesses_leads_again(team: Team) -> None:
+    for name in (OTHER, "r2", "r3"):
+        kill(team, name)
+    team.pass_s(8.0)
+    assert team.run.leading() == []
+    assert lead_by_word(team) == ["r2", "r3"]
+    team.pass_s(4.0)
+    assert team.run.leading() == [COORDINATOR]
+
+
+def test_while_one_leads_the_operators_word_changes_nothing(team: Team) -> None:
+    assert lead_by_word(team) == []
+    team.pass_s(4.0)
+    assert team.run.leading() == [COORDINATOR]
+    assert team.mandate(COORDINATOR).lead(team.run.now_ns).election == 1
 
 
 def test_nothing_is_followed_while_witnesses_may_be_electing_it(team: Team) -> None:
     """What it has written by then it has; what it writes later might be acknowledged because of it."""
-    stand_by = team.run.site(OTHER)._stand_by
+    candidate = team.run.site(OTHER).candidate
     suspended = msgspec.structs.replace(team.mandate(COORDINATOR).lead(team.run.now_ns), is_suspended=True)
-    said = JournalChanges(term=stand_by._term, last=0, lead=suspended)
-    assert stand_by._is_heard(stand_by._candidate, said, team.run.now_ns)
-    stand_by._candidate.step(team.run.now_ns, is_copy=True)
-    assert stand_by._candidate.is_asking
-    assert not stand_by._is_heard(stand_by._candidate, said, team.run.now_ns)
+    said = JournalChanges(term=candidate._term, last=0, lead=suspended)
+    assert candidate._is_followed(said, team.run.now_ns)
+    candidate.election.step(team.run.now_ns, is_copy=True)
+    assert candidate.election.is_asking
+    assert not candidate._is_followed(said, team.run.now_ns)
 
 
 def test_one_with_other_witnesses_neither_follows_nor_stands(team: Team) -> None:
-    stand_by = team.run.site(OTHER)._stand_by
-    stand_by._candidate.witnesses = ("r1", "r2")
+    candidate = team.run.site(OTHER).candidate
+    candidate.election.witnesses = ("r1", "r2")
     team.pass_s(3.0)
-    assert stand_by.unlike == "the coordinator that is heard has other witnesses: r1, r2, r3"
-    assert team.run.coordinator.feed.status().why == stand_by.unlike
+    assert candidate.unlike == "the coordinator that is heard has other witnesses: r1, r2, r3"
+    assert team.run.coordinator.leadership.feed.status().why == candidate.unlike
     assert team.journals() == [{FIRST}] * 3
     team.run._set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(6.0)
@@ -317,12 +390,12 @@ def test_a_copied_file_gets_another_name_once_the_other_is_heard(team: Team) -> 
     """Under one name both could be elected."""
     site = team.run.site(OTHER)
     site._journal._db.execute("UPDATE standing SET name = ?", (FIRST,))
-    site._stand_by._name = FIRST
+    site.candidate.election.journal = FIRST
     team.pass_s(3.0)
-    assert site._stand_by._name not in ("", FIRST)
+    assert site.candidate.election.journal not in ("", FIRST)
     assert team.run.leading() == [COORDINATOR]
     team.pass_s(3.0)
-    assert team.journals() == [{FIRST, site._stand_by._name}] * 3
+    assert team.journals() == [{FIRST, site.candidate.election.journal}] * 3
 
 
 class Undecided:
@@ -344,11 +417,11 @@ def test_a_change_on_both_disks_is_not_acknowledged_while_a_third_journal_may_be
     journal = Journal()
     feed = JournalFeed(wire, journal, term=7, mandate=Undecided())
     said = StandByState(process="p", term=7, on_disk=0, journal="b", led=Led(election=1, stamp_ns=0))
-    feed.hear(said, 0)
+    feed.receive(said, 0)
     assert feed.stand_by == "p"
     kept, lost = [], []
     feed.when_kept(lambda: kept.append(1), lost.append)
-    feed.hear(said, 0)
+    feed.receive(said, 0)
     feed.step(0)
     assert (kept, lost) == ([], [])
     clock.advance_to(to_ns(3.0))

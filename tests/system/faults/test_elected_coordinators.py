@@ -8,8 +8,10 @@ import pytest
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.messages.team.standing_messages import LeadRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
 from robrain.protocol.table.topics import COORDINATOR_STATE, TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
@@ -40,9 +42,9 @@ class Pair:
         self.wire = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._summaries = Inbox(every=True)
         self.wire.subscribe(self._summaries, COORDINATOR_STATE)
-        state = str(commands.folder / "state")
+        votes = str(commands.folder / "votes")
         for name in ROBOTS:
-            agent = commands.start("agent", f"{name}.toml", STATE_DIRECTORY=state)
+            agent = commands.start("agent", f"{name}.toml", "--votes", votes)
             commands.line_with(agent, f"agent: {name} is up")
 
     def close(self) -> None:
@@ -50,9 +52,9 @@ class Pair:
         self.wire.close()
         self.session.close()
 
-    def coordinator(self, journal: str, *options: str):
+    def coordinator(self, journal: str):
         words = ("--connect", self.endpoint, "--witnesses", ",".join(ROBOTS), "--journal", journal)
-        return self.commands.start("coordinator", *words, *options)
+        return self.commands.start("coordinator", *words)
 
     def leader(self, but: str = "") -> str:
         """The journal of the coordinator that leads, as its summaries say; waits until it is another than `but`."""
@@ -127,12 +129,10 @@ def test_each_takes_over_with_all_that_was_acknowledged_and_one_that_lacks_it_by
     pair.submit(5)  # acknowledged once the witnesses have heard that the second lacks it
     third.send_signal(signal.SIGKILL)
     again = pair.coordinator("second.journal")
-    reason = "this journal may lack what another coordinator has acknowledged (--lead-anyway)"
+    reason = "this journal may lack what another coordinator has acknowledged (robrain lead)"
     commands.line_with(again, f"not elected: 0 of 3 witnesses elect it; r1, r2, r3: {reason}")
-    again.send_signal(signal.SIGTERM)
-    again.wait()
-    forced = pair.coordinator("second.journal", "--lead-anyway")
-    commands.line_with(forced, UP)
+    assert until_answered(lambda: pair.wire.ask(COORDINATOR_LEAD, LeadRequest())).left_out == []
+    commands.line_with(again, UP)
     assert pair.tasks().keys() == before.keys()
     pair.submit(6)
     until(lambda: pair.tasks() == {**before, "t6": TaskState.DONE}, "the task was never done")

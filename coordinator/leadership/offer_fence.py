@@ -1,16 +1,12 @@
-"""Whether a coordinator may offer tasks, or most of its robots may be at them already, out of its reach.
-
-A coordinator that stood by leads on the operator's word, who has seen that the first is silent. If the first has only
-lost its link, with a few robots on its side, both would offer the tasks that were queued, and one might be done twice.
-So it offers none while it hears neither the one that stands by nor more than half of its robots.
+"""Holds offers back while robots out of the coordinator's reach may be allocating the tasks among themselves.
 
 Robots that continue without a coordinator allocate the queued tasks once more than half of the team hear each other and
 no coordinator. A coordinator offers no task while more than half of its robots could be doing that.
 """
 
 import logging
+from collections.abc import Sequence
 
-from robrain.coordinator.standing.journal_feed import JournalFeed
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns
 from robrain.protocol.reasons.tasks import MinorityHeard
@@ -19,8 +15,6 @@ logger = logging.getLogger(__name__)
 
 HEARD_NS = to_ns(600.0)
 """Robots count that were heard within this time (chosen). While offers are held back, those count that did before."""
-STAND_BY_SILENT_NS = to_ns(2.0)
-"""Silence after which the one that stands by may be leading (chosen: no operator is that fast)."""
 FAREWELL_NS = to_ns(0.5)
 """A robot whose token goes this soon after its last state has ended; a cut link is silent for longer before."""
 REPORT_NS = to_ns(1.0)
@@ -28,7 +22,7 @@ REPORT_NS = to_ns(1.0)
 
 
 class OfferFence:
-    """Holds offers back while another coordinator may be leading, or robots may be allocating tasks.
+    """Holds offers back while robots may be allocating tasks.
 
     Args:
         roster: the robots that were ever heard, also by a coordinator before this one.
@@ -45,7 +39,7 @@ class OfferFence:
         self._held_since_ns: int | None = None
         self._is_reported = False
 
-    def record_gone(self, gone: list[Robot], now_ns: int) -> None:
+    def record_gone(self, gone: Sequence[Robot], now_ns: int) -> None:
         """The tokens of robots have gone; those that ended do not count, if others are still there.
 
         If all go at once the coordinator has lost its own connection.
@@ -56,26 +50,17 @@ class OfferFence:
             if robot.heard_ns is not None and now_ns - robot.heard_ns <= FAREWELL_NS:
                 robot.left_ns = robot.heard_ns
 
-    def step(self, feed: JournalFeed | None, now_ns: int) -> None:
-        """Look at who is heard.
-
-        Args:
-            feed: to the one that stands by; None if none was ever heard.
-            now_ns: the time.
-
-        """
-        if feed is None and not self._roster.some_go_on:
+    def step(self, now_ns: int) -> None:
+        """Check which robots are heard."""
+        if not self._roster.some_go_on:
             return
         counted = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
         heard = sum(robot.is_up(now_ns) for robot in counted)
         apart = sum(robot.goes_on and not robot.hears_back(now_ns) for robot in counted)
-        process = "" if feed is None else feed.silent_copy(now_ns, STAND_BY_SILENT_NS)
-        if 2 * heard > len(counted):
-            process = ""
-        if process or 2 * apart > len(counted):
+        if 2 * apart > len(counted):
             self._counted, self._apart_ns = frozenset(robot.name for robot in counted), now_ns
-            self.reason = MinorityHeard(heard, len(counted), process)
-            self._tell(now_ns)
+            self.reason = MinorityHeard(heard, len(counted))
+            self._log(now_ns)
         elif now_ns - self._apart_ns > REPORT_NS:
             self._end()
 
@@ -89,8 +74,8 @@ class OfferFence:
         may_miss_it = len(robots) // 2
         return heard[may_miss_it]
 
-    def lead(self, now_ns: int) -> list[str]:
-        """The operator says that robots which are not heard do no tasks: they count no more; returns their names."""
+    def force(self, now_ns: int) -> list[str]:
+        """The operator says that silent robots do no tasks: they do not count any more; returns their names."""
         silent = [robot for robot in self._roster.by_name if robot.name in self._counted and not robot.is_up(now_ns)]
         for robot in silent:
             robot.left_ns = robot.last_seen_ns
@@ -103,20 +88,17 @@ class OfferFence:
             return False
         return robot.name in self._counted or now_ns - heard_ns <= HEARD_NS
 
-    def _tell(self, now_ns: int) -> None:
+    def _log(self, now_ns: int) -> None:
         reason = self.reason
         if self._held_since_ns is None:
             self._held_since_ns = now_ns
         if self._is_reported or reason is None or now_ns - self._held_since_ns < REPORT_NS:
             return  # at the start, robots need a moment to hear the coordinator
         self._is_reported = True
-        others = "the others go on by themselves"
-        if reason.stand_by:
-            others = f"{reason.stand_by}, which has a copy of the journal, is not"
         logger.error(
-            "no task is offered: %d of %d robots are heard, and %s; if none of them does any task, "
-            "say so with `robrain lead`",
-            reason.heard, reason.robots, others,
+            "no task is offered: %d of %d robots are heard, and the others go on by themselves; if none of them does "
+            "any task, say so with `robrain lead`",
+            reason.heard, reason.robots,
         )  # fmt: skip
 
     def _end(self) -> None:

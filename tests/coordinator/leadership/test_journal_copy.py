@@ -4,10 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.agent.witness import Witness, WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.standing.stand_by import Following, StandBy
+from robrain.coordinator.leadership.candidate import Candidate, Following
+from robrain.coordinator.leadership.election import Elected, Election, Won
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -16,6 +18,7 @@ from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.standing_topics import ROBOT_WITNESS
 from robrain.protocol.table.topics import TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
@@ -24,25 +27,28 @@ from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.stand_in.stand_in_run import shared_session
 
 ALL = TaskFilter(own=True, limit=10_000)
-OTHER = "stand_by"
+OTHER, WITNESS = "stand_by", "r1"
 TICK_S = 0.05
 NOT_NOW_S = 0.001
 """Of the wall: within this process a reply is there at once, or with a later step."""
 
 
 class Pair:
-    """A coordinator and one that stands by, on a wire with faults."""
+    """A coordinator that one robot has elected, and a candidate, on a wire with faults."""
 
     def __init__(self, seed: int = 1, path=None) -> None:
         self.clock = VirtualClock()
         self.clock.advance_to(to_ns(100.0))
         self.exchange = FaultyExchange.on(shared_session(), self.clock, seed)
         self.disk, self.other_disk = JournalDisk(), JournalDisk()
-        with self.exchange.acting(COORDINATOR):
-            self.journal = self.disk.open()
-            self.coordinator = Coordinator(self.endpoint(), self.journal)
+        witness = Witness(WitnessInMemory(), self.clock.now_ns())
+        self.endpoint().answer(
+            ROBOT_WITNESS, lambda request: witness.answer(request.asked, self.clock.now_ns()), robot=WITNESS
+        )
+        self.elections = 0
+        self.begin()
         self.copy = self.other_disk.open() if path is None else Journal(path)
-        self.stand_by: StandBy | None = None
+        self.candidate: Candidate | None = None
         self.asker = self.endpoint()
         self.acknowledged: list[str] = []
         self.waiting: list[str] = []
@@ -50,9 +56,20 @@ class Pair:
     def endpoint(self) -> Endpoint:
         return Endpoint(shared_session(), DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
 
+    def begin(self) -> None:
+        """Start the coordinator on its journal."""
+        self.elections += 1
+        with self.exchange.acting(COORDINATOR):
+            self.journal = self.disk.open()
+            won = Won(self.elections, self.clock.now_ns(), is_after_another=False)
+            elected = Elected((WITNESS,), (WITNESS,), self.journal.name, won)
+            self.coordinator = Coordinator(self.endpoint(), self.journal, elected=elected)
+            self.coordinator.step()
+
     def join(self) -> None:
         with self.exchange.acting(OTHER):
-            self.stand_by = StandBy(self.endpoint(), self.copy, OTHER)
+            wire = self.endpoint()
+            self.candidate = Candidate(wire, self.copy, OTHER, Election(wire, (WITNESS,), self.copy.name))
 
     def run(self, time_s: float) -> None:
         for _ in range(round(time_s / TICK_S)):
@@ -60,9 +77,9 @@ class Pair:
             self.exchange.step()
             with self.exchange.acting(COORDINATOR):
                 self.coordinator.step()
-            if self.stand_by is not None:
+            if self.candidate is not None:
                 with self.exchange.acting(OTHER):
-                    self.stand_by.step()
+                    self.candidate.step()
             self.waiting = [name for name in self.waiting if not self.submit(name)]
 
     def submit(self, name: str) -> bool:
@@ -83,8 +100,8 @@ class Pair:
 
     @property
     def following(self) -> Following:
-        assert self.stand_by is not None
-        return self.stand_by.following(self.clock.now_ns())
+        assert self.candidate is not None
+        return self.candidate.following
 
     @property
     def missing(self) -> list[str]:
@@ -145,12 +162,9 @@ def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: 
     assert pair.acknowledged == []
     pair.run(0.5)
     assert pair.acknowledged == ["t1"]
-    feed = pair.coordinator.feed
-    assert feed is not None
+    feed = pair.coordinator.leadership.feed
     assert not feed.status().in_step
     assert feed.status().why == "it is silent"
-    pair.run(1.0)
-    assert pair.following is Following.ALONE  # it cannot know
     pair.exchange.end(1)
     pair.run(0.5)
     assert pair.following is Following.BEHIND
@@ -166,8 +180,7 @@ def test_a_full_disk_of_the_one_that_stands_by_stops_it_and_not_the_coordinator(
     pair.waiting = ["t1"]
     pair.run(2.0)
     assert pair.acknowledged == ["t1"]
-    feed = pair.coordinator.feed
-    assert feed is not None
+    feed = pair.coordinator.leadership.feed
     assert "full" in feed.status().why
     pair.other_disk.is_full = False
     pair.run(8.0)
@@ -192,9 +205,7 @@ def test_a_coordinator_that_begins_anew_is_copied_anew(pair: Pair) -> None:
     pair.disk.pull()
     pair.exchange.drop(COORDINATOR)
     pair.exchange.begin_life(COORDINATOR)
-    with pair.exchange.acting(COORDINATOR):
-        pair.journal = pair.disk.open()
-        pair.coordinator = Coordinator(pair.endpoint(), pair.journal)
+    pair.begin()
     pair.run(1.0)
     assert pair.following is Following.IN_STEP
     assert pair.is_same()
@@ -247,8 +258,7 @@ def test_a_copy_in_step_has_all_that_was_acknowledged(seed, faults, joins_after)
         pair.waiting += [f"t{place}-{number}" for number in range(tasks)]
         for _ in range(round(time_s / TICK_S)):
             pair.run(TICK_S)
-            feed = pair.coordinator.feed
-            if feed is not None and feed.stand_by:
+            if pair.coordinator.leadership.feed.stand_by:
                 assert pair.missing == []
         pair.exchange.end(place)
         pair.run(0.3)

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.leadership import offer_fence
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
 from robrain.protocol.messages.team.standing_messages import KnownRobot, LeadReply, LeadRequest
@@ -17,7 +18,7 @@ from robrain.protocol.reasons.tasks import MinorityHeard
 from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
 from robrain.protocol.table.topics import ROBOT_BALLOT
 from robrain.protocol.wire.session import open_lockstep_session
-from tests.coordinator.standing.parted_team import PartedTeam
+from tests.coordinator.leadership.parted_team import PartedTeam
 
 ALL = 1_000_000
 """More changes than there are: the robot knows of each."""
@@ -87,7 +88,7 @@ def test_tasks_are_offered_a_second_after_enough_are_heard_again(four: RobotsTha
     assert four.asked() == []
     four.run(1.0)
     assert four.asked() == ["t1"]
-    assert four.coordinator.fence.reason is None
+    assert four.coordinator.leadership.fence.reason is None
 
 
 def test_half_of_them_cannot_allocate_so_tasks_are_offered_to_the_others(
@@ -136,6 +137,43 @@ def test_robots_that_were_switched_off_do_not_count(four: RobotsThatGoOn) -> Non
     assert four.asked() == ["t1"]
 
 
+def test_robots_whose_tokens_go_after_a_silence_are_behind_a_cut(four: RobotsThatGoOn) -> None:
+    four.part("r2", "r3", "r4")
+    four.run(1.0)
+    for robot in four.robots[1:]:
+        robot.leave()
+    four.run(2.0)
+    assert four.coordinator.leadership.fence.reason == MinorityHeard(1, 4)
+
+
+def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four: RobotsThatGoOn) -> None:
+    for robot in four.robots:
+        robot.leave()
+        robot.speaks = False
+    four.run(3.0)
+    four.robots[0].come()
+    four.robots[0].speaks = True
+    four.run(1.0)
+    assert four.coordinator.leadership.fence.reason == MinorityHeard(1, 4)
+
+
+@pytest.mark.slow
+def test_robots_count_for_a_while_and_for_longer_while_offers_are_held_back(
+    four: RobotsThatGoOn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(offer_fence, "HEARD_NS", to_ns(60.0))
+    four.part("r4")
+    four.run(65.0)
+    four.part("r3", "r4")
+    four.run(3.0)
+    assert four.coordinator.leadership.fence.reason is None, "two of three"
+    four.part("r2", "r3", "r4")
+    four.run(3.0)
+    assert four.coordinator.leadership.fence.reason == MinorityHeard(1, 3)
+    four.run(65.0)
+    assert four.coordinator.leadership.fence.reason == MinorityHeard(1, 3)
+
+
 def test_the_operator_may_say_that_the_others_do_nothing(four: RobotsThatGoOn) -> None:
     four.part("r2", "r3", "r4")
     four.run(1.0)
@@ -158,11 +196,11 @@ def test_a_restarted_coordinator_knows_which_robots_may_be_out_of_reach(tmp_path
         team.queue("t1")
         team.run(3.0)
         assert team.asked() == []
-        assert team.coordinator.fence.reason == MinorityHeard(1, 4)
+        assert team.coordinator.leadership.fence.reason == MinorityHeard(1, 4)
         assert team.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).left_out == ["r2", "r3", "r4"]
         team.run(2.0)
         assert team.asked() == ["t1"]
-        assert team.coordinator.fence.reason is None
+        assert team.coordinator.leadership.fence.reason is None
         team.coordinator.tasks.journal.close()
         team.close()
 
@@ -218,6 +256,6 @@ def test_what_most_have_heard_of_stays_with_its_robot(four: RobotsThatGoOn) -> N
     four.run(0.2)
     four.part(*({"r1", "r2", "r3", "r4"} - {robot}))
     four.run(3.0)
-    assert four.coordinator.fence.reason is not None
+    assert four.coordinator.leadership.fence.reason is not None
     assert four.coordinator.tasks.find("t1").robot == robot
     assert not any(other.withdrawals for other in four.robots)

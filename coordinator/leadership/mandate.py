@@ -12,12 +12,10 @@ renews no robot's lease, and asks to be elected again.
 """
 
 import logging
-from collections.abc import Sequence
 
 import msgspec
 
-from robrain.coordinator.standing.candidate import Candidate, Elected
-from robrain.coordinator.standing.poll import Poll
+from robrain.coordinator.leadership.election import Elected, Election, Poll
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
@@ -52,8 +50,10 @@ class Mandate:
     def __init__(self, wire: Endpoint, roster: Roster, elected: Elected) -> None:
         self._wire, self._roster = wire, roster
         self.journal, self._won = elected.journal, elected.won
-        self._candidate = Candidate(wire, elected.witnesses, elected.journal)
-        self._candidate.note(self._won.election)
+        self.witnesses = elected.witnesses
+        """Names of the robots that elect."""
+        self._election = Election(wire, elected.witnesses, elected.journal, elected.voters)
+        self._election.note(self._won.election)
         now_ns = wire.clock.now_ns()
         self._listen_until_ns = now_ns + LISTEN_NS if self._won.is_after_another else now_ns
         self._inbox = Inbox()
@@ -70,11 +70,6 @@ class Mandate:
         self._poll: Poll | None = None
         self._was_leading = True
 
-    @property
-    def witnesses(self) -> Sequence[str]:
-        """Names of robots."""
-        return self._candidate.witnesses
-
     def leads(self, now_ns: int) -> bool:
         """Whether no other coordinator can have been elected."""
         if self.superseded:
@@ -85,28 +80,34 @@ class Mandate:
 
     @property
     def _is_deserted(self) -> bool:
-        """Whether more than half of the witnesses have taken part in a later election, as by an operator's word."""
-        later = sum(self._led(name).election > self._won.election for name in self.witnesses)
-        return 2 * later > len(self.witnesses)
+        """Whether more than half of the voters have taken part in a later election, as by an operator's word."""
+        voters = self._election.voters
+        later = sum(self._led(name).election > self._won.election for name in voters)
+        return 2 * later > len(voters)
 
     def _is_backed(self, now_ns: int) -> bool:
-        """Whether more than half of the witnesses currently refuse other candidates."""
+        """Whether more than half of the voters currently refuse other candidates."""
+        voters = self._election.voters
         is_elected_now = 0 <= now_ns - self._won.asked_ns <= LEASE_NS
-        return is_elected_now or 2 * self.heard(now_ns) > len(self.witnesses)
+        return is_elected_now or 2 * sum(self._is_heard_by(name, now_ns) for name in voters) > len(voters)
+
+    def force(self) -> list[str]:
+        """The operator wants this coordinator to lead; returns witnesses that do not count until they answer again."""
+        return self._election.force() if not self.leads(self._wire.clock.now_ns()) else []
 
     def _standby_journal(self, now_ns: int) -> str:
         """The journal of a stand-by that has heard this coordinator recently; empty if there is none."""
         return self._copy if self._is_fresh(self._copy_led, now_ns) else ""
 
     def record_copy(self, journal: str, led: Led) -> None:
-        """Note which election a stand-by follows."""
+        """Record which election a stand-by follows."""
         self._copy, self._copy_led = journal, led
 
     def heard(self, now_ns: int) -> int:
         """Number of witnesses that report a recent summary of this coordinator."""
         return sum(self._is_heard_by(name, now_ns) for name in self.witnesses)
 
-    def why_not(self, now_ns: int) -> NotLeading | TakesOver | None:
+    def refusal(self, now_ns: int) -> NotLeading | TakesOver | None:
         """Why no task is offered; None if tasks may be offered."""
         if not self.leads(now_ns):
             return NotLeading(self.heard(now_ns), len(self.witnesses))
@@ -136,7 +137,7 @@ class Mandate:
         )
 
     def step(self, copy: str, now_ns: int) -> bool:
-        """Hear other coordinators, ask to be elected if needed, and keep the witnesses up to date.
+        """Receive other coordinators' summaries, ask to be elected if needed, and keep the witnesses up to date.
 
         Args:
             copy: the journal that is in step; empty if none is.
@@ -152,7 +153,7 @@ class Mandate:
         election = self._won.election
         for name in self.witnesses:
             if (later := self._led(name).election) <= election + LEAP_MAX:
-                self._candidate.note(later)
+                self._election.note(later)
         leads = self.leads(now_ns)
         if self._was_leading and not leads:
             logger.error(
@@ -160,14 +161,15 @@ class Mandate:
                 self.heard(now_ns), len(self.witnesses),
             )  # fmt: skip
         if leads and not self._is_outvoted():
-            self._candidate.rest()
+            self._election.rest()
             # Without enough witnesses the other could not be elected, and this one not go on without it.
             adds = copy if copy in self._held or self._is_backed(now_ns) else ""
             self._hold(frozenset({self.journal, adds} - {""}), now_ns)
         else:
             self._poll = None
-            won = self._candidate.step(now_ns, is_copy=False)
+            won = self._election.step(now_ns, is_copy=False)
             if won is not None:
+                self._election.is_forced = False
                 self._won, self._number, self._held = won, 0, frozenset()
                 if not leads:
                     logger.warning("the coordinator leads again, by election %d", won.election)
@@ -195,7 +197,7 @@ class Mandate:
             lead = received.message.lead
             if lead is msgspec.UNSET or lead.is_suspended:
                 continue
-            self._candidate.note(lead.election)
+            self._election.note(lead.election)
             # Of another process with a file that was copied from this one's, the number is greater.
             is_another = lead.journal != self.journal and lead.election == self._won.election
             if is_another or lead.election > self._won.election:
@@ -208,9 +210,13 @@ class Mandate:
                 return
             poll = self._ask_to_hold(holders, now_ns)
         poll.step(now_ns)
-        self._candidate.note(poll.election)
+        self._election.note(poll.election)
         if poll.is_won:
             self._held = self._possible = holders
+            # A witness that was silent when the operator forced the election counts again with its answer.
+            self._election.voters = tuple(
+                name for name in self.witnesses if name in self._election.voters or name in poll.granted_ns
+            )
             if poll.is_unanimous:
                 self._poll = None
 
@@ -224,5 +230,5 @@ class Mandate:
             number=self._number,
             holders=sorted(holders),
         )
-        self._poll = Poll(self._wire, self.witnesses, request, now_ns)
+        self._poll = Poll(self._wire, self.witnesses, self._election.voters, request, now_ns)
         return self._poll

@@ -1,7 +1,7 @@
-"""The coordinator's side of a copied journal: what is sent, what has arrived, and who waits for that.
+"""The coordinator's side of a copied journal: it sends the changes to one candidate, which stands by.
 
-A change counts as kept once the one that stands by has it on its disk too. If that takes longer than `PATIENCE_NS`, it
-is out of step: the coordinator goes on alone and says so, until the other has everything again.
+A change counts as kept once the candidate has it on its disk too. If that takes longer than `PATIENCE_NS`, the
+candidate is out of step: the coordinator goes on alone, once the witnesses know that, until the copy is complete again.
 """
 
 import logging
@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.standing.mandate import Mandate
+from robrain.coordinator.leadership.mandate import Mandate
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team.standing_messages import (
     ENTRIES_MAX,
@@ -43,16 +42,16 @@ KEPT_MAX = 4096
 """Changes kept to be sent again. One that stands by and lacks more asks for a new copy."""
 PAGE_BYTES = 4_000_000
 
-Tell = Callable[[], None]
-Fail = Callable[[str], None]
+OnKept = Callable[[], None]
+OnLost = Callable[[str], None]
 
 
 class _Waiting(NamedTuple):
     number: int
     """Of the change that is waited for."""
     since_ns: int
-    tell: Tell
-    fail: Fail
+    on_kept: OnKept
+    on_lost: OnLost
 
 
 class JournalFeed:
@@ -62,11 +61,11 @@ class JournalFeed:
         wire: the coordinator's Zenoh endpoint.
         journal: its journal.
         term: the first epoch of this coordinator.
-        mandate: its right to lead, if the team has witnesses. It goes on alone only once they know that.
+        mandate: its right to lead. It goes on alone only once the witnesses know that.
 
     """
 
-    def __init__(self, wire: Endpoint, journal: Journal, term: int, mandate: Mandate | None = None) -> None:
+    def __init__(self, wire: Endpoint, journal: Journal, term: int, mandate: Mandate) -> None:
         self.stand_by = ""
         """The process that is in step; empty if none is."""
         self.copy = ""
@@ -83,15 +82,12 @@ class JournalFeed:
         self._joins_at: int | None = None
         """The number with which the process is in step; answers wait for it already."""
         self._pause_ns = self._clock.now_ns()
-        self._had_copy, self._copy_received_ns = journal.copied_by, self._clock.now_ns()
-        """The process that had a whole copy last, and when it was heard to follow this coordinator."""
-        self._recorded_copy = self._had_copy
         self._waiting: deque[_Waiting] = deque()
         journal.on_written = self._written
         wire.answer(COORDINATOR_COPY, self._page, serve=Serve.IN_STEP)
 
     def status(self, held_back: MinorityHeard | None = None) -> StandByStatus:
-        """As the coordinator's summary tells it, with why it offers no task."""
+        """For the coordinator's summary, with the reason why no task is offered."""
         return StandByStatus(
             process=self.process,
             in_step=bool(self.stand_by),
@@ -100,22 +96,20 @@ class JournalFeed:
             held_back=held_back,
         )
 
-    def hear(self, said: StandByState, now_ns: int) -> None:
-        """Take in how far a process that stands by is; only one is waited for at a time."""
+    def receive(self, said: StandByState, now_ns: int) -> None:
+        """Read how far a candidate is; only one is waited for at a time."""
         if said.process != self.process and self.process and now_ns - self._received_ns <= PATIENCE_NS:
             return
         if said.process != self.process:
             self._leave(f"{said.process} stands by now")
             self.process, self._sent = said.process, 0
-        if self._mandate is not None and said.journal is not msgspec.UNSET and said.led is not msgspec.UNSET:
+        if said.journal is not msgspec.UNSET and said.led is not msgspec.UNSET:
             self._mandate.record_copy(said.journal, said.led)
         if self.stand_by and (said.journal or "") != self.copy:
             self._leave("its journal has another name now")
         self._received_ns, self._trouble = now_ns, said.trouble
         is_of_here = said.term == self._term and said.on_disk <= self._last
         self._on_disk = said.on_disk if is_of_here else 0
-        if is_of_here:
-            self._record_copy(said.process, now_ns)
         if said.trouble or not is_of_here:
             self._leave(said.trouble or "it has no whole copy")
         elif self._joins_at is None and now_ns >= self._pause_ns:
@@ -123,26 +117,22 @@ class JournalFeed:
         if not self.stand_by and self._joins_at is not None and self._on_disk >= self._joins_at:
             self.stand_by, self.copy = said.process, said.journal or ""
             logger.warning("the coordinator that stands by, %s, is in step", said.process)
-        self._publish_kept()
+        self._end_waiting()
 
-    def silent_copy(self, now_ns: int, silence_ns: int) -> str:
-        """The process that has a copy of the journal and has not been heard to follow it for so long; empty if none."""
-        return self._had_copy if now_ns - self._copy_received_ns > silence_ns else ""
+    def when_kept(self, on_kept: OnKept, on_lost: OnLost) -> None:
+        """Call `on_kept` in a step once all changes so far are in every journal that the witnesses may elect.
 
-    def when_kept(self, tell: Tell, fail: Fail) -> None:
-        """Call `tell` in a step once all changes so far are on the other's disk; at once if none is in step.
-
-        With witnesses, `fail` is called instead, with a reason, if they do not learn in time that none is in step: then
-        another coordinator may lead, with a journal that lacks the changes.
+        `on_lost` is called instead, with a reason, if the witnesses do not learn in time that no candidate is in step:
+        then another coordinator may lead, with a journal that lacks the changes.
         """
-        self._waiting.append(_Waiting(self._last, self._clock.now_ns(), tell, fail))
-        self._publish_kept()
+        self._waiting.append(_Waiting(self._last, self._clock.now_ns(), on_kept, on_lost))
+        self._end_waiting()
 
     def step(self, now_ns: int) -> None:
         """Send what is new; give up on one that is silent or too slow."""
-        self._publish_kept()
+        self._end_waiting()
         while self._waiting and now_ns - self._waiting[0].since_ns > GIVE_UP_NS:
-            self._waiting.popleft().fail("this coordinator is not heard by enough witnesses, and another may lead")
+            self._waiting.popleft().on_lost("this coordinator is not heard by enough witnesses, and another may lead")
         is_slow = bool(self._waiting) and now_ns - self._waiting[0].since_ns > PATIENCE_NS
         if self._joins_at is not None and (is_slow or now_ns - self._received_ns > PATIENCE_NS):
             self._pause_ns = now_ns + PAUSE_NS
@@ -162,16 +152,16 @@ class JournalFeed:
                     last=self._last,
                     entries=entries,
                     stand_by=self.stand_by,
-                    lead=msgspec.UNSET if self._mandate is None else self._mandate.lead(now_ns),
+                    lead=self._mandate.lead(now_ns),
                 )
             )
 
     def close(self) -> None:
-        """The coordinator ends; who waits still is told that nothing more is waited for."""
+        """The coordinator ends; open waits are lost."""
         self._journal.on_written = None
         self._leave("the coordinator ends")
         while self._waiting:
-            self._waiting.popleft().fail("this coordinator ends, and another may lead")
+            self._waiting.popleft().on_lost("this coordinator ends, and another may lead")
 
     def _leave(self, why: str) -> None:
         if self.stand_by:
@@ -180,29 +170,16 @@ class JournalFeed:
             self.stand_by = self.copy = ""
         self._joins_at = None
         self._trouble = why
-        self._publish_kept()
+        self._end_waiting()
 
-    def _publish_kept(self) -> None:
-        """Tell those who wait for changes that are kept wherever they have to be."""
+    def _end_waiting(self) -> None:
         while self._waiting and self._is_kept(self._waiting[0].number):
-            self._waiting.popleft().tell()
+            self._waiting.popleft().on_kept()
 
     def _is_kept(self, number: int) -> bool:
-        is_on_disk = self._joins_at is not None and self._on_disk >= number
-        if self._mandate is None:
-            return self._joins_at is None or is_on_disk
         if self._joins_at is None:
             return self._mandate.may_acknowledge("")
-        return is_on_disk and self._mandate.may_acknowledge(self.copy)
-
-    def _record_copy(self, process: str, now_ns: int) -> None:
-        self._had_copy, self._copy_received_ns = process, now_ns
-        if process != self._recorded_copy:
-            try:
-                self._journal.record_copied_by(process)  # a coordinator that starts again must know as well
-                self._recorded_copy = process
-            except JournalUnwritable:
-                logger.debug("that %s has a copy is written down once the journal can be written", process)
+        return self._on_disk >= number and self._mandate.may_acknowledge(self.copy)
 
     def _written(self, entry: JournalEntry) -> None:
         self._last += 1
