@@ -1,18 +1,33 @@
-"""Tasks as HTML: the queue, and explanations. Every string from the wire is escaped."""
+"""Tasks as HTML: the queue, explanations, and the plan as a Gantt chart; templates in `templates/tasks.html`."""
 
 import re
+from typing import NamedTuple
 
-from robrain.dashboard.html.html_words import NONE, clock_text, figure, note, task_state_html, text
+from robrain.dashboard.html.elements import note, render
+from robrain.dashboard.state.robot_view import RobotView
+from robrain.dashboard.state.task_board import PLANNED_S, Span
 from robrain.dashboard.state.team_view import TeamView
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TaskWhy
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.recording.drawing.time_span import span_text
+from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.drawing.palette import CHARGER_PLATE, css, style_of
 
 LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")
 """Ids of the coordinator's own tasks, which contain no more than the kind."""
 OPEN_ROWS = 60
 ENDED_ROWS = 15
+GANTT_S = 300.0
+"""Length of the past that is shown."""
+SHORTEST_S = 60.0
+LONGEST_S = 1800.0
+"""Maximum length of the future that is shown."""
+GANTT_ROBOTS = 40
+WIDTH, ROW, LEFT = 396, 17, 44
+
+
+def short_id(task_id: str) -> str:
+    """A task's id; of the coordinator's own tasks only the kind."""
+    return LONG_ID.sub(r"\1", task_id)
 
 
 def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
@@ -23,65 +38,121 @@ def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
     if not open_tasks and not ended:
         unlisted = "Explorations, and tasks finished before this page was started, are not listed."
         return note(f"No open tasks. {unlisted}" if done else "No tasks yet.", "no-tasks")
-    head = (
-        '<tr><th style="width: 31%">Task</th><th style="width: 27%">State</th><th style="width: 14%">Robot</th>'
-        '<th style="width: 28%"></th></tr>'
-    )
-    rows = "".join(_task_rows(event, is_live=is_live) for event in (*open_tasks, *ended))
-    return f'<div class="rb"><table data-testid="tasks">{head}{rows}</table></div>'
+    return render("tasks", "queue", events=[*open_tasks, *ended], is_live=is_live, long_id=LONG_ID.match)
 
 
 def explanation_html(why: TaskWhy) -> str:
     """Why a task stands as it does: each robot's cost, or why it was ruled out, and the task's history."""
-    record = why.record
-    first_ns = why.changes[0].stamp_ns if why.changes else record.changed_ns
-    head = (
-        '<tr><th style="width: 18%">Robot</th><th class="rb-number" style="width: 16%">Way</th>'
-        '<th class="rb-number" style="width: 16%">Energy</th><th class="rb-number" style="width: 15%">Time</th>'
-        '<th style="width: 35%; padding-left: 14px">Verdict</th></tr>'
-    )
-    bids = "".join(_bid_row(verdict) for verdict in why.robots)
-    table = f'<table data-testid="bids">{head}{bids}</table>'
-    if not bids:
-        table = '<div class="rb-none">No robot was judged yet.</div>'
-    changes = "".join(
-        f'<div class="rb-alert"><span class="rb-soft">{clock_text(max(0.0, (change.stamp_ns - first_ns) / 1e9))}</span>'
-        f"<span>{task_state_html(change.state)} {text(change.robot, 40)} {text(change.why)}</span></div>"
-        for change in why.changes
-    )
-    return (
-        f'<div class="rb"><p data-testid="why-now">{text(why.now, 400)}</p><h4>What each robot would need</h4>{table}'
-        f"<h4>What happened</h4>{changes or NONE}</div>"
+    first_ns = why.changes[0].stamp_ns if why.changes else why.record.changed_ns
+    return render("tasks", "explanation", why=why, first_ns=first_ns)
+
+
+class Foreseen(NamedTuple):
+    """A planned task or charge of one robot; stamps of the run's clock."""
+
+    start_ns: int
+    end_ns: int
+    title: str
+    """From the wire: not escaped."""
+    is_held: bool = False
+    """The robot has the task already, and starts it by itself."""
+    is_charge: bool = False
+
+
+class Bar(NamedTuple):
+    """A bar of the chart: its row, place and width in the picture, SVG attributes, and title."""
+
+    row: int
+    x: float
+    width: float
+    look: dict[str, str]
+    title: str
+    """From the wire: not escaped."""
+    is_charge: bool = False
+
+
+def gantt_html(view: TeamView) -> str:
+    """A row for each robot, over the run's time."""
+    robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))[:GANTT_ROBOTS]
+    if not robots or not view.board.spans:
+        return note("No robot has had a task yet.")
+    now_ns = max([view.board.newest_ns, *(robot.state.stamp_ns for robot in robots if robot.state is not None)])
+    expected = {robot.name: foreseen(view, robot, now_ns) for robot in robots}
+    until_s = max([60.0, *((entry.end_ns - now_ns) / 1e9 for entries in expected.values() for entry in entries)])
+    first_ns = min((spans[0].start_ns for spans in view.board.spans.values() if spans), default=now_ns)
+    start_s, end_s = max(-GANTT_S, min(-SHORTEST_S, (first_ns - now_ns) / 1e9)), min(until_s, LONGEST_S)
+    scale = (WIDTH - LEFT) / (end_s - start_s)
+
+    def x_of(stamp_ns: int) -> float:
+        at_s = min(max((stamp_ns - now_ns) / 1e9, start_s), end_s)
+        return LEFT + (at_s - start_s) * scale
+
+    bars = []
+    for row, robot in enumerate(robots):
+        color = css(style_of(robot.index).color)
+        for span in view.board.spans.get(robot.name, ()):
+            left, right = x_of(span.start_ns), x_of(span.end_ns if span.end_ns is not None else now_ns)
+            if right > LEFT:
+                title = f"{span.kind} {span.task}: {span.state.value}"
+                bars.append(Bar(row, left, max(1.5, right - left), _span_look(span, color), title))
+        for entry in expected[robot.name]:
+            left, right = x_of(entry.start_ns), x_of(entry.end_ns)
+            look = _foreseen_look(entry, color)
+            bars.append(Bar(row, left, max(1.5, right - left), look, entry.title, entry.is_charge))
+    return render(
+        "tasks",
+        "gantt",
+        width=WIDTH,
+        row=ROW,
+        left=LEFT,
+        height=ROW * len(robots) + 16,
+        names=[robot.name for robot in robots],
+        bars=bars,
+        now_x=x_of(now_ns),
+        start_s=start_s,
+        end_s=end_s,
     )
 
 
-def _task_rows(event: TaskEvent, *, is_live: bool) -> str:
-    task = event.task
-    place = task.place
-    name = text(task.id)
-    short = "" if LONG_ID.match(task.id) else text(task.id.removeprefix(f"{task.kind}-"))
-    acts = ""
-    if is_live:
-        acts = f'<button class="rb-act" data-rb="why {name}">why</button>'
-        if not event.state.ended:
-            acts += f' <button class="rb-act" data-rb="cancel {name}">cancel</button>'
-    why = f" · {text(event.why)}" if event.why else ""
-    where = f"{place.x_m:.1f}, {place.y_m:.1f} m"
-    return (
-        f'<tr class="rb-top"><td title="{name}"><b>{task.kind}</b> <span class="rb-soft">{short}</span></td>'
-        f'<td data-testid="task-{name}-state">{task_state_html(event.state)}</td><td>'
-        f"{text(event.robot, 40) or NONE}</td>"
-        f'<td class="rb-number">{acts}</td></tr><tr class="rb-why"><td colspan="4">{where}{why}</td></tr>'
-    )
+def foreseen(view: TeamView, robot: RobotView, now_ns: int) -> list[Foreseen]:
+    """The rest of a robot's current task, its next task, its planned tasks, and its charges."""
+    found: list[Foreseen] = []
+    state = robot.state
+    free_ns = now_ns
+    if state is not None and state.task is not None and state.task.left_s is not None and not state.task.state.ended:
+        free_ns = max(now_ns, state.stamp_ns + round(state.task.left_s * 1e9))
+        found.append(Foreseen(now_ns, free_ns, f"{state.task.id}: the rest of it", is_held=True))
+    planned = view.board.planned().get(robot.name, [])
+    held = state.next_task.id if state is not None and state.next_task is not None else ""
+    if held:
+        known = next((span for span in planned if span.task == held), None)
+        length_ns = round(PLANNED_S * 1e9) if known is None or known.end_ns is None else known.end_ns - known.start_ns
+        event = view.tasks.get(held)
+        kind = event.task.kind if event is not None else "task"
+        found.append(Foreseen(free_ns, free_ns + length_ns, f"{kind} {held}: held ready", is_held=True))
+    found += [
+        Foreseen(span.start_ns, span.end_ns, f"{span.kind} {span.task}: planned")
+        for span in planned
+        if span.task != held and span.end_ns is not None and span.end_ns > now_ns
+    ]
+    found += [
+        Foreseen(max(charge.from_ns, now_ns), charge.until_ns, f"charging to {100 * charge.to_soc:.0f} %", False, True)
+        for charge in view.charges
+        if charge.robot == robot.name and charge.until_ns > now_ns
+    ]
+    return found
 
 
-def _bid_row(verdict: RobotVerdict) -> str:
-    result = '<b class="rb-good">✓ chosen</b>' if verdict.chosen else text(verdict.why_not) or "could do it"
-    distance_m = verdict.distance_m
-    way = figure(distance_m, "{:.1f} m" if distance_m is not None and distance_m < 10 else "{:.0f} m")
-    time = NONE if verdict.time_s is None else span_text(verdict.time_s)
-    return (
-        f'<tr class="rb-top"><td><b>{text(verdict.robot, 40)}</b></td><td class="rb-number">{way}</td>'
-        f'<td class="rb-number">{figure(verdict.energy_j, "{:.0f} J")}</td><td class="rb-number">{time}</td>'
-        f'<td style="white-space: normal; padding-left: 14px">{result}</td></tr>'
-    )
+def _span_look(span: Span, color: str) -> dict[str, str]:
+    if span.end_ns is None:
+        return {"fill": color}
+    if span.state is TaskState.DONE:
+        return {"fill": color, "fill-opacity": "0.65"}
+    return {"fill": color, "fill-opacity": "0.3", "stroke": "#c85a1e"}
+
+
+def _foreseen_look(entry: Foreseen, color: str) -> dict[str, str]:
+    if entry.is_charge:
+        return {"fill": css(CHARGER_PLATE), "stroke": color}
+    fill = {"fill": color, "fill-opacity": "0.25"} if entry.is_held else {"fill": "none"}
+    return {**fill, "stroke": color, "stroke-dasharray": "3 2"}

@@ -11,8 +11,8 @@ from typing import Any
 import viser
 import zenoh
 
-from robrain.dashboard.html.html_words import CLOSE_MARK, text
-from robrain.dashboard.html.panel_html import NAMES_SHOWN, acknowledgements
+from robrain.dashboard.html.elements import CLOSE_MARK, render
+from robrain.dashboard.html.team_html import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.panels.gui_values import set_visible
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.errors import CallError
@@ -102,21 +102,13 @@ class HaltControl:
 
 def acknowledgements_html(view: TeamView, beat: int) -> str:
     """Who has obeyed the halt, or that nothing is halted."""
-    begin = f'<div class="rb" data-rb-beat="{beat}" data-testid="acknowledged">'
     stopped, missing = acknowledgements(view)
-    if not view.halted and not stopped:
-        return f'{begin}<span class="rb-soft">No robot is halted. Key: H</span></div>'
-    parts = []
-    if view.halted and missing:
-        parts.append(_line("bad", "✕ not stopped", "not-stopped", missing))
-    if stopped:
-        parts.append(_line("good", "■ stopped", "stopped", stopped))
-    if view.halted and not missing:
-        parts.append(f'<div class="rb-soft">All {len(stopped)} have acknowledged.</div>')
-    return f"{begin}{''.join(parts)}</div>"
-
-
-def _line(kind: str, label: str, testid: str, names: list[str]) -> str:
-    shown = ", ".join(text(name, 40) for name in names[:NAMES_SHOWN])
-    more = f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
-    return f'<div class="rb-alert rb-{kind}"><b>{label}:</b><span data-testid="{testid}">{shown}{more}</span></div>'
+    return render(
+        "controls",
+        "acknowledgements",
+        beat=beat,
+        is_halted=view.halted,
+        stopped=stopped,
+        missing=missing,
+        names_max=NAMES_SHOWN,
+    )

@@ -15,12 +15,18 @@ import viser
 from robrain.client.errors import BadTask
 from robrain.client.submission import submission_of
 from robrain.dashboard.html.charts import add_chart
-from robrain.dashboard.html.field_html import field_html, rules_html
-from robrain.dashboard.html.gantt_html import gantt_html
-from robrain.dashboard.html.html_words import CLOSE_MARK, text
-from robrain.dashboard.html.left_html import left_html
-from robrain.dashboard.html.panel_html import log_html, motes_html, robots_html, strip_html, summary_html
-from robrain.dashboard.html.task_html import explanation_html, queue_html
+from robrain.dashboard.html.elements import CLOSE_MARK, cut, render
+from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue_html
+from robrain.dashboard.html.team_html import (
+    field_html,
+    left_html,
+    log_html,
+    motes_html,
+    robots_html,
+    rules_html,
+    strip_html,
+    summary_html,
+)
 from robrain.dashboard.layers.floor_layers import FieldLayer
 from robrain.dashboard.layers.layer_switches import LayerSwitch, switches_of, troubles_of
 from robrain.dashboard.layers.selection import SelectionMark, floor_hit, mote_near, robot_near
@@ -42,7 +48,7 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.schema.announced_parameters import check_announced
 from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
-from robrain.recording.drawing.palette import HEAT, css
+from robrain.recording.drawing.palette import HEAT
 
 CHART_PERIOD_S = 2.0
 MANY_ROWS = 25
@@ -103,11 +109,7 @@ class TaskTab:
         view = context.view
         waiting = sum(event.robot == "" for event in view.tasks.values())
         done = view.team.tasks_done if view.team is not None else sum(e.state == "done" for e in view.board.ended)
-        set_html(
-            self._summary,
-            f'<div class="rb rb-strip" data-testid="task-summary">{len(view.tasks)} open, {waiting} of them without a '
-            f"robot; {done} done</div>",
-        )
+        set_html(self._summary, render("tasks", "summary", open=len(view.tasks), waiting=waiting, done=done))
         set_html(self._queue, queue_html(view, is_live=context.is_live, done=done))
         if self._drawn_s is None or now_s - self._drawn_s >= GANTT_PERIOD_S:
             self._drawn_s = now_s
@@ -138,7 +140,7 @@ class TaskTab:
             try:
                 html = explanation_html(answer.reply)
             except ValueError as error:
-                html = f'<div class="rb rb-bad">{text(str(error), 400)}</div>'
+                html = render("elements", "message", kind="bad", words=cut(str(error), 400))
             gui = self._page.client.gui
             modal = gui.add_modal(f"Why: {task[:40]}")
             with modal:
@@ -194,7 +196,7 @@ class TaskTab:
         self._page.context.asker.ask(TASK_SUBMIT, submission, take)
 
     def _show(self, kind: str, words: str) -> None:
-        set_html(self._status, f'<div class="rb rb-{kind}" data-testid="task-told">{text(words, 400)}</div>')
+        set_html(self._status, render("elements", "message", kind=kind, words=cut(words, 400), testid="task-told"))
 
     def _draw_planning(self) -> None:
         status = self._page.context.inquiries.planning
@@ -204,12 +206,7 @@ class TaskTab:
         if status.objective != self._known_objective:  # else keep what somebody has just chosen
             self._known_objective = status.objective
             set_value(self._objective, status.objective)
-        set_html(
-            self._planning,
-            f'<div class="rb rb-soft" data-testid="planning">{text(status.method, 40)}: {status.plans} plans, '
-            f"the last in {1000 * status.took_s:.0f} ms; {status.planned} tasks planned, {status.left_out} left out"
-            "</div>",
-        )
+        set_html(self._planning, render("tasks", "planning", status=status))
 
     def _set_objective(self, objective: Objective) -> None:
         def take(answer: QueryOutcome[PlanningStatus]) -> None:
@@ -303,21 +300,6 @@ class TeamTab:
 
 OVERVIEW, TOP = "Overview", "Top view"
 MOTES_PERIOD_S = 3.0
-LEGEND = (
-    '<div class="rb"><h4>Motes</h4><div class="rb-legend"><span class="rb-good">◆ well</span>'
-    '<span class="rb-warn">▲ low</span><span class="rb-bad">■ nearly empty</span>'
-    '<span class="rb-soft">◇ not heard</span></div>'
-    '<h4>Radio links</h4><div class="rb-legend"><span class="rb-good">━ strong</span>'
-    '<span class="rb-warn">– – weak</span>'
-    '<span class="rb-bad">· · very weak</span><span>wider: between robots</span><span>▬ relay</span>'
-    "<span>▶ readings from mote to mote, to a gateway</span></div>"
-    '<h4>Tasks</h4><div class="rb-legend"><span>⚑ flag: waits</span><span>▼ pin: a robot is at it</span>'
-    "<span>⚡ plate: charger</span><span>yellow diamond: border of the known</span></div><h4>Keys</h4>"
-    '<div class="rb-legend"><span><b>H</b> halt all</span><span><b>O</b> overview</span><span><b>T</b> top view</span>'
-    "<span><b>F</b> follow</span><span><b>N</b>, <b>P</b> next, previous robot</span>"
-    "<span><b>L</b> light or dark</span>"
-    "<span><b>W A S D Q E</b> drive by hand, once armed</span><span><b>Ctrl+K</b> all commands</span></div></div>"
-)
 
 
 class ViewTab:
@@ -338,7 +320,7 @@ class ViewTab:
                 self._add_box(switch)
             self._scale = gui.add_html("", visible=False)
         with gui.add_folder("Legend and keys", expand_by_default=False):
-            gui.add_html(LEGEND)
+            gui.add_html(render("controls", "legend"))
         self._mote_folder = gui.add_folder("Motes", expand_by_default=False, visible=False)
         with self._mote_folder:
             self._motes = gui.add_html("")
@@ -381,13 +363,7 @@ class ViewTab:
 
 def scale_html(quantity: str, low: float, high: float) -> str:
     """The heat map's colours, with the values at both ends."""
-    steps = ", ".join(css(color) for color in HEAT)
-    return (
-        f'<div class="rb" data-testid="field-scale">{text(quantity, 40)}'
-        f'<div class="rb-scale" style="background: linear-gradient(to right, {steps})"></div>'
-        f'<div style="display: flex; justify-content: space-between">'
-        f"<span>{low:.1f}</span><span>{high:.1f}</span></div></div>"
-    )
+    return render("controls", "scale", quantity=quantity, steps=HEAT, low=low, high=high)
 
 
 ACTIONS = 256

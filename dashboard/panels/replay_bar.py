@@ -2,7 +2,7 @@
 
 import viser
 
-from robrain.dashboard.html.html_words import clock_text, text
+from robrain.dashboard.html.elements import render
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
 from robrain.dashboard.replay.replay_index import Mark
 from robrain.dashboard.replay.replay_source import SPEEDS, ReplaySource
@@ -75,21 +75,15 @@ class ReplayBar:
 
 def marks_html(marks: list[Mark], duration_s: float, position_s: float, *, playing: bool) -> str:
     """The timeline with the current position and marks; a click on a mark goes there."""
-    parts = [f'<line x1="0" x2="{WIDTH}" y1="13" y2="13" stroke="rgba(128,140,160,0.6)" stroke-width="3"/>']
-    for mark in marks:
-        shape, color = SHAPES[mark.kind]
-        x = WIDTH * min(max(mark.time_s / duration_s, 0.0), 1.0)
-        before_s = max(0.0, mark.time_s - 1.0)
-        parts.append(
-            f'<text x="{x:.1f}" y="17" text-anchor="middle" style="fill: {color}; font-size: 12px" '
-            f'data-rb="seek {before_s:.1f}"><title>{clock_text(mark.time_s)} {text(mark.said)}</title>{shape}</text>'
-        )
-    at = WIDTH * min(position_s / duration_s, 1.0)
-    parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="{HEIGHT}" stroke="#3fa7e8" stroke-width="2"/>')
-    return (
-        f'<div class="rb"><div style="display: flex; justify-content: space-between">'
-        f'<b data-testid="replay-time">{"▶" if playing else "❚❚"} '
-        f"{clock_text(position_s)} of {clock_text(duration_s)}</b>"
-        '<span class="rb-soft">■ halt ▲ fault ● task done</span></div>'
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="100%" data-testid="marks">{"".join(parts)}</svg></div>'
+    placed = [(mark, WIDTH * min(max(mark.time_s / duration_s, 0.0), 1.0), *SHAPES[mark.kind]) for mark in marks]
+    return render(
+        "controls",
+        "timeline",
+        width=WIDTH,
+        height=HEIGHT,
+        marks=placed,
+        at_x=WIDTH * min(position_s / duration_s, 1.0),
+        is_playing=playing,
+        position_s=position_s,
+        duration_s=duration_s,
     )

@@ -8,8 +8,8 @@ import msgspec
 import viser
 
 from robrain.dashboard.html.charts import RobotCharts
-from robrain.dashboard.html.html_words import text
-from robrain.dashboard.html.plugin_html import (
+from robrain.dashboard.html.elements import render
+from robrain.dashboard.html.robot_html import (
     events_html,
     function_html,
     plugin_card_html,
@@ -86,11 +86,10 @@ class HandDrive:
         if pilot is None or not pilot.told or pilot.told == self._shown:
             return
         self._shown = told = pilot.told
-        robot = text(pilot.robot)
         if pilot.has_failed:
-            self._show(f'<span class="rb-bad">✕ {robot}: {text(told)}</span>')
+            self._show(f"✕ {pilot.robot}: {told}", "bad")
         else:
-            self._show(f"{'■' if told == 'stopped' else '▶'} {robot} {told}")
+            self._show(f"{'■' if told == 'stopped' else '▶'} {pilot.robot} {told}")
 
     def _arm(self) -> None:
         page, armed = self._page, bool(self._armed.value)
@@ -103,9 +102,9 @@ class HandDrive:
             self._pilot, self._shown = page.context.pilot(page.selected, page.client.client_id), ""
         self._show("Armed: hold a button or a key." if armed else "Not armed.")
 
-    def _show(self, html: str) -> None:
-        mark = " rb-teleop-armed" if self._armed.value else ""
-        set_html(self._status, f'<div class="rb{mark}" data-testid="teleop">{html}</div>')
+    def _show(self, words: str, kind: str = "") -> None:
+        html = render("robot", "hand_drive", is_armed=bool(self._armed.value), kind=kind, words=words)
+        set_html(self._status, html)
 
     def _holder(self, label: str, push: Push) -> Callable[[viser.GuiEvent[viser.GuiButtonHandle]], None]:
         def hold(_: object) -> None:  # on viser's thread: the page's own step may take longer than a lease
@@ -142,7 +141,7 @@ class RobotTab:
         self._charted_s: float | None = None
         self._choice = gui.add_dropdown("Robot", (NO_ROBOT,))
         on_choice(self._choice, lambda name: page.post(lambda: page.select(name)))
-        self._card = gui.add_html('<div class="rb rb-none">No robot has been heard yet.</div>')
+        self._card = gui.add_html(render("elements", "message", kind="none", words="No robot has been heard yet."))
         live = page.context.is_live
         with gui.add_folder("Drive by hand", expand_by_default=False, visible=live):
             self.drive = HandDrive(page)
@@ -250,7 +249,7 @@ class RobotTab:
         except ValueError as error:
             set_html(self._result, result_html(what, b"", str(error)))
             return
-        set_html(self._result, f'<div class="rb rb-soft">{text(what)} was asked …</div>')
+        set_html(self._result, render("elements", "message", kind="soft", words=f"{what} was asked …"))
 
         def take(answer: QueryOutcome[bytes]) -> None:
             if self._function is function and self._page.selected == robot:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 
 import viser
 
-from robrain.dashboard.html.html_words import clock_text, text
+from robrain.dashboard.html.elements import clock_text, render
 from robrain.dashboard.panels.gui_values import set_html, set_visible
 from robrain.dashboard.replay.replay_source import ReplaySource
 from robrain.protocol.clock import to_seconds
@@ -92,7 +92,7 @@ class WhatIfTab:
         self._names: viser.GuiTextHandle | None = None
         with panel.add_tab("What if"):
             if forks.why_not:
-                gui.add_html(f'<div class="rb" data-testid="what-if-not">{text(forks.why_not)}</div>')
+                gui.add_html(render("elements", "message", kind="", words=forks.why_not, testid="what-if-not"))
                 self._button = None
                 return
             if len(source.robots) <= TICKED_MAX:
@@ -136,47 +136,10 @@ class WhatIfTab:
 
 def outcome_html(state: ForkState) -> str:
     """How a fork is doing: its progress, why it failed, or both runs beside each other; empty before the first."""
-    if state.failure:
-        return f'<div class="rb" data-testid="what-if-failed" style="color: #d63a2a">{text(state.failure)}</div>'
-    if state.is_running:
-        share = min(state.now_s / state.until_s, 1.0) if state.until_s else 0.0
-        doing = "again to" if state.now_s < state.at_s else "what if from"
-        return (
-            f'<div class="rb" data-testid="what-if-running">{doing} {clock_text(state.at_s)}: '
-            f"{clock_text(state.now_s)} simulated"
-            f'<div style="background: rgba(128,140,160,0.3); height: 6px; border-radius: 3px">'
-            f'<div style="background: #3fa7e8; height: 6px; border-radius: 3px; width: {100 * share:.0f}%"></div>'
-            "</div></div>"
-        )
-    if state.runs is None:
-        return ""
-    link = (
-        f'<a href="{text(state.url)}" target="_blank" rel="noopener" data-testid="what-if-link">'
-        f"open the replay of {text(state.file)}</a>"
-        if state.url
-        else f'<span class="rb-soft">{text(state.file)}</span>'
-    )
-    return (
-        f'<div class="rb" data-testid="what-if-done"><div>from {clock_text(state.at_s)}; before it: '
-        f"{text(state.before)}</div>{two_runs_html(state.runs)}<div>{link}</div></div>"
-    )
+    rows = [] if state.runs is None else differing_rows(state.runs)
+    return render("controls", "fork", state=state, rows=rows)
 
 
-def two_runs_html(runs: TwoRuns) -> str:
-    """The lines in which two runs differ, as a table."""
-    lines, before = [_line("", "", ("recorded", "what if", ""))], ""
-    for row in runs.rows:
-        if not row.is_equal:
-            lines.append(_line(row.group if row.group != before else "", row.name, text_of(row)))
-            before = row.group
-    if len(lines) == 1:
-        return "<div>both runs are alike</div>"
-    return f'<table style="border-spacing: 0; font-variant-numeric: tabular-nums">{"".join(lines)}</table>'
-
-
-def _line(group: str, name: str, words: Sequence[str]) -> str:
-    style = "padding: 1px 8px 1px 0; vertical-align: baseline; white-space: normal; overflow: visible"
-    cells = "".join(f'<td style="{style}; text-align: right">{text(word)}</td>' for word in words)
-    return (
-        f'<tr><td style="{style}" class="rb-soft">{text(group)}</td><td style="{style}">{text(name)}</td>{cells}</tr>'
-    )
+def differing_rows(runs: TwoRuns) -> list[tuple[str, str, tuple[str, str, str]]]:
+    """The lines in which two runs differ: group, name, and first, second and difference in words."""
+    return [(row.group, row.name, text_of(row)) for row in runs.rows if not row.is_equal]

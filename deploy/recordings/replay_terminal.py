@@ -8,7 +8,7 @@ from prompt_toolkit.input import create_input
 from prompt_toolkit.keys import Keys
 from rich.progress import BarColumn, Progress
 
-from robrain.dashboard.html.html_words import clock_text
+from robrain.dashboard.html.elements import clock_text
 from robrain.deploy.command_line.terminal import console, text_column
 from robrain.deploy.recordings.replaying import KEYS, ReplayKeys
 from robrain.recording.replay.replay import Replay

@@ -5,8 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.dashboard.html.field_html import field_html, rules_html
-from robrain.dashboard.html.panel_html import motes_html
+from robrain.dashboard.html.team_html import field_html, motes_html, rules_html
 from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.clock import to_ns

@@ -1,6 +1,6 @@
 """What is foreseen for a robot, as the plan's picture has it."""
 
-from robrain.dashboard.html.gantt_html import foreseen, gantt_html
+from robrain.dashboard.html.task_html import foreseen, gantt_html
 from robrain.dashboard.state.robot_view import RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.border.border import Received

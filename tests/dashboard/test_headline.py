@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from robrain.dashboard.html.panel_html import strip_html
+from robrain.dashboard.html.team_html import strip_html
 from robrain.dashboard.state.headline import (
     AGREES,
     ASTRAY_M,

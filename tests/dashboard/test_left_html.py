@@ -2,7 +2,7 @@
 
 import msgspec
 
-from robrain.dashboard.html.left_html import left_html
+from robrain.dashboard.html.team_html import left_html
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft

@@ -6,7 +6,7 @@ import numpy as np
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.dashboard.html.panel_html import robots_html, strip_html
+from robrain.dashboard.html.team_html import robots_html, strip_html
 from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.dashboard.state.robot_view import RobotHealth

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.dashboard.html.panel_html import task_text
+from robrain.dashboard.html.team_html import task_text
 from robrain.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, RobotContact, RobotView
 from robrain.dashboard.state.team_view import HISTORY_POINTS, TeamView
 from robrain.protocol.border.border import Received

@@ -1,0 +1,246 @@
+"""The team's strip, figures and tables as HTML; templates in `templates/team.html`.
+
+Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TypeVar
+
+from robrain.dashboard.html.elements import CONDITIONS, NONE, Tile, clock_text, cut, figure, note, render, tile
+from robrain.dashboard.html.task_html import short_id
+from robrain.dashboard.state import headline
+from robrain.dashboard.state.alerts import Alert, alerts_of
+from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
+from robrain.dashboard.state.team_view import TeamView
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.drawing.time_span import span_text
+
+ROWS = 200
+"""Maximum number of rows of a table: more would slow a browser down."""
+ALERTS = 6
+LOG_LINES = 12
+NAMES_SHOWN = 12
+REGIONS = 20
+RULES = 50
+GATEWAYS = 20
+FORWARDERS = 6
+WELL, POOR = 0.95, 0.8
+"""Thresholds of the delivery ratio and of the coverage: good from the first, bad below the second (chosen)."""
+GRADES: dict[headline.Grade, tuple[str, str]] = {
+    headline.Grade.GOOD: ("●", "good"),
+    headline.Grade.WARN: ("◐", "warn"),
+    headline.Grade.BAD: ("▲", "bad"),
+}
+"""Symbol and CSS class of the headline's dot."""
+
+NamedT = TypeVar("NamedT", RobotView, MoteView)
+
+
+def by_name(named: Iterable[NamedT]) -> list[NamedT]:
+    """Robots or motes in the natural order of their names."""
+    return sorted(named, key=lambda one: natural_key(one.name))
+
+
+def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
+    """Names of the robots that have stopped, and of those that have not confirmed it, lost ones included; sorted."""
+    robots = by_name(view.robots.values())
+    stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
+    missing = [robot.name for robot in robots if robot.state is None or not robot.state.has_stopped]
+    return stopped, missing
+
+
+def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> str:
+    """The strip above all tabs: banners, the team's condition in one sentence, and alerts."""
+    vitals = headline.vitals_of(view, now_s)
+    overall, counts = headline.headline_of(vitals), vitals.conditions
+    worst = next((condition for condition in RobotHealth if counts[condition]), None)
+    shape, kind = GRADES[overall.grade]
+    if worst is not None and headline.ROBOT_GRADES[worst] is overall.grade:
+        shape, _, kind = CONDITIONS[worst]
+    parts = [f"{counts[RobotHealth.UP]} of {len(view.robots)} robots up"]
+    parts += [f"{counts[one]} {CONDITIONS[one][1]}" for one in RobotHealth if counts[one] and one is not RobotHealth.UP]
+    if view.preparation is not None:
+        parts = [f"{counts[RobotHealth.READY]} of {len(view.robots)} robots ready"]
+    if not view.robots:
+        shape, kind, parts = "○", "soft", ["No robot has been heard yet"]
+    parts += [cut(finding.words, 60) for finding in overall.findings]
+    if (share := view.explored_fraction) is not None:
+        parts.append(f"{100 * share:.0f} % explored")
+    return render(
+        "team",
+        "strip",
+        view=view,
+        shape=shape,
+        kind=kind,
+        parts=parts,
+        alerts=[*alerts_of(view, now_s), *troubles],
+        alerts_max=ALERTS,
+        halted=sum(robot.halted for robot in view.robots.values()),
+        missing=acknowledgements(view)[1],
+        names_max=NAMES_SHOWN,
+    )
+
+
+def summary_html(view: TeamView, now_s: float) -> str:
+    """The team's figures."""
+    explored = view.explored_fraction
+    floor = f"{view.known_area_m2:.0f} m²"
+    if explored is not None:
+        first = [tile("Explored", "explored", f"{100 * explored:.1f} %"), tile("Known floor", "known-area", floor)]
+    else:
+        first = [tile("Known floor", "explored", floor), tile("Motes", "motes", str(len(view.motes)))]
+    halted = sum(robot.halted for robot in view.robots.values())
+    up = view.coordinator_up
+    tiles = [
+        *first,
+        tile("Time", "sim-time", NONE if view.sim_time_s is None else clock_text(view.sim_time_s)),
+        tile("Speed-up", "speed", figure(view.speed, "× {:.1f}")),
+        tile("Coordinator", "coordinator", "up" if up else "lost", "good" if up else "bad"),
+        tile("Done / open", "tasks", NONE if view.team is None else f"{view.team.tasks_done} / {view.team.tasks_open}"),
+        tile("Messages / s", "messages-per-s", figure(view.messages_per_s, "{:.0f}")),
+        tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", "bad" if halted else ""),
+        *_accuracy_tiles(view, now_s),
+    ]
+    return render("team", "figures", all_tiles=tiles)
+
+
+def _accuracy_tiles(view: TeamView, now_s: float) -> list[Tile]:
+    """Accuracy of map and positions: by the ground truth if there is one, else by the robots' reports."""
+    kind = ""
+    if view.truth is None:
+        vitals = headline.vitals_of(view, now_s)
+        agreement = vitals.least_agreement
+        if math.isfinite(agreement):
+            kind = GRADES[headline.agreement_grade(agreement)][1]
+        return [
+            tile("Lidar on map", "map-agreement", figure(100 * agreement, "{:.0f} %"), kind),
+            tile("Lowest", "map-agreement-robot", cut(vitals.least_agreement_robot, 20) or NONE),
+            tile("Position", "position", figure(vitals.worst_sigma_m, "± {:.2f} m")),
+            tile("Least certain", "position-robot", cut(vitals.worst_sigma_robot, 20) or NONE),
+        ]
+    wrong = doubled_m = None
+    if (of_map := headline.judged_map(view)) is not None:
+        wrong, doubled_m, kind = (
+            100 * of_map.share_off,
+            of_map.doubled_walls_m,
+            GRADES[headline.map_grade(of_map.share_off)][1],
+        )
+    known = [robot.accuracy for robot in view.truth.robots if robot.accuracy is not None]
+    error_m = max((each.error_m for each in known if each.error_m is not None), default=None)
+    silent_s = sum(each.silent_divergence_s for each in known)
+    return [
+        tile("Map error", "map-off", figure(wrong, "{:.1f} %"), kind),
+        tile("Doubled walls", "map-doubled", figure(doubled_m, "{:.1f} m")),
+        tile("Worst error", "position-error", figure(error_m, "{:.2f} m")),
+        tile("Silently off", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
+    ]
+
+
+def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:
+    """The table of robots, in order of their names; a click on a row selects."""
+    robots = by_name(view.robots.values())
+    if not robots:
+        return note("No robot has been heard yet.", "no-robots")
+    longest_s = max((robot.endurance_s or 0.0 for robot in robots), default=0.0)
+    return render(
+        "team",
+        "robots",
+        robots=robots[:ROWS],
+        total=len(robots),
+        view=view,
+        now_s=now_s,
+        selected=selected,
+        longest_s=longest_s,
+        task_text=task_text,
+    )
+
+
+def motes_html(view: TeamView) -> str:
+    """The table of motes, in order of their names."""
+    motes = by_name(view.motes.values())
+    if not motes:
+        return note("No mote has been heard yet.")
+    field = view.team.mote_field if view.team is not None else None
+    return render("team", "motes", motes=motes[:ROWS], total=len(motes), about=field.words if field else "")
+
+
+def log_html(view: TeamView) -> str:
+    """The latest log records of all robots, the newest first."""
+    lines = list(view.log)[-LOG_LINES:][::-1]
+    return render("team", "log", lines=lines) if lines else note("Nothing has been told yet.")
+
+
+def left_html(view: TeamView) -> str:
+    """The regions that exploration has left, with reasons, largest first; empty before it has ended."""
+    left = view.left
+    if left is None:
+        return ""
+    hidden = left.regions[REGIONS:]
+    more, more_m2 = len(hidden) + left.more, sum(region.area_m2 for region in hidden) + left.more_m2
+    return render("team", "left", left=left, rows_max=REGIONS, more=more, more_m2=more_m2)
+
+
+def field_html(view: TeamView) -> str:
+    """The state of the mote field in figures; empty if the coordinator does not manage it."""
+    field = view.team.mote_field if view.team is not None else None
+    if view.team is None or not isinstance(field, MoteFieldState):
+        return ""
+    stamp_ns = view.team.stamp_ns
+    living = field.motes - field.dead
+    tiles = [
+        tile("Delivered", "field-delivered", f"{100 * field.delivery_ratio:.0f} %", _kind(field.delivery_ratio)),
+        tile("Floor covered", "field-covered", f"{100 * field.coverage:.0f} %", _kind(field.coverage)),
+        tile("Age of data", "field-age", span_text(field.age_s)),
+        tile("Oldest", "field-oldest", span_text(field.oldest_s)),
+        tile("Motes alive", "field-alive", f"{living} of {field.motes}", "bad" if field.dead else ""),
+        tile("First dead", "field-first-dead", _ago(field.first_dead_ns, stamp_ns)),
+        tile("Half dead", "field-half-dead", _ago(field.half_dead_ns, stamp_ns)),
+        tile("All dead", "field-last-dead", _ago(field.last_dead_ns, stamp_ns)),
+    ]
+    if field.on_duty < living:
+        tiles.insert(5, tile("On duty", "field-duty", f"{field.on_duty} of {living}"))
+    return render(
+        "team",
+        "mote_field",
+        field=field,
+        all_tiles=tiles,
+        stamp_ns=stamp_ns,
+        forwarders_max=FORWARDERS,
+        gateways_max=GATEWAYS,
+    )
+
+
+def rules_html(view: TeamView) -> str:
+    """What each rule waits for and what it has made; empty without rules."""
+    team = view.team
+    if team is None or not isinstance(team.rules, list) or not team.rules:
+        return ""
+    return render("team", "rules", rules=team.rules, stamp_ns=team.stamp_ns, rules_max=RULES)
+
+
+def task_text(robot: RobotView, view: TeamView) -> str:
+    """The robot's task as it reports it, else as the coordinator does; not escaped."""
+    status = robot.state.task if robot.state is not None else None
+    summary = robot.summary
+    if summary is not None and robot.has_gone:
+        return f"gone for {span_text(summary.age_s)}, with {short_id(summary.task) or 'no task'}"
+    if status is not None:
+        why = status.why or (summary.why if summary is not None else "")
+        event = view.tasks.get(status.id)
+        what = short_id(status.id)
+        if event is not None:
+            what = f"{event.task.kind} at {event.task.place.x_m:.1f}, {event.task.place.y_m:.1f} m,"
+        return f"{what} {status.state}" + (f": {why}" if why else "")
+    known = (short_id(summary.task), summary.why) if summary is not None else ()
+    return ": ".join(filter(None, known)) or "no task"
+
+
+def _kind(share: float) -> str:
+    return "good" if share >= WELL else "warn" if share >= POOR else "bad"
+
+
+def _ago(then_ns: int | None, now_ns: int) -> str:
+    return NONE if then_ns is None else f"{span_text(max(0.0, to_seconds(now_ns - then_ns)))} ago"
