@@ -7,10 +7,9 @@ from typing import Any
 
 import msgspec
 
-from robrain.client.listening import Listening
 from robrain.client.members import no_robot, team_found
 from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
-from robrain.client.transport import Transport
+from robrain.client.transport import Listening, Transport
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.action_messages import ActionEnd
 from robrain.protocol.messages.robots.host_messages import (

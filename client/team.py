@@ -18,13 +18,11 @@ from typing import Any, Self, overload
 import msgspec
 
 from robrain.client.halting import HaltReport, TeamOrder, order_robot
-from robrain.client.listening import Listening
-from robrain.client.members import team_found
+from robrain.client.members import LastStates, team_found
 from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
-from robrain.client.standing import LastStates
 from robrain.client.submission import TaskName, asked_task, id_of
-from robrain.client.transport import PATIENCE_S, LiveTransport, Transport, operator_name
+from robrain.client.transport import PATIENCE_S, Listening, LiveTransport, Transport, operator_name
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -276,7 +274,7 @@ class Team(CoordinatorAnswers, RobotCalls):
             self.by = str(self._wire.member)
         self._requests = Requests(transport, self._wire)
         self._halts = self._wire.publisher(HALT)  # a halt then need not wait for its declaration
-        self._standing = LastStates(transport, self._wire)
+        self._last_states = LastStates(transport, self._wire)
         self._fresh_ids = FreshIds(self._known_ids, self._is_known)
         self._held: set[tuple[str, str]] = set()
 
@@ -480,8 +478,8 @@ class Team(CoordinatorAnswers, RobotCalls):
 
         """
         if robot is None:
-            return self._standing.team()
-        return self._standing.robot(robot)
+            return self._last_states.team()
+        return self._last_states.robot(robot)
 
     def readings(self, seconds: float, *, mote: str = "") -> Iterator[MoteReading]:
         """Yield readings of motes, published by robots and gateways, in order of arrival.

@@ -1,22 +1,27 @@
-"""A client's connection to a team: a session, and how time passes."""
+"""A client's connection to a team: a session, its endpoints, and how time passes."""
 
 import getpass
 import os
 import re
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import zenoh
 
+from robrain.protocol.answers.asked import BY
 from robrain.protocol.clock import Clock, LiveClock
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.links.radio_network import EVERYWHERE
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, OPERATOR
-from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.table.topic import Q, Query, R
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import nobody_answers, team_endpoints
 from robrain.protocol.wire.session import open_session
+
+T = TypeVar("T")
 
 PATIENCE_S = 5.0
 GATHER_S = 0.5
@@ -138,3 +143,65 @@ def operator_name() -> str:
     except (KeyError, OSError):  # a container's user without an account
         user = f"uid-{os.getuid()}"
     return f"{OPERATOR}:{re.sub(r'[^A-Za-z0-9_.-]', '_', user)}"[:NAME_LENGTH]
+
+
+class _RecordedEndpoint(Endpoint):
+    """Reports each query that may change something to its transport, before it asks."""
+
+    def __init__(self, transport: Transport) -> None:
+        super().__init__(transport.session, transport.team, transport.clock, transport.drive, party=transport.party)
+        self._transport = transport
+
+    def ask(
+        self,
+        topic: Query[Q, R],
+        request: Q | None = None,
+        *,
+        timeout_s: float | None = None,
+        by: str = "",
+        **names: str,
+    ) -> R:
+        """As `Endpoint.ask`."""
+        if not topic.reads_only:
+            key = topic.key(self.team, **names)
+            body = b"" if request is None else topic.requests.write(request)
+            self._transport.record_query(f"{key}?{BY}={by}" if by else key, body)
+        return super().ask(topic, request, timeout_s=timeout_s, by=by, **names)
+
+
+class Listening:
+    """Opens endpoints, and closes those that are left.
+
+    Args:
+        transport: to the team.
+
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._open: list[Endpoint] = []
+
+    def open(self) -> Endpoint:
+        """A new endpoint of the team."""
+        transport = self._transport
+        wire = _RecordedEndpoint(transport)
+        self._open.append(wire)
+        return wire
+
+    def until_done(self, wire: Endpoint, items: Iterator[T]) -> Iterator[T]:
+        """The items, after which the endpoint is closed."""
+        try:
+            yield from items
+        finally:
+            self.end(wire)
+
+    def end(self, wire: Endpoint) -> None:
+        """Close an endpoint, unless it is closed already."""
+        if wire in self._open:
+            self._open.remove(wire)
+            wire.close()
+
+    def close(self) -> None:
+        """Close all that are open."""
+        while self._open:
+            self._open.pop().close()
