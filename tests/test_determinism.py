@@ -32,13 +32,13 @@ EXCEPTIONS: dict[str, str] = {
         ),
         "measures a robot in bring-up; no plugin of a run reads it",
     ),
-    "plugins/device/ros2_scan.py: np.arctan2": "reads what a ROS 2 robot reports, in live alone",
+    "plugins/device/ros2/ros2_scan.py: np.arctan2": "reads what a ROS 2 robot reports, in live alone",
 }
 """Permitted uses as `file: name`, each with the reason."""
 
 CLOCKS = {
     "plugins/device/ros2/link.py": "the thread of a ROS 2 node, in live alone",
-    "plugins/device/ros2_base/ros2_base.py": "commands of a ROS 2 robot, on that thread",
+    "plugins/device/ros2/ros2_base.py": "commands of a ROS 2 robot, on that thread",
     "agent/plugin_output.py": "slows down a thread that writes without end, in live",
     "agent/lifecycle/worker_pool.py": "starts and halts plugins side by side, in live",
     "agent/isolation/peer.py": "a plugin in a process of its own, refused in lockstep",

@@ -16,7 +16,7 @@ from robrain.deploy.bringup.motions import Record, Rest, Straight, TurnOnSpot
 from robrain.deploy.bringup.wheel_table import base_patch
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.device.scan.lidar_mount import Mount
+from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.model.geometry import Pose2D
 
 STILL_S = 1.2

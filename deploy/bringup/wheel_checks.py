@@ -21,7 +21,7 @@ from robrain.deploy.bringup.wheel_table import (
 )
 from robrain.plugins.device.mocdevice.frame_map import Counted
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
-from robrain.plugins.device.serial_base.line_codec import LineWords
+from robrain.plugins.device.serial_base import LineWords
 from robrain.protocol.clock import to_ns, to_seconds
 
 LOOK_S = 2.0

@@ -16,7 +16,7 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.client.team import Team
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
-from robrain.plugins.device.ros2.parameters import environment_domain
+from robrain.plugins.device.ros2.link import environment_domain
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.inbox import Inbox

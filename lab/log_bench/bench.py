@@ -35,7 +35,7 @@ from robrain.lab.log_bench.carmen_log import (
 )
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.device.scan.scan import ScanDevice
-from robrain.plugins.skill.mapper.interface import MapperCounters
+from robrain.plugins.skill.mapper.mapper import MapperCounters
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
 from robrain.protocol.clock import VirtualClock, to_ns

@@ -12,10 +12,10 @@ import msgspec
 
 from robrain.agent.environment import Environment
 from robrain.plugins.behavior.travel import Travel
-from robrain.plugins.skill.energy.interface import EnergyInterface, Work
-from robrain.plugins.skill.home.interface import ChargerPlace, HomeInterface
-from robrain.plugins.skill.planner.interface import PlannerInterface
-from robrain.plugins.unit.teammates.interface import Mate
+from robrain.plugins.skill.energy import EnergyInterface, Work
+from robrain.plugins.skill.home import ChargerPlace, HomeInterface
+from robrain.plugins.skill.planner import PlannerInterface
+from robrain.plugins.unit.teammates import Mate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.reasons.offers import NeedsEnergy
 from robrain.protocol.reasons.reason import told

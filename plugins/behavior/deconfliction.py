@@ -23,10 +23,10 @@ from robrain.algorithms.navigation.right_of_way import (
     release,
 )
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.plugins.skill.localisation.interface import LocalisationInterface
-from robrain.plugins.skill.planner.interface import Circle
+from robrain.plugins.skill.localisation import LocalisationInterface
+from robrain.plugins.skill.planner import Circle
 from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.plugins.unit.teammates import Doing, Mate
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.model.claim import Claim, Rank

@@ -31,7 +31,7 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.budget import Budget, length_m
 from robrain.plugins.behavior.travel import PRIORITY_MAX, Travel, TravelParameters, TravelState
-from robrain.plugins.skill.energy.interface import Work
+from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError

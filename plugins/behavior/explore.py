@@ -19,10 +19,17 @@ from robrain.algorithms.exploration.strategies import JOINT, NO_EXPLORATION, STR
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.clearance import mapped_gap_cells
 from robrain.algorithms.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
-from robrain.plugins.behavior.search import FIND_ITSELF
-from robrain.plugins.behavior.travel import GAP, PRIORITY_MAX, Travel, TravelParameters, TravelState, too_narrow
-from robrain.plugins.skill.mapper.interface import MapView
-from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.plugins.behavior.travel import (
+    FIND_ITSELF,
+    GAP,
+    PRIORITY_MAX,
+    Travel,
+    TravelParameters,
+    TravelState,
+    too_narrow,
+)
+from robrain.plugins.skill.mapper.mapper import MapView
+from robrain.plugins.unit.teammates import Doing, Mate
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D

@@ -6,8 +6,7 @@ One that does not know where it is looks for itself first.
 import math
 
 from robrain.agent.plugin import Behavior, external
-from robrain.plugins.behavior.search import FIND_ITSELF
-from robrain.plugins.behavior.travel import IDLE, Travel, TravelParameters, TravelState
+from robrain.plugins.behavior.travel import FIND_ITSELF, IDLE, Travel, TravelParameters, TravelState
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D

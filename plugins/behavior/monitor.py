@@ -12,10 +12,10 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.errand import Errand, Script
-from robrain.plugins.behavior.image_out import ImageOut
+from robrain.plugins.behavior.errands import ImageOut
 from robrain.plugins.behavior.travel import TravelParameters
-from robrain.plugins.device.camera.interface import CameraInterface
-from robrain.plugins.skill.energy.interface import Work
+from robrain.plugins.device.camera import CameraInterface
+from robrain.plugins.skill.energy import Work
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
 from robrain.plugins.behavior.errand import SETTLE_S, STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelParameters, TravelState
-from robrain.plugins.skill.energy.interface import Work
-from robrain.plugins.skill.home.interface import ChargerPlace
+from robrain.plugins.skill.energy import Work
+from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer

@@ -9,9 +9,9 @@ from typing import Any
 
 from robrain.plugins.behavior.errand import Errand, Run, Script
 from robrain.plugins.behavior.travel import TravelParameters
-from robrain.plugins.skill.energy.interface import Work
+from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
-from robrain.plugins.unit.teammates.interface import TeammatesInterface
+from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_positive

@@ -16,8 +16,8 @@ from robrain.agent.event import Event
 from robrain.algorithms.navigation.source_seeking import FieldFit, FieldSamples
 from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelState
-from robrain.plugins.device.sensor_board.interface import SensorBoardInterface
-from robrain.plugins.skill.energy.interface import Work
+from robrain.plugins.device.sensor_board import SensorBoardInterface
+from robrain.plugins.skill.energy import Work
 from robrain.protocol.border.reading_sieve import taken_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError

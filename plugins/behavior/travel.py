@@ -11,12 +11,11 @@ from robrain.algorithms.navigation.clearance import least_gap_m
 from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, zones
-from robrain.plugins.behavior.search import PATIENCE_S, TASK_PATIENCE_S, LostSearch
-from robrain.plugins.skill.localisation.interface import LocalisationInterface
-from robrain.plugins.skill.mapper.interface import MapperInterface, MapView
-from robrain.plugins.skill.planner.interface import PlannerInterface
-from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.plugins.unit.teammates.interface import Doing, Mate, TeammatesInterface
+from robrain.plugins.skill.localisation import LocalisationInterface
+from robrain.plugins.skill.mapper.mapper import MapperInterface, MapView
+from robrain.plugins.skill.planner import PlannerInterface
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion
+from robrain.plugins.unit.teammates import Doing, Mate, TeammatesInterface
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.model.claim import Claim
@@ -26,6 +25,57 @@ from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.reasons.offers import PositionLost
 from robrain.protocol.reasons.reason import told
 from robrain.protocol.table.topics import ROBOT_PATH
+
+FIND_ITSELF = "find itself"
+"""What the board says of a robot that searches and has nothing else to do."""
+SPEED_M_S = 0.25
+LEG_M = 1.5
+CORNER_RAD = math.radians(100.0)
+"""From one leg to the next: after seven of them all directions have been gone in, and no two lie in line."""
+ASIDE_RAD = math.radians(137.5)
+"""From a leg that is blocked to the next, the golden angle: the directions tried spread out evenly."""
+BLOCKED_S = 0.6
+PATIENCE_S = 120.0
+"""Chosen: some 25 m of way. Who has not found itself by then will not."""
+TASK_PATIENCE_S = 15.0
+"""So long a task waits for a robot that maps in a frame of its own: then others do it, and the robot may explore."""
+
+
+class LostSearch:
+    """One robot's search; made when it is lost, stepped until it is not.
+
+    Args:
+        driver: what it drives with.
+        now_ns: when it begins.
+
+    """
+
+    def __init__(self, driver: DriverInterface, now_ns: int) -> None:
+        self._driver = driver
+        self._since_ns = now_ns
+        self._heading_rad = driver.pose().yaw_rad
+        self._is_at_it = False
+        self.has_given_up = False
+
+    def step(self, now_ns: int, patience_s: float = PATIENCE_S) -> None:
+        """Go on, or stand for good if it has searched for so long."""
+        if self.has_given_up:
+            return
+        if now_ns >= self._since_ns + to_ns(patience_s):
+            self.has_given_up = True
+            self._driver.stop()
+            return
+        if self._is_at_it and self._driver.motion() is not Motion.STANDING:
+            if self._driver.blocked_s() < BLOCKED_S:
+                return
+            self._heading_rad += ASIDE_RAD
+        elif self._is_at_it:
+            self._heading_rad += CORNER_RAD
+        self._is_at_it = True
+        pose = self._driver.pose()
+        end = Point2D(pose.x_m + LEG_M * math.cos(self._heading_rad), pose.y_m + LEG_M * math.sin(self._heading_rad))
+        self._driver.follow([end], SPEED_M_S)
+
 
 REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")
 """What a behavior that travels names in its manifest."""

@@ -10,7 +10,7 @@ import msgspec
 
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.plugin import Unit
-from robrain.plugins.device.command.interface import CommandInterface
+from robrain.plugins.device.command import CommandInterface
 from robrain.protocol.wire.endpoint import Drive
 
 READ_BYTES = 4096

@@ -13,11 +13,12 @@ from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
     FrameMap,
     FrameSignals,
+    SignalFrame,
     SignalUnit,
     StatusFrame,
     StopFrame,
+    read_dbc,
 )
-from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame
 from robrain.protocol.model.geometry import Twist2D

@@ -7,9 +7,8 @@ asks for those that are missing, and sends motes their duty, over hops where the
 
 from collections.abc import Iterable, Sequence
 
-from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
-from robrain.plugins.unit.snw_exploration.over_hops import OverHops
-from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
+from robrain.plugins.unit.snw_exploration.asking import OverHops
+from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, ReadingStore
 from robrain.plugins.unit.snw_exploration.snw_exploration import PREFIX, number_of, wire_reading
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
-from robrain.plugins.device.scan.lidar_mount import Mount
+from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry

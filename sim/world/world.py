@@ -16,7 +16,7 @@ from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
-from robrain.plugins.device.scan.lidar_mount import Mount
+from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial.serial_line import SIMULATED

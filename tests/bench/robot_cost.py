@@ -22,7 +22,7 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.algorithms.warm_up import warm_up
 from robrain.coordinator.coordinator import Coordinator
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
-from robrain.plugins.skill.planner.planner import Planner
+from robrain.plugins.skill.planner import Planner
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher

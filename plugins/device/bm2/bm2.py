@@ -9,10 +9,23 @@ import msgspec
 from msgspec import Meta
 
 from robrain.agent.plugin import Device, external, unlocked
-from robrain.plugins.device.bm2.counting import BadReading, Reading, counted, plausible
-from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
-from robrain.plugins.device.mocdevice.frame_map import Checksum, Sign, SignalName
-from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc, signal_frames
+from robrain.plugins.device.bm2.interface import (
+    BadReading,
+    BatteryMeasurement,
+    Bm2Interface,
+    Reading,
+    counted,
+    plausible,
+)
+from robrain.plugins.device.mocdevice.frame_map import (
+    Checksum,
+    OtherPart,
+    Sign,
+    SignalFrame,
+    SignalName,
+    read_dbc,
+    signal_frames,
+)
 from robrain.protocol.can.frame_port import Frame, FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec
 from robrain.protocol.can.payload import EXTENDED, ID_MASK

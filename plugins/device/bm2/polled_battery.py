@@ -5,14 +5,29 @@ meanwhile. After `silent_s` without a reading the device faults, and the manifes
 it takes.
 """
 
+import errno
+import math
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
 import msgspec
+from msgspec import Meta
+from smbus2 import SMBus
 
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
-from robrain.plugins.device.bm2.counting import BadReading, Reading, counted
-from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
+from robrain.plugins.device.bm2.interface import (
+    ASSUMED_C,
+    BadReading,
+    BatteryMeasurement,
+    Bm2Interface,
+    Reading,
+    counted,
+    plausible,
+)
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import check_finite, check_positive
 
 GAP_S = 2.0
 """A longer time between two readings is not counted."""
@@ -129,3 +144,311 @@ class PolledBattery(Device):
         if silent_ns > self._silence.limit_ns:
             silent_s = silent_ns / NS_PER_S
             raise BatteryAbsent(f"nothing read for {silent_s:.1f} s from {self.where}: {self._last_error}")
+
+
+CONFIGURATION, SHUNT, BUS = 0x00, 0x01, 0x02
+"""Numbers of the registers; each holds 16 bits, the higher byte first."""
+
+
+class Chip(StrEnum):
+    """Which monitor it is."""
+
+    INA219 = "ina219"
+    INA226 = "ina226"
+
+
+class Registers(NamedTuple):
+    """What is in a chip's registers."""
+
+    configuration: int
+    """Continuous, and averaged over about the time between two readings."""
+    shunt_v: float
+    """Of one bit."""
+    bus_v: float
+    bus_shift: int
+    """Bits of the bus voltage's register that are not of the voltage."""
+
+
+REGISTERS = {
+    Chip.INA219: Registers(0x3FFF, 10e-6, 4e-3, 3),  # 32 V, ±320 mV, mean of 128 samples: 136 ms
+    Chip.INA226: Registers(0x4727, 2.5e-6, 1.25e-3, 0),  # mean of 64 samples of 2 × 1.1 ms: 141 ms
+}
+
+
+class InaBattery(PolledBattery):
+    """Reads voltage and current from an INA219 or INA226."""
+
+    class Parameters(PolledBattery.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Where it is, and its shunt."""
+
+        chip: Chip = Chip.INA219
+        bus: Annotated[int, Meta(ge=0, le=255)] = 1
+        """Number of the I2C bus: 1 for /dev/i2c-1."""
+        address: Annotated[int, Meta(ge=0x40, le=0x4F)] = 0x40
+        shunt_ohm: float = 0.1
+        """Of the resistor that the current flows through; 0.1 on the usual boards."""
+        current_sign: Literal[1, -1] = 1
+        """-1 if the shunt is connected the other way round: positive is discharging."""
+        temperature_c: float = ASSUMED_C
+        """Taken for the battery's, which is not measured."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            check_positive(self, "shunt_ohm", below=1000.0)
+            check_finite(self, "temperature_c")
+
+    parameters: Parameters
+
+    def init(self) -> None:
+        super().init()
+        self._smbus: SMBus | None = None
+        wanted = self.parameters
+        self._registers = REGISTERS[wanted.chip]
+        self.where = f"the {wanted.chip} at /dev/i2c-{wanted.bus}, address 0x{wanted.address:02x}"
+
+    def open(self) -> None:
+        self._smbus = SMBus(self.parameters.bus)
+        try:
+            self._configure()
+        except OSError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        if self._smbus is not None:
+            self._smbus.close()
+            self._smbus = None
+
+    def read(self) -> Reading:
+        if self._word(CONFIGURATION) != self._registers.configuration:  # it had no power meanwhile
+            self._configure()
+            raise BadReading("the chip has restarted, and averages less than it was set to")
+        registers, wanted = self._registers, self.parameters
+        shunt = self._word(SHUNT)
+        signed = shunt - 0x10000 if shunt & 0x8000 else shunt
+        if signed in (-0x8000, 0x7FFF):
+            raise BadReading("the current is beyond what the shunt can measure")
+        voltage_v = (self._word(BUS) >> registers.bus_shift) * registers.bus_v
+        current_a = wanted.current_sign * signed * registers.shunt_v / wanted.shunt_ohm
+        return plausible(voltage_v, current_a, assumed_c=wanted.temperature_c)
+
+    def _configure(self) -> None:
+        assert self._smbus is not None
+        self._smbus.write_word_data(self.parameters.address, CONFIGURATION, _swapped(self._registers.configuration))
+
+    def _word(self, register: int) -> int:
+        assert self._smbus is not None
+        return _swapped(self._smbus.read_word_data(self.parameters.address, register) & 0xFFFF)
+
+
+def _swapped(word: int) -> int:
+    """The other order of two bytes: SMBus sends the lower one first."""
+    return (word & 0xFF) << 8 | word >> 8
+
+
+VALUE_BYTES_MAX = 64
+"""Longer values than this are none."""
+MICRO = 1e-6
+NO_VALUE = (errno.ENODATA, errno.EINVAL, errno.EOPNOTSUPP)
+"""What drivers answer for a file that is there and has no value at the moment."""
+CHARGING, DISCHARGING, IDLE = "Charging", "Discharging", ("Full", "Not charging")
+"""Status files; they decide the sign of the current, which drivers report in either way."""
+
+
+class PowerSupply(PolledBattery):
+    """Reads a battery of the kernel's power supply class."""
+
+    class Parameters(PolledBattery.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Which battery, and what is taken for measured where it is not."""
+
+        name: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.:-]*$|^$")] = ""
+        """Of the folder, such as `BAT0`; empty: the first battery that supplies the computer."""
+        folder: Annotated[str, Meta(min_length=1, max_length=4096)] = "/sys/class/power_supply"
+        current_a: float = 1.0
+        """Taken as drawn, or as charging, if the battery does not report its current."""
+        soc_sd: float = 0.05
+        """Standard deviation of the state of charge that the kernel reports."""
+        believes_soc: bool = True
+        """Whether to use it: some drivers only guess it from the voltage, which the estimate does better."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            check_positive(self, "soc_sd", below=1.0)
+            if not 0 <= self.current_a < math.inf:
+                raise ValueError(f"expected a finite current_a >= 0, got {self.current_a}")
+
+    parameters: Parameters
+
+    def init(self) -> None:
+        super().init()
+        self._folder: Path | None = None
+        self.where = f"{self.parameters.folder}/{self.parameters.name}"
+
+    def open(self) -> None:
+        folder, name = Path(self.parameters.folder), self.parameters.name
+        if name:
+            self._folder = folder / name
+            return
+        for each in sorted(folder.iterdir()):
+            if _text(each / "type") == "Battery" and _text(each / "scope") != "Device":  # of a mouse, or the like
+                self._folder = each
+                self.where = str(each)
+                return
+        raise FileNotFoundError(f"no battery in {folder}")
+
+    def close(self) -> None:
+        self._folder = None
+
+    def read(self) -> Reading:
+        folder, wanted = self._folder, self.parameters
+        assert folder is not None
+        if _text(folder / "present") == "0":
+            raise FileNotFoundError("no battery is inserted")
+        voltage_uv = _number(folder / "voltage_now")
+        if voltage_uv is None:
+            raise FileNotFoundError(f"{folder} has no voltage_now")
+        voltage_v, status = MICRO * voltage_uv, _text(folder / "status")
+        current_ua, power_uw = _optional(folder / "current_now"), _optional(folder / "power_now")
+        measured_a = None
+        if current_ua is not None:
+            measured_a = -MICRO * current_ua  # the kernel's is negative while discharging, where the status is unknown
+        elif power_uw is not None and voltage_v > 0:
+            measured_a = MICRO * abs(power_uw) / voltage_v
+        is_idle = status in IDLE
+        temperature_d = _optional(folder / "temp")  # in tenths of a degree
+        percent = _optional(folder / "capacity") if wanted.believes_soc else None
+        return plausible(
+            voltage_v,
+            None if measured_a is None else measured_a * (not is_idle),
+            None if temperature_d is None else 0.1 * temperature_d,
+            None if percent is None else percent / 100,
+            assumed_a=wanted.current_a * (not is_idle),
+            soc_sd=wanted.soc_sd,
+            is_charging={CHARGING: True, DISCHARGING: False}.get(status or ""),
+        )
+
+
+def _text(path: Path) -> str | None:
+    """What is in a file, without the line's end; None if there is no such file."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(VALUE_BYTES_MAX + 1)
+    except FileNotFoundError:
+        return None
+    if len(data) > VALUE_BYTES_MAX:
+        raise BadReading(f"{path.name}: expected at most {VALUE_BYTES_MAX} bytes")
+    return data.decode("ascii", "replace").strip()
+
+
+def _optional(path: Path) -> float | None:
+    try:
+        return _number(path)
+    except BadReading:
+        return None
+
+
+def _number(path: Path) -> float | None:
+    try:
+        text = _text(path)
+        return None if text is None else float(int(text))
+    except BadReading:
+        raise
+    except ValueError as error:
+        raise BadReading(f"{path.name}: expected a whole number, got {text!r}") from error
+    except OSError as error:
+        if error.errno not in NO_VALUE:
+            raise
+        return None
+
+
+TEMPERATURE, VOLTAGE, CURRENT, MAX_ERROR = 0x08, 0x09, 0x0A, 0x0C
+RELATIVE_SOC, REMAINING, STATUS, SPECIFICATION = 0x0D, 0x0F, 0x16, 0x1A
+"""Numbers of the registers."""
+STATUS_BITS = {
+    0x8000: "over charged",
+    0x4000: "terminate charge",
+    0x1000: "over temperature",
+    0x0800: "terminate discharge",
+    0x0200: "remaining capacity low",
+    0x0100: "remaining time low",
+}
+"""Alarms in the register of the status."""
+ERROR_MASK = 0x000F
+SOC_SD_LEAST = 0.01
+"""Batteries round to whole percents."""
+ABSOLUTE_ZERO_C = -273.15
+
+
+class SmartBatteryStatus(msgspec.Struct, frozen=True):
+    """What a smart battery reports beside its measurements."""
+
+    alarms: tuple[str, ...]
+    remaining: int
+    """Remaining capacity in mAh; in 10 mWh if the battery is set to count energy."""
+    error_code: int
+    """Of its last command; 0 for none."""
+
+
+class SmartBattery(PolledBattery):
+    """Reads a smart battery, which finds its state of charge itself."""
+
+    class Parameters(PolledBattery.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Where it is."""
+
+        bus: Annotated[int, Meta(ge=0, le=255)] = 1
+        """Number of the I2C bus: 1 for /dev/i2c-1."""
+        address: Annotated[int, Meta(ge=0x08, le=0x77)] = 0x0B
+        pec: bool = False
+        """Whether packets carry a checksum (packet error checking), if the battery and the bus's driver can."""
+
+    parameters: Parameters
+
+    def init(self) -> None:
+        super().init()
+        self._smbus: SMBus | None = None
+        self._status: SmartBatteryStatus | None = None
+        wanted = self.parameters
+        self.where = f"the smart battery at /dev/i2c-{wanted.bus}, address 0x{wanted.address:02x}"
+
+    def open(self) -> None:
+        self._smbus = SMBus(self.parameters.bus)
+        try:
+            self._smbus.pec = int(self.parameters.pec)
+            specification = self._word(SPECIFICATION)
+        except OSError:
+            self.close()
+            raise
+        self._volts = 1e-3 * 10.0 ** (specification >> 8 & 0xF)
+        self._amperes = 1e-3 * 10.0 ** (specification >> 12 & 0xF)
+
+    def close(self) -> None:
+        if self._smbus is not None:
+            self._smbus.close()
+            self._smbus = None
+
+    def read(self) -> Reading:
+        status = self._word(STATUS)
+        self._status = SmartBatteryStatus(
+            tuple(name for bit, name in STATUS_BITS.items() if status & bit),
+            self._word(REMAINING),
+            status & ERROR_MASK,
+        )
+        voltage, current, temperature = self._word(VOLTAGE), self._word(CURRENT), self._word(TEMPERATURE)
+        percent, error_percent = self._word(RELATIVE_SOC), self._word(MAX_ERROR)
+        signed = current - 0x10000 if current & 0x8000 else current
+        return plausible(
+            voltage * self._volts,
+            -signed * self._amperes,  # the battery's is positive while charging
+            0.1 * temperature + ABSOLUTE_ZERO_C,
+            percent / 100 if error_percent <= 100 else None,
+            soc_sd=max(SOC_SD_LEAST, error_percent / 200),  # the error is taken for two standard deviations
+        )
+
+    @external
+    def status(self) -> SmartBatteryStatus | None:
+        """Alarms, remaining capacity and error code of the last reading; null before the first."""
+        return self._status
+
+    def _word(self, register: int) -> int:
+        assert self._smbus is not None
+        return self._smbus.read_word_data(self.parameters.address, register) & 0xFFFF

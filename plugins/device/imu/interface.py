@@ -1,8 +1,40 @@
-"""What an inertial measurement unit offers."""
+"""Inertial measurement units: their interface, codec, faults and mounting, which all of their devices share."""
 
-from typing import Protocol
+import math
+from typing import NamedTuple, Protocol
 
 import msgspec
+
+from robrain.agent.board import Board
+
+
+class ImuMotion(NamedTuple):
+    """One measurement in the axes of the unit: x ahead, y to the left, z up if it is mounted like that."""
+
+    yaw_rate_rad_s: float
+    """About z."""
+    x_m_s2: float | None = None
+    y_m_s2: float | None = None
+
+
+class ImuCodec(Protocol):
+    """Finds the measurements in a stream of bytes; it keeps what is incomplete, of bounded length."""
+
+    rejected: int
+    """Frames or lines with a wrong checksum, or that cannot be read."""
+    stray_bytes: int
+    """Bytes outside of any frame or line."""
+
+    def feed(self, data: bytes) -> list[ImuMotion]:
+        """The measurements that these bytes complete."""
+
+
+class ImuAbsent(OSError):
+    """The unit is not there, or says nothing."""
+
+
+class ImuContradicted(Exception):
+    """The unit is mounted or read wrongly; until it agrees the wheels' turning counts."""
 
 
 class ImuSample(msgspec.Struct, frozen=True):
@@ -23,3 +55,47 @@ class ImuInterface(Protocol):
 
     def latest(self) -> ImuSample | None:
         """The last measurement; None before the first."""
+
+
+RATE_MAX_RAD_S = 40.0
+"""Beyond the range of any gyroscope of this kind."""
+
+
+class Mounting:
+    """Turns measurements of the unit into the robot's frame.
+
+    Args:
+        upside_down: its z axis points down.
+        yaw_rad: direction of its x axis, robot's frame; for the accelerations alone.
+        yaw_sign: -1 for a unit whose rate is positive to the right.
+
+    """
+
+    def __init__(self, *, upside_down: bool, yaw_rad: float, yaw_sign: int = 1) -> None:
+        self._turns = -yaw_sign if upside_down else yaw_sign
+        self._left_sign = -1.0 if upside_down else 1.0
+        self._cos, self._sin = math.cos(yaw_rad), math.sin(yaw_rad)
+
+    def sample(self, motion: ImuMotion, stamp_ns: int) -> ImuSample:
+        """A measurement in the robot's frame."""
+        rate_rad_s = self._turns * motion.yaw_rate_rad_s
+        if motion.x_m_s2 is None or motion.y_m_s2 is None:
+            return ImuSample(stamp_ns, rate_rad_s)
+        x_m_s2, y_m_s2 = motion.x_m_s2, self._left_sign * motion.y_m_s2
+        return ImuSample(
+            stamp_ns,
+            rate_rad_s,
+            self._cos * x_m_s2 - self._sin * y_m_s2,
+            self._sin * x_m_s2 + self._cos * y_m_s2,
+        )
+
+
+def check_agreement(board: Board) -> None:
+    """Raise ImuContradicted if the odometry has found that the unit and the wheels contradict each other."""
+    ratio = board.gyro_contradiction
+    if ratio is None:
+        return
+    what = f"it turns {ratio:.2g} times as far as the wheels turn the robot"
+    if ratio < 0:
+        raise ImuContradicted(f"{what}: the unit is upside down, or counts to the right ([parameters.imu] upside_down)")
+    raise ImuContradicted(f"{what}: check the unit of its turn rate")

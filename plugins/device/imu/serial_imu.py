@@ -15,11 +15,16 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
 from robrain.algorithms.localization.odometry import YawRate
-from robrain.plugins.device.imu.agreement import check_agreement
-from robrain.plugins.device.imu.errors import ImuAbsent
-from robrain.plugins.device.imu.imu_codec import ImuCodec, ImuMotion
-from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
-from robrain.plugins.device.imu.mounting import RATE_MAX_RAD_S, Mounting
+from robrain.plugins.device.imu.interface import (
+    RATE_MAX_RAD_S,
+    ImuAbsent,
+    ImuCodec,
+    ImuInterface,
+    ImuMotion,
+    ImuSample,
+    Mounting,
+    check_agreement,
+)
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_finite, check_positive
 from robrain.protocol.serial.serial_line import SerialLine

@@ -5,7 +5,20 @@ from typing import Protocol
 
 import msgspec
 
+from robrain.agent.errors import PluginError
 from robrain.protocol.model.geometry import Pose2D, Twist2D
+
+
+class MotionFault(PluginError):
+    """The robot cannot be driven."""
+
+
+class BusFault(MotionFault):
+    """Nothing passes on the bus."""
+
+
+class MotorFault(MotionFault):
+    """The controller is there, and says that it has failed."""
 
 
 class DriveCondition(msgspec.Struct, frozen=True):

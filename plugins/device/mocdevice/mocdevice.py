@@ -12,14 +12,18 @@ import can
 import msgspec
 
 from robrain.algorithms.navigation.wheel_bases import Ackermann
-from robrain.plugins.device.mocdevice.errors import BusFault, MotionFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.frame_map import Counted, FrameMap, FrameSignals
-from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters
-from robrain.plugins.device.mocdevice.odometry import Counting
-from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc, signal_frames
-from robrain.plugins.device.mocdevice.wheel_device import OpenLink, WheelDevice
-from robrain.plugins.device.mocdevice.wheel_link import WheelReport
+from robrain.plugins.device.mocdevice.frame_map import (
+    Counted,
+    FrameMap,
+    FrameSignals,
+    OtherPart,
+    SignalFrame,
+    read_dbc,
+    signal_frames,
+)
+from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters, MotionFault
+from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, WheelDevice, WheelReport
 from robrain.protocol.can.bus_state import BusState, state_in
 from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, known_identifiers

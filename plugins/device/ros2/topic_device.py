@@ -1,11 +1,149 @@
 """What devices share that hear one topic of ROS 2: they leave it when they are stopped, and count what they reject."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Device, external
-from robrain.plugins.device.ros2.checked_topic import CheckedTopic
 from robrain.plugins.device.ros2.link import Ros2Link
+from robrain.protocol.clock import NS_PER_S, to_ns
+
+LATENCY_MAX_NS = to_ns(0.5)
+"""Messages that all come later after their stamps are stamped by another clock."""
+AHEAD_MAX_NS = to_ns(0.005)
+"""Likewise those with stamps so far in the future; synchronised clocks differ by less."""
+WINDOW = 256
+"""Messages of a window; the least delay is that of the current window and the one before."""
+ANEW_NS = 3 * NS_PER_S
+"""A delay greater by this is no delay: the other clock has been set, or its process started again."""
+
+
+class StampClock:
+    """Converts the stamps of one publisher."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._least_ns: int | None = None
+        self._before_ns: int | None = None
+
+    def measured_ns(self, stamp_ns: int, arrived_ns: int) -> int:
+        """The time of measurement, robot's clock, never after arrival.
+
+        Args:
+            stamp_ns: the message's; 0 if it has none.
+            arrived_ns: when it came, robot's clock.
+
+        """
+        if stamp_ns <= 0:
+            return arrived_ns
+        delay_ns = arrived_ns - stamp_ns
+        offset_ns = self._observe(delay_ns)
+        if -AHEAD_MAX_NS <= offset_ns <= LATENCY_MAX_NS:
+            return min(stamp_ns, arrived_ns)
+        return min(stamp_ns + offset_ns, arrived_ns)
+
+    def _observe(self, delay_ns: int) -> int:
+        least_ns = self._least_ns
+        if least_ns is None or delay_ns - self._offset_ns(least_ns) > ANEW_NS:
+            self._count, self._before_ns = 0, None
+            least_ns = delay_ns
+        elif self._count == WINDOW:
+            self._count, self._before_ns = 0, least_ns
+            least_ns = delay_ns
+        self._count += 1
+        self._least_ns = min(least_ns, delay_ns)
+        return self._offset_ns(self._least_ns)
+
+    def _offset_ns(self, least_ns: int) -> int:
+        return least_ns if self._before_ns is None else min(least_ns, self._before_ns)
+
+
+class Stamped(Protocol):
+    """What a message reads as."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """By the publisher's clock."""
+
+
+T = TypeVar("T", bound=Stamped)
+
+
+class CheckedMessage(NamedTuple, Generic[T]):
+    """A message that was checked."""
+
+    value: T
+    measured_ns: int
+    """Time of measurement, robot's clock."""
+    number: int
+    """Its publisher's count of messages; 0 if the middleware does not say."""
+
+
+class CheckedTopic(Generic[T]):
+    """A subscription whose messages are checked as they leave the inbox.
+
+    Args:
+        link: the node; not released with the topic.
+        kind: the message's class.
+        topic: its full name.
+        qos: `rclpy.qos.QoSProfile`.
+        read: checks a message (ValueError if it cannot be).
+        on_arrival: called after each message, on the thread of the node.
+
+    """
+
+    def __init__(
+        self,
+        link: Ros2Link,
+        kind: type[Any],
+        topic: str,
+        qos: Any,
+        read: Callable[[Any], T],
+        on_arrival: Callable[[], None],
+    ) -> None:
+        self.rejected = 0
+        self.why_rejected = ""
+        """Of the last message that was rejected."""
+        self._rejected_since = 0
+        """Messages that were rejected since the last that was not."""
+        self._name, self._read, self._clock = topic, read, StampClock()
+        self._inbox = link.subscribe(kind, topic, qos, on_arrival)
+
+    @property
+    def dropped(self) -> int:
+        """Messages that came while too many waited."""
+        return self._inbox.dropped
+
+    @property
+    def silence_reason(self) -> str:
+        """Why nothing comes of the topic: all messages are rejected, by which field and value, or none is sent."""
+        if self._rejected_since:
+            return f"{self._rejected_since} messages of {self._name} were rejected: {self.why_rejected}"
+        return f"the publisher of {self._name} is silent"
+
+    def __bool__(self) -> bool:
+        """Whether something has come."""
+        return bool(self._inbox)
+
+    def take(self) -> list[CheckedMessage[T]]:
+        """What has come since the last call, in order."""
+        taken = []
+        for arrived in self._inbox.drain():
+            try:
+                value = self._read(arrived.message)
+            except ValueError as error:
+                self.rejected += 1
+                self._rejected_since += 1
+                self.why_rejected = str(error)
+                continue
+            self._rejected_since = 0
+            measured_ns = self._clock.measured_ns(value.stamp_ns, arrived.arrived_ns)
+            taken.append(CheckedMessage(value, measured_ns, arrived.number))
+        return taken
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._inbox.close()
 
 
 class TopicDevice(Device):

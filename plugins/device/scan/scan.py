@@ -3,8 +3,7 @@
 import msgspec
 
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.device.scan.lidar_device import LidarDevice
-from robrain.plugins.device.scan.lidar_mount import Mount, ScanMaker
+from robrain.plugins.device.scan.lidar_device import LidarDevice, Mount, ScanMaker
 from robrain.protocol.lidar.points import Point
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import Scan

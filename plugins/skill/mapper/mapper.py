@@ -3,10 +3,11 @@
 import logging
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
@@ -19,20 +20,59 @@ from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.skill.mapper.closures import ClosureDesk
 from robrain.plugins.skill.mapper.frames import Frames
-from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
 from robrain.plugins.skill.mapper.map_exchange import MapHearing, MapTelling
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.plugins.unit.teammates.interface import TeammatesInterface
+from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.map_messages import Closures
-from robrain.protocol.model.geometry import IDENTITY, Pose2D
-from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.table.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
+
+
+class MapView(msgspec.Struct, frozen=True, eq=False):
+    """The map at one moment: (H, W) classes of `OccupancyGrid`, row 0 at the lowest y, arena frame."""
+
+    version: int
+    geometry: GridGeometry
+    classes: NDArray[np.int8]
+
+    def is_unexplored(self, place: Point2D) -> bool:
+        """Whether a place, arena frame, lies within the map's borders and has not been seen."""
+        row, column = self.geometry.cell_of(place.x_m, place.y_m)
+        return self.geometry.contains(row, column) and bool(self.classes[row, column] == UNKNOWN)
+
+
+class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of what the mapper was told."""
+
+    scans: int
+    """Put into the map."""
+    scans_left_out: int
+    """Left out because the robot did not know well enough where it was."""
+    why_left_out: str
+    """Why they are left out now; empty if they are not."""
+    patches_dropped: int
+    """Patches of others that came faster than they could be merged."""
+    submaps: int
+    """Number of submaps of the map."""
+    closures: int
+    """Number of scans that matched a submap of another robot, or an old one of this robot: loop closures."""
+    contradictions: int
+    """Number of scans that contradicted a submap that covers the place."""
+
+
+class MapperInterface(Protocol):
+    """The map that the robot and its team have made."""
+
+    def view(self) -> MapView:
+        """The map as it is now; do not write to it."""
+
 
 START_S = 5.0
 """Seconds after the start in which maps of other robots may show that the start pose is wrong."""

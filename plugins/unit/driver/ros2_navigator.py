@@ -20,8 +20,7 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
-from robrain.plugins.device.ros2.link import Ros2Link, open_link
-from robrain.plugins.device.ros2.parameters import Ros2Parameters, check_topics
+from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, check_topics, open_link
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
 from robrain.plugins.unit.driver.on_base import OnBase
 from robrain.plugins.unit.driver.path import check_range

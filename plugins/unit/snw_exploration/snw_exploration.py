@@ -8,11 +8,9 @@ from msgspec import UNSET
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface
-from robrain.plugins.unit.snw_exploration.asking import Asking, AskingParameters
+from robrain.plugins.unit.snw_exploration.asking import Asking, AskingParameters, OverHops
 from robrain.plugins.unit.snw_exploration.interface import HeardMote, HeardRobot, RssiMeasurement, SnwInterface
-from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, place_of
-from robrain.plugins.unit.snw_exploration.over_hops import OverHops
-from robrain.plugins.unit.snw_exploration.reading_store import ReadingStore
+from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, ReadingStore, place_of
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name

@@ -13,8 +13,7 @@ from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
 from robrain.deploy.bringup.findings import CheckStep, FindingKind
 from robrain.deploy.bringup.motions import RAMP_S, Rest, StopMode, Straight, TurnOnSpot, TurnWheels
 from robrain.deploy.bringup.wheel_checks import check_bus
-from robrain.plugins.device.mocdevice.frame_map import Checksum
-from robrain.plugins.device.mocdevice.signal_frame import SignalFrame, read_dbc
+from robrain.plugins.device.mocdevice.frame_map import Checksum, SignalFrame, read_dbc
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.keys import DEFAULT_TEAM
 from tests.deploy.bringup.brought_up import AIR, BroughtUp, value, wrong

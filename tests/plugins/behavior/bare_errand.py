@@ -6,9 +6,9 @@ from typing import Any
 
 from robrain.plugins.behavior.budget import Docks
 from robrain.plugins.behavior.travel import TravelState
-from robrain.plugins.skill.home.interface import ChargerPlace
+from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.plugins.unit.teammates import Doing, Mate
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D

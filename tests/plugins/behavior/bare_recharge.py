@@ -7,8 +7,8 @@ from robrain.agent.task_desk import TaskDesk
 from robrain.plugins.behavior.budget import BudgetVerdict
 from robrain.plugins.behavior.recharge import GUARD_S, RechargeBehavior
 from robrain.plugins.behavior.travel import TravelState
-from robrain.plugins.skill.energy.interface import Work
-from robrain.plugins.skill.home.interface import ChargerPlace
+from robrain.plugins.skill.energy import Work
+from robrain.plugins.skill.home import ChargerPlace
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task

@@ -18,7 +18,7 @@ from robrain.plugins.behavior.recharge import (
     Queue,
 )
 from robrain.plugins.behavior.travel import TravelState
-from robrain.plugins.skill.home.interface import ChargerPlace
+from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task

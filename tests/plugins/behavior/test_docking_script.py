@@ -15,7 +15,7 @@ from robrain.plugins.behavior.recharge import (
     TOUCH_S,
     Docking,
 )
-from robrain.plugins.skill.home.interface import ChargerPlace
+from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Pose2D
 from tests.plugins.behavior.bare_errand import BareErrand, run

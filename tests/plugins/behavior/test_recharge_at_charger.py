@@ -6,8 +6,8 @@ import pytest
 
 from robrain.plugins.behavior.errand import Failed, Run
 from robrain.plugins.behavior.recharge import DOCK_S, FULL_ERROR, RechargeBehavior
-from robrain.plugins.skill.energy.interface import Work
-from robrain.plugins.skill.home.interface import ChargerPlace
+from robrain.plugins.skill.energy import Work
+from robrain.plugins.skill.home import ChargerPlace
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge

@@ -9,7 +9,7 @@ from robrain.algorithms.exploration.reach import reach_m
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.right_of_way import Track
 from robrain.plugins.behavior.explore import ALONE, CONFIDENCE, IDLE, TeamChoice
-from robrain.plugins.unit.teammates.interface import Doing, Mate
+from robrain.plugins.unit.teammates import Doing, Mate
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.claim import Claim

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from robrain.agent.authoring.testing import PluginBench
-from robrain.plugins.device.camera.camera import png_size
+from robrain.plugins.device.camera import png_size
 from robrain.protocol.errors import CallError
 from tests.plugins.behavior.errands import Errands
 

@@ -11,7 +11,7 @@ import pytest
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.device.gpio import input_lines
+from robrain.plugins.device import gpio
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.host_messages import ResumeRequest
@@ -67,7 +67,7 @@ class Robot:
 def chip(monkeypatch: pytest.MonkeyPatch) -> GpioChip:
     one = GpioChip()
     one.levels[27] = False
-    monkeypatch.setattr(input_lines.gpiod, "request_lines", one.request_lines)
+    monkeypatch.setattr(gpio.gpiod, "request_lines", one.request_lines)
     return one
 
 

@@ -9,10 +9,8 @@ import msgspec
 import pytest
 
 from robrain.agent.authoring.testing import PluginBench
-from robrain.plugins.device.gpio import input_lines
-from robrain.plugins.device.gpio.gpio_bumpers import BumperContact, GpioBumpers
-from robrain.plugins.device.gpio.gpio_emergency_stop import GpioEmergencyStop
-from robrain.plugins.device.gpio.input_lines import GpioAbsent
+from robrain.plugins.device import gpio
+from robrain.plugins.device.gpio import BumperContact, GpioAbsent, GpioBumpers, GpioEmergencyStop, Pull
 from robrain.plugins.device.range_sensors.interface import Bump
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
@@ -29,7 +27,7 @@ CONTACTS = (BumperContact(line=FRONT, direction_rad=0.0), BumperContact(line="LE
 @pytest.fixture
 def chip(monkeypatch: pytest.MonkeyPatch) -> Iterator[GpioChip]:
     one = GpioChip({"LEFT": LEFT, "STOP": 27})
-    monkeypatch.setattr(input_lines.gpiod, "request_lines", one.request_lines)
+    monkeypatch.setattr(gpio.gpiod, "request_lines", one.request_lines)
     yield one
     assert not one.consumers, "all lines are given back"
 
@@ -57,7 +55,7 @@ def test_each_change_of_the_contacts_is_told_once(bumpers: BareDevice, chip: Gpi
 
 
 def test_contacts_to_the_supply_are_pressed_when_they_are_high(chip: GpioChip) -> None:
-    one = BareDevice(GpioBumpers, contacts=CONTACTS, is_pressed_low=False, pull=input_lines.Pull.DOWN)
+    one = BareDevice(GpioBumpers, contacts=CONTACTS, is_pressed_low=False, pull=Pull.DOWN)
     one.it.activate()
     one.step()
     assert one.it.pressed_rad() == ()
@@ -223,7 +221,7 @@ def test_a_chip_that_is_pulled_out_halts_the_robot_until_it_is_back(robot: Robot
 def test_a_robot_without_the_chip_of_its_button_does_not_drive(monkeypatch: pytest.MonkeyPatch) -> None:
     one = GpioChip()
     one.is_there = False
-    monkeypatch.setattr(input_lines.gpiod, "request_lines", one.request_lines)
+    monkeypatch.setattr(gpio.gpiod, "request_lines", one.request_lines)
     with PluginBench(load=["emergency_stop"], roles={"emergency_stop": "gpio_emergency_stop"}) as bench:
         robot = Robot(bench)
         assert robot.is_halted()
@@ -281,7 +279,7 @@ def test_resistors_of_the_board_are_left_to_do_their_work(chip: GpioChip, monkey
         asked.extend(config.values())
         return chip.request_lines(path, config, consumer)
 
-    monkeypatch.setattr(input_lines.gpiod, "request_lines", request)
+    monkeypatch.setattr(gpio.gpiod, "request_lines", request)
     BareDevice(GpioEmergencyStop, lines=(3,), own_pull=False).it.why_pressed()
     assert [each.bias for each in asked] == [gpiod.line.Bias.DISABLED]
     assert asked[0].debounce_period.total_seconds() == 0.005

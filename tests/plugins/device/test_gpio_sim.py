@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.plugins.device.gpio.input_lines import InputLines, Pull
+from robrain.plugins.device.gpio import InputLines, Pull
 from tests.waiting import PATIENCE_S
 
 CONFIG = Path("/sys/kernel/config/gpio-sim")

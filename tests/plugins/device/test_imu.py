@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.plugins.device.imu.errors import ImuAbsent, ImuContradicted
-from robrain.plugins.device.imu.imu_codec import ImuMotion
+from robrain.plugins.device.imu.interface import ImuAbsent, ImuContradicted, ImuMotion
 from robrain.plugins.device.imu.serial_imu import (
     ANGULAR_VELOCITY_RAD_S,
     FRAME_BYTES,

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.device.scan.lidar_mount import Mount, ScanMaker
+from robrain.plugins.device.scan.lidar_device import Mount, ScanMaker
 from robrain.protocol.lidar.points import Point
 from robrain.protocol.model.geometry import Pose2D
 

@@ -6,9 +6,8 @@ import can
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
-from robrain.plugins.device.mocdevice.errors import BusFault, MotorFault
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.interface import ControllerStatus, Counters, DriveCondition
+from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters, DriveCondition, MotorFault
 from robrain.plugins.device.mocdevice.mocdevice import ECHOES, MocDevice
 from robrain.protocol.can.bus_state import BusState, error_frame
 from robrain.protocol.clock import to_ns

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.algorithms.navigation.wheel_bases import Differential, WheelBase
-from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import SignalUnit
-from robrain.plugins.device.serial_base.line_codec import LINE_BYTES_MAX, LineWords, WheelLineCodec
-from robrain.plugins.device.serial_base.serial_base import SerialBase, WheelSerialLink
+from robrain.plugins.device.mocdevice.interface import BusFault
+from robrain.plugins.device.serial_base import LINE_BYTES_MAX, LineWords, SerialBase, WheelLineCodec, WheelSerialLink
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.serial.serial_line import PortLine
 from robrain.sim.peripherals.line_plug import SerialPlug

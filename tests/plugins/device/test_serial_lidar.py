@@ -14,12 +14,9 @@ from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.agent.manifest import read_manifest
-from robrain.plugins.device.ld19 import Ld19
-from robrain.plugins.device.rplidar import Rplidar
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.device.scan.lidar_device import LidarFault
-from robrain.plugins.device.scan.lidar_mount import Mount
-from robrain.plugins.device.serial_lidar import POINTS_MAX, SerialLidar
+from robrain.plugins.device.scan.lidar_device import LidarFault, Mount
+from robrain.plugins.device.scan.serial_lidar import POINTS_MAX, Ld19, Rplidar, SerialLidar
 from robrain.protocol.lidar.ld19 import encode_ld19
 from robrain.protocol.lidar.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, encode_rplidar
 from robrain.protocol.model.geometry import Pose2D

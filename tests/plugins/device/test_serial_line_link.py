@@ -3,8 +3,7 @@
 import pytest
 
 from robrain.plugins.device.mote_base import mote_base
-from robrain.plugins.device.mote_base.link import Backoff
-from robrain.plugins.device.mote_base.mote_base import SerialLineLink
+from robrain.plugins.device.mote_base.mote_base import Backoff, SerialLineLink
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.tinyos.serial_line import frame
 

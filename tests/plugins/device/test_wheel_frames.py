@@ -10,18 +10,20 @@ import msgspec
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential
-from robrain.plugins.device.mocdevice.errors import BusFault
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
     Counted,
     FrameMap,
     FrameSignals,
+    OtherPart,
+    SignalFrame,
     SignalUnit,
     StatusFrame,
     StopFrame,
+    read_dbc,
 )
+from robrain.plugins.device.mocdevice.interface import BusFault
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
-from robrain.plugins.device.mocdevice.signal_frame import OtherPart, SignalFrame, read_dbc
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.sim.firmware.described_controller import TWO_WHEELS as FRAMES

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
-from robrain.plugins.device.mocdevice.odometry import ENCODER_PERIOD_S, HISTORY_FRAMES, WheelOdometry
+from robrain.plugins.device.mocdevice.wheel_device import ENCODER_PERIOD_S, HISTORY_FRAMES, WheelOdometry
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 

@@ -6,8 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.plugins.unit.teammates.interface import Doing, Mate
-from robrain.plugins.unit.teammates.teammates import KnownMate, may_be_near, near, receive_paths, receive_states, reckon
+from robrain.plugins.unit.teammates import (
+    Doing,
+    KnownMate,
+    Mate,
+    may_be_near,
+    near,
+    receive_paths,
+    receive_states,
+    reckon,
+)
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 

@@ -8,7 +8,7 @@ import pytest
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.wheel_bases import OmniBase
-from robrain.plugins.skill.localisation.localisation import PAUSE_M, PAUSE_RAD, Localisation
+from robrain.plugins.skill.localisation import PAUSE_M, PAUSE_RAD, Localisation
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import IDENTITY, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robrain.plugins.behavior.explore import LOOK_PERIOD_S
-from robrain.plugins.behavior.search import SPEED_M_S, TASK_PATIENCE_S, LostSearch
+from robrain.plugins.behavior.travel import SPEED_M_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
-from robrain.plugins.skill.mapper.interface import MapView
+from robrain.plugins.skill.mapper.mapper import MapView
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 

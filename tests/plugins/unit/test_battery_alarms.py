@@ -10,7 +10,7 @@ from robrain.agent.event import Mailbox
 from robrain.algorithms.energy.battery_report import NOTHING_MORE, BatteryReport
 from robrain.algorithms.energy.battery_tracker import TrackedReading
 from robrain.plugins.device.bm2.interface import BatteryMeasurement
-from robrain.plugins.unit.battery.battery import Battery
+from robrain.plugins.unit.battery import Battery
 from robrain.protocol.clock import VirtualClock, to_ns
 
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.plugins.device.command.command import Command
-from robrain.plugins.device.command.conversation import MAX_LINE_BYTES, Conversation
+from robrain.plugins.device.command import Command
+from robrain.plugins.unit.tcp_socket import MAX_LINE_BYTES, Conversation
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 

@@ -1,7 +1,7 @@
 """What a base station says to motes out of its reach, and when it says it again."""
 
+from robrain.plugins.unit.snw_exploration.asking import DUTY_TRIES, FRESH_NS, WAIT_NS, OverHops
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
-from robrain.plugins.unit.snw_exploration.over_hops import DUTY_TRIES, FRESH_NS, WAIT_NS, OverHops
 from robrain.protocol.clock import to_ns
 from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, DUTY_TYPE, REQUEST_TYPE, ReadingPayload, RequestPayload
 from robrain.protocol.tinyos.routed import ROUTE_MAX, ROUTED_TYPE, RoutedPayload

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.plugins.unit.snw_exploration.reading_store import FORWARD_NS, ReadingStore
+from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, ReadingStore
 from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.table.topics import COORDINATOR_ALIVE

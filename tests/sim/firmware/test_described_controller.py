@@ -7,7 +7,7 @@ import can
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
-from robrain.plugins.device.mocdevice.signal_frame import read_dbc
+from robrain.plugins.device.mocdevice.frame_map import read_dbc
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.described_controller import TWO_WHEELS, FrameController

@@ -10,7 +10,7 @@ import can
 import pytest
 import tomli_w
 
-from robrain.plugins.device.mocdevice.signal_frame import read_dbc
+from robrain.plugins.device.mocdevice.frame_map import read_dbc
 from tests.deploy.bringup.brought_up import YARD
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until

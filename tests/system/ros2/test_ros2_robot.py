@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robrain.client.team import Team
-from robrain.plugins.device.ros2.command_gate import ZEROS
+from robrain.plugins.device.ros2.ros2_base import ZEROS
 from robrain.protocol.errors import CallError, NobodyThere
 from tests.system.conftest import Commands
 from tests.waiting import until

@@ -3,8 +3,8 @@ import math
 import msgspec
 import pytest
 
-from robrain.plugins.device.bm2.counting import BadReading
-from robrain.plugins.device.ros2_battery import read_battery
+from robrain.plugins.device.bm2.interface import BadReading
+from robrain.plugins.device.ros2.ros2_battery import read_battery
 from tests.plugins.device.ros2.ros_words import battery
 
 

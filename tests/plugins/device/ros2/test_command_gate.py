@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.plugins.device.ros2.command_gate import TICK_S, ZEROS, CommandGate
+from robrain.plugins.device.ros2.ros2_base import TICK_S, ZEROS, CommandGate
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Twist2D
 

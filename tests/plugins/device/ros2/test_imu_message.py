@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from robrain.plugins.device.imu.imu_codec import ImuMotion
-from robrain.plugins.device.ros2_imu import BadImu, read_imu
+from robrain.plugins.device.imu.interface import ImuMotion
+from robrain.plugins.device.ros2.ros2_imu import BadImu, read_imu
 from tests.plugins.device.ros2.ros_words import imu
 
 

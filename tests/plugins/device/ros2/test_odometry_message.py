@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from robrain.plugins.device.ros2_base.odometry_message import BadOdometry, read_odometry
+from robrain.plugins.device.ros2.odometry_message import BadOdometry, read_odometry
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from tests.plugins.device.ros2.ros_words import odometry
 

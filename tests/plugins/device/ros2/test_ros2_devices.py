@@ -7,13 +7,12 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'robrain[ros2]'")
 
+
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.device import ros2_battery, ros2_imu, ros2_scan
-from robrain.plugins.device.ros2.command_gate import TICK_S
-from robrain.plugins.device.ros2.link import INBOX_MESSAGES, open_link
-from robrain.plugins.device.ros2.parameters import Ros2Parameters
-from robrain.plugins.device.ros2_base import ros2_base
+from robrain.plugins.device.ros2 import ros2_base, ros2_battery, ros2_imu, ros2_scan
+from robrain.plugins.device.ros2.link import INBOX_MESSAGES, Ros2Parameters, open_link
+from robrain.plugins.device.ros2.ros2_base import TICK_S
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.table.topics import ROBOT_EVENT

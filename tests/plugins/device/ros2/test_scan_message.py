@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from robrain.plugins.device.ros2_scan import BadScan, ScanReader
-from robrain.plugins.device.scan.lidar_mount import Mount
+from robrain.plugins.device.ros2.ros2_scan import BadScan, ScanReader
+from robrain.plugins.device.scan.lidar_device import Mount
 from tests.plugins.device.ros2.ros_words import header, scan
 
 CENTRE = Mount()

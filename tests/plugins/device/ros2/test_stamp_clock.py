@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.plugins.device.ros2.checked_topic import WINDOW, StampClock
+from robrain.plugins.device.ros2.topic_device import WINDOW, StampClock
 from robrain.protocol.clock import NS_PER_S, to_ns
 
 NOW_NS = 1_700_000_000 * NS_PER_S

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from robrain.plugins.device.ros2_base.odometry_message import ToldOdometry
-from robrain.plugins.device.ros2_base.ros2_base import ToldPath
+from robrain.plugins.device.ros2.odometry_message import ToldOdometry
+from robrain.plugins.device.ros2.ros2_base import ToldPath
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 

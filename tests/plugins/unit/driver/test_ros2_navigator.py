@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'robrain[ros2]'")
 
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.device.ros2_base import ros2_base
+from robrain.plugins.device.ros2 import ros2_base
 from robrain.plugins.unit.driver import ros2_navigator
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.ros2_navigator import GoalEnd, GoalState

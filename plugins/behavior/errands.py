@@ -1,0 +1,233 @@
+"""Errands of few lines: visit, inspect, collect, sense and replace, and how pictures leave the robot."""
+
+import math
+from collections.abc import Generator
+
+from robrain.agent.environment import Environment
+from robrain.plugins.behavior.errand import Errand, Failed, Script
+from robrain.plugins.device.camera import CameraInterface, Picture
+from robrain.plugins.device.sensor_board import SensorBoardInterface
+from robrain.plugins.skill.energy import Work
+from robrain.plugins.unit.snw_exploration.interface import HeardMote, SnwInterface
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import (
+    COLLECT,
+    INSPECT,
+    REPLACE,
+    SENSE,
+    VISIT,
+    Collect,
+    Inspect,
+    Replace,
+    Sense,
+    TaskParameters,
+)
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.table.topics import MOTE_READING, ROBOT_IMAGE
+
+SLOTS = 16
+"""A behavior's keys are used in turn: late joiners get its last so many pictures, a recording has all."""
+
+
+class ImageOut:
+    """Where a behavior's pictures leave the robot; made again in each `activate`.
+
+    Args:
+        env: the behavior's.
+
+    """
+
+    def __init__(self, env: Environment) -> None:
+        self._env = env
+        self._taken = 0
+        self._publishers: dict[str, Publisher] = {}
+
+    def put(self, picture: Picture) -> str:
+        """Publish a picture; the key that it has, until so many others were published."""
+        image = f"{self._env.plugin}-{self._taken % SLOTS}"
+        self._taken += 1
+        if image not in self._publishers:
+            self._publishers[image] = self._env.wire.publisher(ROBOT_IMAGE, robot=self._env.robot, image=image)
+        publisher = self._publishers[image]
+        publisher.put_bytes(picture.png)
+        return publisher.key
+
+
+class VisitBehavior(Errand[TaskParameters]):
+    """Drives to a place and stays there."""
+
+    kind = VISIT
+
+    def do(self, task: Task, parameters: TaskParameters) -> Script:
+        """Stay. Result: `off_m`, how far from the place the robot stood."""
+        off_m = self.away_m(task.place)
+        yield from self.wait(task.service_s)
+        return {"off_m": round(off_m, 3)}
+
+
+STEADY_S = 0.4
+"""Before the picture is taken the robot stands for so long."""
+
+
+class InspectBehavior(Errand[Inspect]):
+    """Takes a picture at a place."""
+
+    kind = INSPECT
+
+    def activate(self) -> None:
+        self._camera = self.env.use("camera", CameraInterface)
+        self._images = ImageOut(self.env)
+        super().activate()
+
+    def work(self, task: Task, inspect: Inspect) -> Work:
+        """At the most half a turn, and standing."""
+        return Work(turn_rad=math.pi if inspect.look_at is not None else 0.0, wait_s=STEADY_S + task.service_s)
+
+    def do(self, task: Task, inspect: Inspect) -> Script:
+        """Look. Result: `image`, `yaw_rad`."""
+        if inspect.look_at is not None:
+            pose = self.travel.pose()
+            yield from self.face(math.atan2(inspect.look_at.y_m - pose.y_m, inspect.look_at.x_m - pose.x_m))
+        yield from self.wait(STEADY_S)
+        key = self._images.put(self._camera.snapshot())
+        yaw_rad = self.travel.pose().yaw_rad
+        yield from self.wait(task.service_s)
+        return {"image": key, "yaw_rad": round(yaw_rad, 3)}
+
+
+LOOK_S = 0.6
+"""How often it is looked whether more has come."""
+ASK_AGAIN_S = 8.0
+"""A request may be lost, and a mote sends so many readings at the most for one."""
+PACKETS = 64
+"""That much radio is reckoned with."""
+
+
+class CollectBehavior(Errand[Collect]):
+    """Fetches the readings that a mote has stored."""
+
+    kind = COLLECT
+
+    def activate(self) -> None:
+        self._snw = self.env.use("snw_exploration", SnwInterface)
+        super().activate()
+
+    def work(self, task: Task, collect: Collect) -> Work:
+        """All of the time that it may take."""
+        return Work(wait_s=collect.timeout_s, radio_packets=PACKETS)
+
+    def do(self, task: Task, collect: Collect) -> Script:
+        """Ask and wait. Result: `readings` that came, and how many are still `missing`."""
+        before = self._heard(collect.mote)
+        had = before.readings if before is not None else 0
+        begun_ns = self.env.clock.now_ns()
+        until_ns = begun_ns + to_ns(collect.timeout_s)
+        ask_ns = 0
+        while (now_ns := self.env.clock.now_ns()) < until_ns:
+            if now_ns >= ask_ns:
+                self._snw.request_stored(collect.mote)
+                ask_ns = now_ns + to_ns(ASK_AGAIN_S)
+            yield from self.wait(LOOK_S)
+            mote = self._heard(collect.mote)
+            # It must have been heard here: what it had said before tells nothing of what it has stored since.
+            if mote is not None and mote.missing == 0 and mote.stamp_ns > begun_ns:
+                return {"readings": mote.readings - had, "missing": 0}  # 0: others have brought in all there is
+        mote = self._heard(collect.mote)
+        if mote is None or mote.readings == had:
+            raise Failed(f"nothing came from {collect.mote} in {collect.timeout_s:g} s")
+        return {"readings": mote.readings - had, "missing": mote.missing}
+
+    def _heard(self, mote: str) -> HeardMote | None:
+        return next((heard for heard in self._snw.heard() if heard.mote == mote), None)
+
+
+OWN_S = 1.0
+"""What the board takes."""
+
+
+class SenseBehavior(Errand[Sense]):
+    """Measures at a place."""
+
+    kind = SENSE
+
+    def activate(self) -> None:
+        self._board = self.env.use("sensor_board", SensorBoardInterface)
+        self._snw = self.env.use("snw_exploration", SnwInterface)
+        super().activate()
+
+    def work(self, task: Task, sense: Sense) -> Work:
+        """Waiting for the mote; with the robot's own board hardly anything."""
+        return Work(wait_s=sense.timeout_s if sense.mote else OWN_S)
+
+    def do(self, task: Task, sense: Sense) -> Script:
+        """Measure. Result: `value`, `quantity`, `mote` (empty if the robot itself measured)."""
+        if sense.mote:
+            value = yield from self._receive(sense)
+        else:
+            yield from self.wait(OWN_S)
+            values = self._board.measure().values
+            if sense.quantity not in values:
+                raise Failed(f"the board does not sense {sense.quantity}: it has {', '.join(sorted(values))}")
+            value = values[sense.quantity]
+        return {"value": value, "quantity": sense.quantity, "mote": sense.mote}
+
+    def _receive(self, sense: Sense) -> Generator[None, None, float]:
+        begun_ns = self.env.clock.now_ns()
+        while to_seconds(self.env.clock.now_ns() - begun_ns) < sense.timeout_s:
+            for heard in self._snw.heard():
+                if heard.mote == sense.mote and heard.stamp_ns > begun_ns:
+                    return heard.last_value
+            yield
+        raise Failed(f"{sense.mote} was not heard in {sense.timeout_s:g} s")
+
+
+class ReplaceBehavior(Errand[Replace]):
+    """Takes the place of a mote: measures and publishes in its name."""
+
+    kind = REPLACE
+
+    def activate(self) -> None:
+        self._board = self.env.use("sensor_board", SensorBoardInterface)
+        super().activate()
+
+    def work(self, task: Task, replace: Replace) -> Work:
+        """Standing."""
+        return Work(wait_s=replace.duration_s)
+
+    def do(self, task: Task, replace: Replace) -> Script:
+        """Sense. Result: `readings` that were told, `off_m` from the place."""
+        pose, off_m = self.travel.pose(), self.away_m(task.place)
+        place = Point2D(pose.x_m, pose.y_m)
+        publisher = self.env.wire.publisher(MOTE_READING, mote=replace.mote)
+        readings = 0
+        next_ns = self.env.clock.now_ns()
+        until_ns = next_ns + to_ns(replace.duration_s)
+        try:
+            while next_ns < until_ns:
+                sensed = self._board.measure()
+                readings += 1
+                for quantity, value in sensed.values.items():
+                    publisher.put(self._reading(replace, place, quantity, value, sensed.stamp_ns))
+                next_ns += to_ns(replace.period_s)
+                while self.env.clock.now_ns() < min(next_ns, until_ns):
+                    yield
+        finally:
+            publisher.close()
+        return {"readings": readings, "off_m": round(off_m, 3)}
+
+    def _reading(self, replace: Replace, place: Point2D, quantity: str, value: float, stamp_ns: int) -> MoteReading:
+        battery = self.env.board.battery
+        return MoteReading(
+            mote=replace.mote,
+            place=place,
+            quantity=quantity,
+            value=value,
+            voltage_v=battery.voltage_v if battery is not None else 0.0,
+            rssi_dbm=0.0,
+            via=self.env.robot,
+            taken_ns=stamp_ns,
+            period_s=replace.period_s,
+        )

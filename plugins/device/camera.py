@@ -1,0 +1,215 @@
+"""Camera: takes a picture when somebody asks for one; where it comes from is the manifest's `interface`."""
+
+import importlib
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+
+from robrain.agent.environment import Environment
+from robrain.agent.errors import HardwareAbsent
+from robrain.agent.plugin import Device, external
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.table.topics import ARENA_CAMERA
+
+
+class Picture(msgspec.Struct, frozen=True, kw_only=True):
+    """What a camera saw. It does not know where it was: whoever asked for it does."""
+
+    png: bytes
+    width: int
+    height: int
+    """Pixels."""
+    stamp_ns: int
+    """When it was taken, by the run's clock."""
+
+
+class CameraInterface(Protocol):
+    """Pictures when they are wanted."""
+
+    def snapshot(self) -> Picture:
+        """Take a picture.
+
+        Raises:
+            CallError: the camera gives none; the text says why.
+
+        """
+
+
+class Backend(Protocol):
+    """An open camera."""
+
+    def take(self) -> bytes:
+        """One picture as a PNG; CallError if there is none."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class WireCamera:
+    """The simulator's: asks the arena, which draws the picture then."""
+
+    def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
+        self._env = env
+        self._timeout_s = timeout_s
+
+    def take(self) -> bytes:
+        """What the arena draws for this robot."""
+        try:
+            return self._env.wire.ask(ARENA_CAMERA, robot=self._env.robot, timeout_s=self._timeout_s)
+        except NobodyThere as error:
+            raise CallError(ErrorCode.FAILED, f"no camera answers: {error}") from error
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class FileCamera:
+    """Pictures from the disk, one after the other and then from the beginning: for tests, and to play back."""
+
+    def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
+        path = Path(channel)
+        self._paths = sorted(path.glob("*.png")) if path.is_dir() else [path]
+        if not channel or not self._paths or not self._paths[0].is_file():
+            raise HardwareAbsent(env.plugin, f"expected channel to be a PNG or a folder with some, got {channel!r}")
+        self._taken = 0
+
+    def take(self) -> bytes:
+        """The next picture."""
+        path = self._paths[self._taken % len(self._paths)]
+        self._taken += 1
+        try:
+            return path.read_bytes()
+        except OSError as error:
+            raise CallError(ErrorCode.FAILED, f"{path} cannot be read: {error}") from error
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class VideoCamera:
+    """A video device by OpenCV, which is not installed with robrain: `pip install opencv-python-headless`."""
+
+    def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
+        try:
+            self._cv2: Any = importlib.import_module("cv2")
+        except ImportError as error:
+            why = "interface v4l needs OpenCV: pip install opencv-python-headless"
+            raise HardwareAbsent(env.plugin, why) from error
+        number = channel or "0"
+        if not number.isdecimal():
+            raise HardwareAbsent(env.plugin, f"expected channel to be the number of a video device, got {channel!r}")
+        self._device = self._cv2.VideoCapture(int(number))
+        if not self._device.isOpened():
+            raise HardwareAbsent(env.plugin, f"no video device {number}")
+
+    def take(self) -> bytes:
+        """What the device sees now."""
+        there, pixels = self._device.read()
+        if not there:
+            raise CallError(ErrorCode.FAILED, "the video device gives no picture")
+        encoded, png = self._cv2.imencode(".png", pixels)
+        if not encoded:
+            raise CallError(ErrorCode.FAILED, "a picture of the video device cannot be encoded")
+        return bytes(png.tobytes())
+
+    def close(self) -> None:
+        """Let the device go."""
+        self._device.release()
+
+
+BACKENDS: dict[str, Callable[[Environment, str, float], Backend]] = {
+    "zenoh": WireCamera,
+    "file": FileCamera,
+    "v4l": VideoCamera,
+}
+
+
+def open_backend(env: Environment, interface: str, channel: str, timeout_s: float) -> Backend:
+    """Open a camera.
+
+    Raises:
+        HardwareAbsent: there is none; the text says why.
+
+    """
+    if interface not in BACKENDS:
+        raise HardwareAbsent(env.plugin, f"expected interface to be one of {', '.join(BACKENDS)}, got {interface!r}")
+    return BACKENDS[interface](env, channel, timeout_s)
+
+
+PNG_HEAD = struct.Struct(">8s4x4sII")
+"""Signature, length and name of the first chunk, width and height (PNG specification, sections 5.2 and 11.2.2)."""
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PICTURE_BYTES_MAX = 4 << 20
+
+
+class PictureInfo(msgspec.Struct, frozen=True):
+    """A picture without its pixels."""
+
+    width: int
+    height: int
+    bytes: int
+    stamp_ns: int
+
+
+class CameraDevice(Device):
+    """One camera, level, looking ahead. It works only on request."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """`interface` is one of `zenoh` (the simulator), `file` and `v4l`; what `channel` means depends on it."""
+
+        interface: str = "zenoh"
+        channel: str = ""
+        """file: a PNG, or a folder of them, in order of their names; v4l: the number of the video device."""
+        timeout_s: float = 1.0
+        view_rad: float = 1.2
+        """Horizontal angle of view; chosen for the simulator, set that of your camera."""
+
+        def __post_init__(self) -> None:
+            check_positive(self, "timeout_s")
+            if not 0 < self.view_rad < 3.1:
+                raise ValueError(f"expected view_rad above 0 and below 3.1, got {self.view_rad}")
+
+    interface = CameraInterface
+    parameters: Parameters
+
+    def init(self) -> None:
+        self._backend: Backend | None = None
+
+    def activate(self) -> None:
+        wanted = self.parameters
+        self._backend = open_backend(self.env, wanted.interface, wanted.channel, wanted.timeout_s)
+
+    def deactivate(self) -> None:
+        if self._backend is not None:
+            self._backend.close()
+            self._backend = None
+
+    def snapshot(self) -> Picture:
+        """Take a picture."""
+        if self._backend is None:
+            raise CallError(ErrorCode.INACTIVE, f"{self.env.plugin}: the camera is not open")
+        png = self._backend.take()
+        width, height = png_size(png)
+        return Picture(png=png, width=width, height=height, stamp_ns=self.env.clock.now_ns())
+
+    @external
+    def look(self) -> PictureInfo:
+        """Take a picture and return its size, to test the camera."""
+        picture = self.snapshot()
+        return PictureInfo(picture.width, picture.height, len(picture.png), picture.stamp_ns)
+
+
+def png_size(png: bytes) -> tuple[int, int]:
+    """Width and height of a PNG; CallError if it is none, or too large to be passed on."""
+    if len(png) > PICTURE_BYTES_MAX:
+        raise CallError(ErrorCode.FAILED, f"expected a picture of at most {PICTURE_BYTES_MAX} bytes, got {len(png)}")
+    if len(png) < PNG_HEAD.size:
+        raise CallError(ErrorCode.FAILED, f"expected a PNG, got {len(png)} bytes")
+    signature, chunk, width, height = PNG_HEAD.unpack_from(png)
+    if signature != PNG_SIGNATURE or chunk != b"IHDR" or not (width and height):
+        raise CallError(ErrorCode.FAILED, f"expected a PNG, got bytes that begin with {png[:8].hex()}")
+    return width, height

@@ -1,1 +1,0 @@
-"""The way in for those outside who speak the text form."""

@@ -1,0 +1,319 @@
+"""Contacts on the lines of a GPIO chip, by libgpiod: bumpers, and the emergency stop's button."""
+
+import threading
+from collections.abc import Sequence
+from datetime import timedelta
+from enum import StrEnum
+from typing import Annotated, Literal, Protocol
+
+import gpiod
+import msgspec
+from gpiod.line import Bias, Direction, Value
+from msgspec import Meta
+
+from robrain.agent.event import Event
+from robrain.agent.plugin import Device, external
+from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.protocol.model.ranges import check_finite, check_within
+
+LineName = Annotated[int, Meta(ge=0, le=1023)] | Annotated[str, Meta(min_length=1, max_length=64)]
+"""Offset of a line in its chip, or its name, such as `GPIO17`."""
+ChipPath = Annotated[str, Meta(min_length=1, max_length=4096)]
+DEBOUNCE_S_MAX = 0.1
+
+
+class Pull(StrEnum):
+    """The chip's own resistor, which says what an open line reads as."""
+
+    UP = "up"
+    DOWN = "down"
+    NONE = "none"
+    """A resistor on the board does."""
+
+
+_BIASES = {Pull.UP: Bias.PULL_UP, Pull.DOWN: Bias.PULL_DOWN, Pull.NONE: Bias.DISABLED}
+
+
+class GpioAbsent(OSError):
+    """Lines that cannot be opened or read. A fault like others: the plugin is started again later."""
+
+
+class InputLines:
+    """Some lines of one chip.
+
+    Args:
+        chip: path of its device file, such as `/dev/gpiochip0`.
+        lines: which, in the order of `read`.
+        pull: the resistor on all of them.
+        is_low_active: whether `read` is true for a low level.
+        debounce_s: changes that last less are not seen; 0 for all.
+        consumer: who uses them, as `gpioinfo` shows it.
+
+    """
+
+    def __init__(
+        self,
+        chip: str,
+        lines: Sequence[int | str],
+        pull: Pull,
+        *,
+        is_low_active: bool,
+        debounce_s: float,
+        consumer: str,
+    ) -> None:
+        self._chip, self._lines, self._consumer = chip, tuple(lines), consumer
+        self._settings = gpiod.LineSettings(
+            direction=Direction.INPUT,
+            bias=_BIASES[pull],
+            active_low=is_low_active,
+            debounce_period=timedelta(seconds=debounce_s),
+        )
+        self._request: gpiod.LineRequest | None = None
+
+    @property
+    def where(self) -> str:
+        """Such as `lines 17, 27 of /dev/gpiochip0`."""
+        return f"line{'s' if len(self._lines) > 1 else ''} {', '.join(map(str, self._lines))} of {self._chip}"
+
+    @property
+    def is_open(self) -> bool:
+        """Whether they are."""
+        return self._request is not None
+
+    def open(self) -> None:
+        """Request the lines (GpioAbsent, naming them: there are none, or another program uses them)."""
+        try:
+            self._request = gpiod.request_lines(self._chip, {self._lines: self._settings}, consumer=self._consumer)
+        except (OSError, ValueError) as error:  # ValueError: the chip has no line of that name
+            raise GpioAbsent(f"cannot open {self.where}: {error}") from error
+
+    def read(self) -> list[bool]:
+        """Which lines are active (GpioAbsent, naming them)."""
+        if self._request is None:
+            raise GpioAbsent(f"{self.where} are not open")
+        try:
+            return [value is Value.ACTIVE for value in self._request.get_values()]
+        except (OSError, gpiod.RequestReleasedError) as error:
+            raise GpioAbsent(f"cannot read {self.where}: {error}") from error
+
+    def close(self) -> None:
+        """Give the lines back."""
+        if self._request is not None:
+            request, self._request = self._request, None
+            try:
+                request.release()
+            except OSError:  # the chip has gone, and its lines with it
+                return
+
+
+CONTACTS_MAX = 24
+
+
+class BumperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One contact."""
+
+    line: LineName
+    direction_rad: float
+    """Where it is on the hull, robot's frame."""
+
+    def __post_init__(self) -> None:
+        check_finite(self, "direction_rad")
+
+
+class GpioBumpers(Device):
+    """Tells each change of the contacts. It measures no ranges."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Contacts that close to ground when they are pressed, unless said otherwise."""
+
+        chip: ChipPath = "/dev/gpiochip0"
+        contacts: Annotated[tuple[BumperContact, ...], Meta(max_length=CONTACTS_MAX)] = ()
+        is_pressed_low: bool = True
+        """Whether a pressed contact makes its line low."""
+        pull: Pull = Pull.UP
+        debounce_s: float = 0.005
+
+        def __post_init__(self) -> None:
+            if not self.contacts:
+                raise ValueError("expected at least one of contacts, such as { line = 17, direction_rad = 0.0 }")
+            check_within(self, 0, DEBOUNCE_S_MAX, "debounce_s")
+
+    interface = RangeSensorsInterface
+    period_s = 0.02
+    parameters: Parameters
+    measured = Event[RangeRing]()
+    bumped = Event[Bump](outside=True)
+
+    def init(self) -> None:
+        wanted = self.parameters
+        self._lines = InputLines(
+            wanted.chip,
+            [contact.line for contact in wanted.contacts],
+            wanted.pull,
+            is_low_active=wanted.is_pressed_low,
+            debounce_s=wanted.debounce_s,
+            consumer="robrain bumpers",
+        )
+        self._pressed_rad: tuple[float, ...] = ()
+
+    def activate(self) -> None:
+        self._lines.open()
+
+    def step(self) -> None:
+        closed = self._lines.read()
+        contacts = self.parameters.contacts
+        pressed_rad = tuple(contact.direction_rad for contact, is_on in zip(contacts, closed, strict=True) if is_on)
+        if pressed_rad != self._pressed_rad:
+            self._pressed_rad = pressed_rad
+            self.bumped.notify(Bump(self.env.clock.now_ns(), pressed_rad))
+
+    def deactivate(self) -> None:
+        self._lines.close()
+
+    @external
+    def latest(self) -> RangeRing | None:
+        """Null: there are no range sensors."""
+        return None
+
+    @external
+    def pressed_rad(self) -> tuple[float, ...]:
+        """Directions of the contacts that are pressed now, robot's frame."""
+        return self._pressed_rad
+
+
+class ButtonChange(msgspec.Struct, frozen=True):
+    """The button was pressed, or released."""
+
+    stamp_ns: int
+    why: str
+    """Why the robot stops, in words; empty if nothing speaks against its driving any more."""
+
+
+class EmergencyStopInterface(Protocol):
+    """The button. Nothing needs to call it: pressed, it halts the robot by itself."""
+
+    changed: Event[ButtonChange]
+
+    def why_pressed(self) -> str:
+        """Why the robot has to stand, in words; empty if the button is released."""
+
+
+LINES_MAX = 4
+
+
+class StopButton:
+    """The contacts of one button. May be asked on any thread, also while the device does not run.
+
+    Args:
+        lines: true for each contact that is open.
+
+    """
+
+    def __init__(self, lines: InputLines) -> None:
+        self._lines = lines
+        self._using = threading.Lock()
+
+    def open(self) -> None:
+        """Keep the lines open (GpioAbsent if that fails)."""
+        with self._using:
+            self._lines.open()
+
+    def close(self) -> None:
+        """Give them back."""
+        with self._using:
+            self._lines.close()
+
+    def read(self) -> str:
+        """Why the robot has to stand, in words; empty if all contacts are closed (GpioAbsent if not to be read)."""
+        with self._using:
+            was_open = self._lines.is_open
+            if not was_open:
+                self._lines.open()
+            try:
+                is_open = any(self._lines.read())
+            finally:
+                if not was_open:
+                    self._lines.close()
+        return f"the emergency stop is pressed, or its cable is broken: {self._lines.where}" if is_open else ""
+
+    def why_not_resume(self) -> str:
+        """As `read`; lines that cannot be read are a reason as well."""
+        try:
+            return self.read()
+        except GpioAbsent as error:
+            return f"the emergency stop does not answer: {error}"
+
+
+class GpioEmergencyStop(Device):
+    """Halts the robot while its button is pressed, its cable broken or its line lost."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """Contacts that are closed unless the button is pressed."""
+
+        chip: ChipPath = "/dev/gpiochip0"
+        lines: Annotated[tuple[LineName, ...], Meta(max_length=LINES_MAX)] = ()
+        """One for each contact of the button; any that is open halts the robot."""
+        wired_to: Literal["ground", "supply"] = "ground"
+        """What a closed contact connects its line to."""
+        own_pull: bool = True
+        """Whether the chip's resistor pulls an open line the other way; false if the board has resistors."""
+        debounce_s: float = 0.005
+
+        def __post_init__(self) -> None:
+            if not self.lines:
+                raise ValueError("expected at least one of lines, such as 17")
+            check_within(self, 0, DEBOUNCE_S_MAX, "debounce_s")
+
+    interface = EmergencyStopInterface
+    period_s = 0.01
+    parameters: Parameters
+    changed = Event[ButtonChange](outside=True)
+
+    def init(self) -> None:
+        wanted, is_grounded = self.parameters, self.parameters.wired_to == "ground"
+        lines = InputLines(
+            wanted.chip,
+            wanted.lines,
+            (Pull.UP if is_grounded else Pull.DOWN) if wanted.own_pull else Pull.NONE,
+            is_low_active=not is_grounded,
+            debounce_s=wanted.debounce_s,
+            consumer="robrain emergency stop",
+        )
+        self._button = StopButton(lines)
+        self._why = ""
+
+    def activate(self) -> None:
+        self.env.guard_resume(self._button.why_not_resume)
+        try:
+            self._button.open()
+            self._look()
+        except GpioAbsent as error:
+            self.env.halt_robot(str(error))
+            raise
+
+    def step(self) -> None:
+        try:
+            self._look()
+        except GpioAbsent as error:
+            self._tell(str(error))
+            raise
+
+    def deactivate(self) -> None:
+        self._button.close()
+
+    @external
+    def why_pressed(self) -> str:
+        """Why the robot has to stand, in words; empty if the button is released."""
+        return self._button.why_not_resume()
+
+    def _look(self) -> None:
+        why = self._button.read()
+        # It steps, so the robot is not halted: the button was released and pressed again between two steps.
+        if why or self._why:
+            self._tell(why)
+
+    def _tell(self, why: str) -> None:
+        self._why = why
+        self.changed.notify(ButtonChange(self.env.clock.now_ns(), why))
+        if why:
+            self.env.halt_robot(why)

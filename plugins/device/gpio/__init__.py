@@ -1,1 +1,0 @@
-"""Contacts on GPIO lines: bumpers and the emergency stop's button."""

@@ -1,0 +1,428 @@
+"""The way of velocities to the robot, which says zero once nothing else is commanded.
+
+A velocity holds for `HOLD_S`; then zero is published, `ZEROS` times, in case one is lost. While the robot is halted,
+zero is published all the time, so that no other node drives it. This is done on the thread of the ROS node: it also
+stops a robot whose plugin hangs. A robot whose agent has died stops by its own watchdog.
+"""
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from threading import Lock
+from typing import Annotated
+
+from geometry_msgs.msg import Twist, TwistStamped
+from msgspec import Meta
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+
+from robrain.agent.event import Event
+from robrain.agent.plugin import Device, external
+from robrain.agent.silence import FirstWord, Silence
+from robrain.algorithms.localization.odometry import PoseTrack
+from robrain.plugins.device.mocdevice.interface import (
+    BusFault,
+    ControllerStatus,
+    Counters,
+    DriveCondition,
+    MocDeviceInterface,
+)
+from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, Ros2Publisher, check_topics, open_link
+from robrain.plugins.device.ros2.odometry_message import ToldOdometry, read_odometry
+from robrain.plugins.device.ros2.topic_device import CheckedTopic
+from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.ranges import check_positive
+
+logger = logging.getLogger(__name__)
+
+
+HOLD_NS = to_ns(0.2)
+ZEROS = 10
+TICK_S = 0.05
+"""Period of `tick`."""
+STANDING = Twist2D()
+
+
+class CommandGate:
+    """Publishes velocities, and zero when they lapse; it may be used from any thread.
+
+    Args:
+        publish: publishes a velocity, body frame; it must not wait.
+        now_ns: a clock that is never set.
+
+    """
+
+    def __init__(self, publish: Callable[[Twist2D], None], now_ns: Callable[[], int]) -> None:
+        self._publish, self._now_ns = publish, now_ns
+        self._lock = Lock()
+        self._lapses_ns: int | None = None
+        """When the last command lapses; None while the robot is to stand."""
+        self._zeros = 0
+        self._held_ns: int | None = None
+        self._is_closed = False
+
+    def drive(self, twist: Twist2D) -> None:
+        """Command a velocity for `HOLD_S`; without effect while the gate is held, and after its end."""
+        with self._lock:
+            if self._held_ns is None and not self._is_closed:
+                self._lapses_ns = self._now_ns() + HOLD_NS
+                self._publish(twist)
+
+    def stop(self) -> None:
+        """Command zero, now and some times more."""
+        with self._lock:
+            self._stand()
+
+    def hold(self) -> None:
+        """Command zero until `release`, whatever else is commanded."""
+        with self._lock:
+            self._held_ns = self._now_ns()
+            self._stand()
+
+    def release(self) -> None:
+        """End `hold`, for a step of the plugin, which has none while it is halted.
+
+        Without effect just after `hold`: that step may have begun before the halt.
+        """
+        with self._lock:
+            if self._held_ns is not None and self._now_ns() - self._held_ns >= HOLD_NS:
+                self._held_ns = None
+
+    def tick(self) -> None:
+        """Say zero if that is due; called every `TICK_S`."""
+        with self._lock:
+            if self._is_closed:
+                return
+            if self._lapses_ns is not None and self._now_ns() >= self._lapses_ns:
+                self._stand()
+            elif self._held_ns is not None or self._zeros:
+                self._zeros = max(self._zeros - 1, 0)
+                self._publish(STANDING)
+
+    def close(self) -> None:
+        """Command zero once more, and nothing from then on."""
+        with self._lock:
+            if not self._is_closed:
+                self._stand()
+                self._is_closed = True
+
+    def _stand(self) -> None:
+        if self._is_closed:
+            return
+        self._lapses_ns, self._zeros = None, ZEROS
+        self._publish(STANDING)
+
+
+HISTORY_NS = 5 * NS_PER_S
+HISTORY_MESSAGES = 2048
+JUMP_SLACK = 2.0
+"""A base that seems to have moved this many times as fast as it can has not: its odometry has jumped."""
+JUMP_M, JUMP_RAD = 0.05, 0.1
+"""Less than this is no jump."""
+BLIND_S = 1.0
+"""How long a base may have moved while nothing was heard of it: its watchdog stops it."""
+
+
+class ToldPath(PoseTrack):
+    """Follows the odometry of a base; the frame odom begins where the robot was first heard.
+
+    Args:
+        speed_m_s: greatest speed of the base.
+        turn_rate_rad_s: its greatest turn rate.
+        pose: T_odom_robot from which it goes on.
+        before: what the base reported at that pose, and the number of that message; None if that is not known.
+
+    """
+
+    def __init__(
+        self, speed_m_s: float, turn_rate_rad_s: float, pose: Pose2D, before: tuple[Pose2D, int] | None
+    ) -> None:
+        super().__init__(pose, HISTORY_MESSAGES)
+        self.velocity = STANDING
+        self.before = before
+        self._speed_m_s, self._turn_rate_rad_s = speed_m_s, turn_rate_rad_s
+
+    def take(self, told: ToldOdometry, measured_ns: int, number: int) -> bool:
+        """Take what the base reports; returns False if its odometry has jumped, and the pose has stayed.
+
+        Args:
+            told: the message.
+            measured_ns: its time of measurement, robot's clock.
+            number: its publisher's count of messages. A publisher that counts from the start again has been started
+                again, and so may have been its odometry; 0 if there is no count.
+
+        """
+        before, self.before = self.before, (told.pose, number)
+        has_jumped = False
+        if before is not None:
+            displacement = before[0].inverse().compose(told.pose)
+            if 0 < number <= before[1] or self._is_jump(displacement, measured_ns):
+                has_jumped = True
+            else:
+                self.pose = self.pose.compose(displacement)
+        self.velocity = STANDING if has_jumped else told.velocity
+        history = self._history
+        while history and history[-1][0] >= measured_ns:  # a clock was set back
+            history.pop()
+        history.append((measured_ns, self.pose))
+        while history[0][0] < measured_ns - HISTORY_NS:
+            history.popleft()
+        return not has_jumped
+
+    def _is_jump(self, displacement: Pose2D, measured_ns: int) -> bool:
+        until_ns = self.until_ns
+        passed_s = BLIND_S if until_ns is None else max(to_seconds(measured_ns - until_ns), 0.0)
+        reach_m = JUMP_M + JUMP_SLACK * self._speed_m_s * passed_s
+        reach_rad = JUMP_RAD + JUMP_SLACK * self._turn_rate_rad_s * passed_s
+        return displacement.distance_m(Pose2D(0.0, 0.0, 0.0)) > reach_m or abs(displacement.yaw_rad) > reach_rad
+
+
+COMMAND_QOS = QoSProfile(depth=1)
+"""Reliable, the newest only: a subscription of any reliability hears it."""
+
+
+class Ros2Base(Device):
+    """Drives a ROS 2 robot by `cmd_vel`, and follows its odometry."""
+
+    class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
+        """Topics and limits; the limits are chosen, take those of your robot."""
+
+        cmd_vel: str = "cmd_vel"
+        """Topic of the velocities."""
+        stamped: bool = False
+        """Whether that takes geometry_msgs/TwistStamped instead of Twist."""
+        command_frame: str = "base_link"
+        """Frame of stamped velocities."""
+        odom: str = "odom"
+        """Topic of the odometry, nav_msgs/Odometry."""
+        holonomic: bool = False
+        """Whether the base can drive sideways."""
+        turn_radius_min_m: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
+        """Radius of the tightest turn, of a car; 0 for a base that turns on the spot."""
+        radius_m: float = 0.20
+        """Radius of the round footprint."""
+        speed_m_s: float = 1.0
+        """Greatest speed; faster commands are slowed down, faster odometry has jumped."""
+        turn_rate_rad_s: float = 3.0
+        """Greatest turn rate; likewise."""
+        silent_s: float = 0.5
+        """Time without odometry after which the robot counts as gone."""
+
+        def __post_init__(self) -> None:
+            super().__post_init__()
+            check_topics(self, "cmd_vel", "odom")
+            check_positive(self, "radius_m", "speed_m_s", "turn_rate_rad_s", "silent_s")
+            if self.holonomic and self.turn_radius_min_m:
+                raise ValueError("expected turn_radius_min_m = 0 for a holonomic base")
+
+    interface = MocDeviceInterface
+    period_s = 0.06  # and whenever somebody asks for the odometry
+    parameters: Parameters
+    condition = Event[DriveCondition](outside=True)
+
+    def init(self) -> None:
+        self._link: Ros2Link | None = None
+        self._odometry: CheckedTopic[ToldOdometry] | None = None
+        self._publisher: Ros2Publisher | None = None
+        self._gate: CommandGate | None = None
+        self._believed = self._jumps = 0
+
+    def activate(self) -> None:
+        board, wanted = self.env.board, self.parameters
+        self._silent_ns = to_ns(wanted.silent_s)
+        self._silence = Silence(self._silent_ns)
+        self._first = FirstWord(self.env.clock.now_ns())
+        self._is_again = board.T_odom_robot is not None
+        """The robot has told odometry before: this is a restart, or a reload."""
+        start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
+        self._path = ToldPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
+        self._received_ns: int | None = None
+        self._since_ns = self.env.clock.now_ns()
+        link = self._link = open_link(self.env, wanted)
+        if self._is_again and link.is_gone(wanted.topic(wanted.odom)):
+            raise BusFault(self.env.plugin, self._silence_text("no odometry"))
+        self._publisher = link.publisher(
+            TwistStamped if wanted.stamped else Twist, wanted.topic(wanted.cmd_vel), COMMAND_QOS
+        )
+        self._gate = CommandGate(self._publish, time.monotonic_ns)
+        self._end_ticks = link.every(TICK_S, self._gate.tick)
+        topic, qos = wanted.topic(wanted.odom), qos_profile_sensor_data
+        self._odometry = CheckedTopic(link, Odometry, topic, qos, read_odometry, _ignore)
+
+    def step(self) -> None:
+        if self._gate is None:
+            return
+        self._gate.release()
+        self._catch_up()
+        try:
+            self._check()
+        except BusFault as fault:
+            self.condition.notify(DriveCondition(False, str(fault)))
+            raise
+
+    def deactivate(self) -> None:
+        link, self._link = self._link, None
+        if self._gate is not None:
+            self._gate.close()
+            self._end_ticks()
+            self._gate = None
+        for held in (self._publisher, self._odometry):
+            if held is not None:
+                held.close()
+        self._publisher = None
+        if link is not None:
+            link.release()
+
+    def emergency_halt(self) -> None:
+        if (gate := self._gate) is not None:
+            gate.hold()
+
+    def drive(self, twist: Twist2D) -> None:
+        """Command a velocity, body frame. It holds for 200 ms; beyond the base's limits its curvature is kept."""
+        if self._gate is None or (self._is_again and self._received_ns is None):
+            return  # it may hear and not be heard: no motion before it has spoken
+        wanted = self.parameters
+        forward, left, yaw = twist.forward_m_s, twist.left_m_s * wanted.holonomic, twist.yaw_rad_s
+        speed_m_s = math.hypot(forward, left)
+        if not (math.isfinite(speed_m_s) and math.isfinite(yaw)):
+            raise ValueError(f"expected a finite velocity, got {twist}")
+        excess = max(1.0, speed_m_s / wanted.speed_m_s, abs(yaw) / wanted.turn_rate_rad_s)
+        self._gate.drive(Twist2D(forward / excess, left / excess, yaw / excess))
+
+    @external
+    def stop(self) -> None:
+        """Stop the wheels at once."""
+        if self._gate is not None:
+            self._gate.stop()
+
+    @external
+    def is_fresh(self) -> bool:
+        """Whether the robot reports its odometry."""
+        self._catch_up()
+        return self._received_ns is not None and self.env.clock.now_ns() - self._received_ns <= self._silent_ns
+
+    def pose(self) -> Pose2D:
+        """T_odom_robot by the robot's odometry."""
+        self._catch_up()
+        return self._path.pose
+
+    def pose_if_fresh(self) -> tuple[Pose2D, bool]:
+        """`pose` and `is_fresh` in one call."""
+        is_fresh = self.is_fresh()
+        return self._path.pose, is_fresh
+
+    def pose_at(self, stamp_ns: int) -> Pose2D:
+        """T_odom_robot at a time within the last five seconds."""
+        self._catch_up()
+        return self._path.pose_at(stamp_ns)
+
+    def odometry_until_ns(self) -> int:
+        """Time of measurement of the newest odometry; 0 before the first."""
+        self._catch_up()
+        return self._path.until_ns or 0
+
+    def velocity(self) -> Twist2D:
+        """Velocity in the body frame, as the robot reports it."""
+        self._catch_up()
+        return self._path.velocity
+
+    def radius_m(self) -> float:
+        """Radius of the round footprint."""
+        return self.parameters.radius_m
+
+    @external
+    def is_holonomic(self) -> bool:
+        """Whether the base can drive sideways."""
+        return self.parameters.holonomic
+
+    @external
+    def turn_radius_min_m(self) -> float:
+        """Radius of the tightest turn; 0 for a base that turns on the spot."""
+        return self.parameters.turn_radius_min_m
+
+    @external
+    def counters(self) -> Counters:
+        """Messages believed, rejected and lost; `foreign` counts other publishers of the velocities."""
+        self._catch_up()
+        link, heard, wanted = self._link, self._odometry, self.parameters
+        foreign = max(link.publishers(wanted.topic(wanted.cmd_vel)) - 1, 0) if link is not None else 0
+        rejected, dropped = (heard.rejected, heard.dropped) if heard is not None else (0, 0)
+        return Counters(self._believed, rejected, foreign, dropped, self._jumps)
+
+    def status(self) -> ControllerStatus | None:
+        """None: a ROS 2 robot has no status of that kind."""
+        return None
+
+    @external
+    def trouble(self) -> str:
+        """What hinders the robot from driving, in words; empty if nothing is seen."""
+        link, publisher, wanted = self._link, self._publisher, self.parameters
+        if link is None or publisher is None:
+            return "the device is not active"
+        found = []
+        if not self.is_fresh():
+            found.append(self._silence_text("no odometry"))
+        if not publisher.listeners():
+            found.append(f"nothing listens to {wanted.topic(wanted.cmd_vel)}")
+        if self._odometry is not None and self._odometry.why_rejected:
+            found.append(f"the last odometry that was rejected: {self._odometry.why_rejected}")
+        return "; ".join(found)
+
+    def _publish(self, twist: Twist2D) -> None:
+        publisher = self._publisher
+        if publisher is None:
+            return
+        message = TwistStamped() if self.parameters.stamped else Twist()
+        velocity = message
+        if self.parameters.stamped:
+            sec, nanosec = divmod(self.env.clock.now_ns(), NS_PER_S)
+            message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+            message.header.frame_id = self.parameters.command_frame
+            velocity = message.twist
+        velocity.linear.x, velocity.linear.y, velocity.angular.z = twist.forward_m_s, twist.left_m_s, twist.yaw_rad_s
+        publisher.publish(message)
+
+    def _catch_up(self) -> None:
+        heard = self._odometry
+        if not heard:  # nothing has come
+            return
+        for told, measured_ns, number in heard.take():
+            if not self._path.take(told, measured_ns, number):
+                self._jumps += 1
+            self._believed += 1
+            if self._received_ns is None and self._is_again:
+                self.condition.notify(DriveCondition(True, "the robot reports its odometry again"))
+            self._received_ns = self.env.clock.now_ns()
+            board = self.env.board
+            board.T_odom_robot, board.published_odometry = self._path.pose, self._path.before
+
+    def _check(self) -> None:
+        link, since_ns = self._link, self._received_ns
+        if link is not None and link.failure:
+            raise BusFault(self.env.plugin, link.failure)
+        now_ns = self.env.clock.now_ns()
+        if since_ns is None:
+            if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
+                if self._first.is_missing(now_ns):
+                    logger.warning("%s: %s", self.env.robot, self._silence_text("no odometry yet"))
+                return
+            since_ns = self._since_ns
+        if now_ns - since_ns <= self._silence.begins_ns:
+            return
+        silent_ns = self._silence.since(since_ns, now_ns)
+        if silent_ns > self._silent_ns:
+            raise BusFault(self.env.plugin, self._silence_text(f"no odometry for {silent_ns / NS_PER_S:.2f} s"))
+
+    def _silence_text(self, what: str) -> str:
+        link, wanted = self._link, self.parameters
+        topic = wanted.topic(wanted.odom)
+        if link is None or not link.publishers(topic):
+            domain = f" in ROS domain {link.domain_id}" if link is not None else ""
+            return f"{what}: {topic} has no publisher{domain}"
+        return f"{what}: {self._odometry.silence_reason}" if self._odometry is not None else what
+
+
+def _ignore() -> None:
+    """Odometry is read when it is asked for, and at each step."""

@@ -1,1 +1,0 @@
-"""The base of a ROS 2 robot."""

@@ -1,0 +1,62 @@
+"""Sensor board: what a mote senses, sensed by the robot itself; asked when wanted.
+
+Only the simulator's is there: another board is another class with the same interface.
+"""
+
+from typing import Protocol
+
+import msgspec
+
+from robrain.agent.errors import HardwareAbsent
+from robrain.agent.plugin import Device, external
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.table.topics import ARENA_SENSE
+
+
+class Sensed(msgspec.Struct, frozen=True, kw_only=True):
+    """What was measured where the robot is; names as in `MoteReading`, with the unit."""
+
+    values: dict[str, float]
+    stamp_ns: int
+
+
+class SensorBoardInterface(Protocol):
+    """Measures what motes measure, when asked."""
+
+    def measure(self) -> Sensed:
+        """Measure now.
+
+        Raises:
+            CallError: the board does not answer; the text says why.
+
+        """
+
+
+class SensorBoard(Device):
+    """Measures at the robot's place, on request."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """`interface` is `zenoh`, the simulator."""
+
+        interface: str = "zenoh"
+        timeout_s: float = 1.0
+
+        def __post_init__(self) -> None:
+            check_positive(self, "timeout_s")
+
+    interface = SensorBoardInterface
+    parameters: Parameters
+
+    def activate(self) -> None:
+        if self.parameters.interface != "zenoh":
+            raise HardwareAbsent(self.env.plugin, f"expected interface zenoh, got {self.parameters.interface!r}")
+
+    @external
+    def measure(self) -> Sensed:
+        """Measure now."""
+        try:
+            values = self.env.wire.ask(ARENA_SENSE, robot=self.env.robot, timeout_s=self.parameters.timeout_s)
+        except NobodyThere as error:
+            raise CallError(ErrorCode.FAILED, f"no sensor board answers: {error}") from error
+        return Sensed(values=values, stamp_ns=self.env.clock.now_ns())

@@ -1,1 +1,0 @@
-"""Bases whose motor controller is on a serial line."""

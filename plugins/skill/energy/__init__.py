@@ -1,1 +1,0 @@
-"""Energy: what work will cost, learned from what it did cost."""

@@ -1,0 +1,96 @@
+"""Home: what a robot knows of chargers and of where it started, in one place for all behaviors."""
+
+import math
+from typing import Protocol
+
+import msgspec
+
+from robrain.agent.event import Event
+from robrain.agent.plugin import Skill, external
+from robrain.protocol.model.geometry import Point2D
+
+
+class ChargerPlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where a robot's centre has to be to be charged, arena frame, and how it has to face if that matters."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float | None = None
+
+    @property
+    def place(self) -> Point2D:
+        """The same without the yaw."""
+        return Point2D(self.x_m, self.y_m)
+
+
+class HomeInterface(Protocol):
+    """The chargers that the robot knows, and the place that it started from."""
+
+    asked: Event[str]
+    """The robot should go home now; why."""
+
+    def chargers(self) -> list[ChargerPlace]:
+        """All that are known; those of the manifest first."""
+
+    def learn(self, charger: ChargerPlace) -> None:
+        """Know one more, as from a task; one that is known already is not taken twice."""
+
+    def start(self) -> Point2D | None:
+        """Where the robot started, arena frame, as far as it knows now; None before it knows where it is."""
+
+    def ask(self, why: str) -> None:
+        """Say that the robot should go home; whoever drives it there observes `asked`."""
+
+
+SAME_M = 0.3
+"""Two chargers nearer to each other than this are one."""
+MAX_CHARGERS = 256
+
+
+class Home(Skill):
+    """Knows the chargers and the robot's start."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """The chargers that the robot knows from the beginning."""
+
+        chargers: list[ChargerPlace] = []
+
+        def __post_init__(self) -> None:
+            for charger in self.chargers:
+                if not (math.isfinite(charger.x_m) and math.isfinite(charger.y_m)):
+                    raise ValueError(f"expected chargers at finite places, got {charger}")
+
+    interface = HomeInterface
+    parameters: Parameters
+    asked = Event[str](outside=True)
+
+    def init(self) -> None:
+        self._chargers = list(self.parameters.chargers)
+        self._tell()
+
+    @external
+    def chargers(self) -> list[ChargerPlace]:
+        """All known chargers."""
+        return list(self._chargers)
+
+    @external
+    def learn(self, charger: ChargerPlace) -> None:
+        """Add a charger."""
+        is_new = all(math.hypot(charger.x_m - known.x_m, charger.y_m - known.y_m) >= SAME_M for known in self._chargers)
+        if is_new and len(self._chargers) < MAX_CHARGERS:
+            self._chargers.append(charger)
+            self._tell()
+
+    @external
+    def start(self) -> Point2D | None:
+        """Start of the robot: the origin of its dead reckoning."""
+        T_arena_odom = self.env.board.T_arena_odom
+        return None if T_arena_odom is None else Point2D(T_arena_odom.x_m, T_arena_odom.y_m)
+
+    @external
+    def ask(self, why: str) -> None:
+        """Ask the robot to go home, with a reason."""
+        self.asked.notify(why)
+
+    def _tell(self) -> None:
+        self.env.board.chargers = tuple(charger.place for charger in self._chargers)

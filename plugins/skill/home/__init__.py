@@ -1,1 +1,0 @@
-"""Home: where the robot goes when it has to."""

@@ -1,0 +1,169 @@
+"""Planner: cheapest paths on the inflated map, and ways out of the way of others."""
+
+from collections.abc import Sequence
+from typing import Literal, Protocol
+
+import msgspec
+
+from robrain.agent.plugin import Skill
+from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
+from robrain.algorithms.navigation.escape import escape_cells
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
+from robrain.algorithms.navigation.path_planning import standpoint
+from robrain.algorithms.navigation.right_of_way import Track
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.plugins.skill.mapper.mapper import MapView
+from robrain.plugins.unit.driver.interface import DriverInterface
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import check_positive
+
+Circle = tuple[float, float, float]
+"""x, y, radius: metres, arena frame."""
+
+
+class PlannerInterface(Protocol):
+    """Shortest safe paths, arena frame."""
+
+    def plan(
+        self,
+        view: MapView,
+        start: Point2D,
+        goal: Point2D,
+        avoid: Sequence[Circle],
+        dear: Sequence[Zone] = (),
+        *,
+        is_narrow: bool = False,
+    ) -> list[Point2D] | None:
+        """Waypoints from start to as near to goal as the robot can stand; None if there is no way.
+
+        The path avoids circles, and zones unless the way around is much longer. With `is_narrow` it may lead through
+        places with less than the preferred clearance, down to what a robot can squeeze through by the map; the driver
+        finds out on the spot whether it fits.
+        """
+
+    def escape(
+        self,
+        view: MapView,
+        start: Point2D,
+        speed_m_s: float,
+        tracks: Sequence[Track],
+        apart_m: float,
+        *,
+        is_narrow: bool = False,
+    ) -> list[Point2D] | None:
+        """Waypoints to the nearest place clear of all tracks with right of way; None if there is none."""
+
+    def is_narrow(self, view: MapView, place: Point2D) -> bool:
+        """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
+
+    def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
+        """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
+
+    def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
+        """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
+
+
+class Planner(Skill):
+    """Plans paths for a round robot; the driver gives its radius."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """How paths are. All values are chosen."""
+
+        margin_m: float = PREFERRED_MARGIN_M
+        """Distance kept from obstacles beyond the robot's radius, except on narrow paths."""
+        snap_m: float = 0.8
+        """Greatest distance of a path's ends from the robot and from the goal, if the robot cannot stand there."""
+        unknown: Literal["avoid", "dear", "free"] = "avoid"
+        """Unknown floor: not driven on; at `unknown_cost` times the cost of known floor; or as if it were known."""
+        unknown_cost: float = 4.0
+
+        def __post_init__(self) -> None:
+            check_positive(self, "margin_m", "snap_m")
+            if not self.unknown_cost >= 1:
+                raise ValueError(f"expected unknown_cost >= 1, got {self.unknown_cost}")
+
+    interface = PlannerInterface
+    parameters: Parameters
+
+    def init(self) -> None:
+        self._grids: dict[bool, _Looked] = {}
+        """By `is_narrow`: the grid with the preferred clearance and the one with narrow places; made when needed."""
+
+    def activate(self) -> None:
+        self._radius_m = self.env.use("driver", DriverInterface).radius_m()
+
+    def plan(
+        self,
+        view: MapView,
+        start: Point2D,
+        goal: Point2D,
+        avoid: Sequence[Circle],
+        dear: Sequence[Zone] = (),
+        *,
+        is_narrow: bool = False,
+    ) -> list[Point2D] | None:
+        """Waypoints from start to as near to goal as the robot can stand."""
+        grid = self._navigation(view, is_narrow=is_narrow)
+        return grid.path(start, goal, snap_m=self.parameters.snap_m, avoid=avoid, dear=dear)
+
+    def escape(
+        self,
+        view: MapView,
+        start: Point2D,
+        speed_m_s: float,
+        tracks: Sequence[Track],
+        apart_m: float,
+        *,
+        is_narrow: bool = False,
+    ) -> list[Point2D] | None:
+        """Waypoints to the nearest place clear of all tracks with right of way."""
+        grid = self._navigation(view, is_narrow=is_narrow)
+        cell = grid.snap(start, self.parameters.snap_m)
+        if cell is None:
+            return None
+        cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m)
+        return None if cells is None else grid.waypoints(cells)
+
+    def is_narrow(self, view: MapView, place: Point2D) -> bool:
+        """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
+        near_m = view.geometry.resolution_m
+        if self._navigation(view).snap(place, near_m) is not None:
+            return False
+        return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # else it is unknown or shut
+
+    def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
+        """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
+        grid = self._navigation(view, is_narrow=is_narrow)
+        reach = round(within_m / grid.geometry.resolution_m)
+        cell = standpoint(view.classes, grid.traversable, grid.geometry.cell_of(place.x_m, place.y_m), reach)
+        return None if cell is None else grid.geometry.center_of(*cell)
+
+    def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
+        """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
+        looked = self._grids.get(is_narrow)
+        grid = looked.grid if looked is not None else self._navigation(view, is_narrow=is_narrow)
+        return grid.clear_positions(view.classes, positions)
+
+    def _navigation(self, view: MapView, *, is_narrow: bool = False) -> NavigationGrid:
+        looked = self._grids.get(is_narrow)
+        if looked is None or looked.grid.geometry != view.geometry:
+            looked = self._grids[is_narrow] = _Looked(self._look(view, is_narrow=is_narrow), view.version)
+        elif looked.version != view.version:
+            looked.grid.update(view.classes)
+            looked.version = view.version
+        return looked.grid
+
+    def _look(self, view: MapView, *, is_narrow: bool) -> NavigationGrid:
+        unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
+        preferred_m = self._radius_m + self.parameters.margin_m
+        least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))
+        needed_m = least_m if is_narrow else preferred_m
+        return NavigationGrid(view.classes, view.geometry, needed_m, unknown_cost, preferred_m)
+
+
+class _Looked:
+    """A grid and the version of the map it was made from."""
+
+    def __init__(self, grid: NavigationGrid, version: int) -> None:
+        self.grid = grid
+        self.version = version

@@ -1,1 +1,0 @@
-"""The battery: state of charge and what is left."""

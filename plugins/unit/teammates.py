@@ -1,0 +1,402 @@
+"""Teammates: where the other robots are, where they go and whether they still move, by what they publish."""
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from robrain.agent.plugin import Unit, external
+from robrain.algorithms.navigation.right_of_way import (
+    LONGEST_M,
+    MATE_AHEAD_M,
+    STEP_M,
+    Track,
+    any_within,
+    pass_on,
+    sample_path,
+)
+from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.protocol.border.border import Received
+from robrain.protocol.border.record_guard import RecordGuard
+from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.model.claim import Claim, Rank
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.map_frame import ARENA, MapFrame
+from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.tasks.task import ENDED
+from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
+
+
+class Teammate(msgspec.Struct, frozen=True):
+    """Another robot, in the map frame of the one that asks."""
+
+    name: str
+    pose: Pose2D
+    velocity: Twist2D
+    radius_m: float
+
+
+class Doing(StrEnum):
+    """What is to be expected of a mate."""
+
+    UNDER_WAY = "under way"
+    """It follows its path, or waits on it for others."""
+    STANDING = "standing"
+    """It has no path, and may be given one at any time."""
+    OBSTACLE = "obstacle"
+    """It is halted, silent, does not know where it is, or does not move although nobody holds it up: it is taken to
+    stay where it was seen last."""
+
+
+class Mate(msgspec.Struct, frozen=True, eq=False):
+    """Another robot as one that drives has to reckon with it."""
+
+    name: str
+    pose: Pose2D
+    radius_m: float
+    """Larger than it is for one that does not know where it is."""
+    doing: Doing
+    claim: Claim
+    track: Track
+    """Its way still to go; its `keep_m` is this mate's radius alone, and `goes_first` is for the asker to fill in."""
+    task: str
+    """The id of the task that it is at; empty if none."""
+    bound: Point2D
+    """Where its path ends; where it is if it has none."""
+    behavior: str = ""
+    """What drives it."""
+    endurance_s: float = math.inf
+    """For how long its battery surely lasts at what it usually draws; inf if it does not say."""
+    rank: Rank | None = None
+    """`claim.rank(name)`, if it has been computed."""
+
+
+class TeammatesInterface(Protocol):
+    """The other robots. Those whose poses are told in another map frame than this robot's are nowhere to it."""
+
+    def others(self) -> list[Teammate]:
+        """Those heard within the last two seconds, by name, in the robot's map frame."""
+
+    def in_frame(self, frame: MapFrame) -> list[Teammate]:
+        """Those heard within the last two seconds that tell their poses in a map frame, by name."""
+
+    def count(self) -> int:
+        """How many were heard within the last two seconds, in whichever map frame."""
+
+    def mates(self, place: Point2D, within_m: float) -> list[Mate]:
+        """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
+
+
+HEAR_NS = to_ns(0.15)
+"""Each mate sends ten states a second; every second one is enough, and decoding dominates the cost."""
+MATES_MAX = 4096
+"""Largest number of robots that are tracked."""
+
+MOVED_M = 0.1
+"""Less than this is no motion."""
+AT_END = 3
+"""Positions left of a way that is as good as driven: 0.2 m, as near as drivers get."""
+AHEAD = round(MATE_AHEAD_M / STEP_M)
+"""Positions of a way that are looked at."""
+ROLLS_M_S = 0.1
+ROLLS_S = 1.5
+"""Who moves faster than that without a path is taken to go straight on for so long."""
+LEAST_W = 0.1
+LOST_MARGIN_M = 0.5
+"""Kept from a mate that does not know where it is, beyond its radius; chosen."""
+
+
+Box = tuple[float, float, float, float]
+"""Least x and y, greatest x and y."""
+
+
+class KnownMate:
+    """What one other robot has told of its state and its path.
+
+    Args:
+        name: its name.
+        stalled_ns: who is under way, waits for nobody and has not moved for so long is an obstacle.
+        speed_m_s: taken for a mate that does not say how fast it goes.
+
+    """
+
+    def __init__(self, name: str, stalled_ns: int, speed_m_s: float) -> None:
+        self.name = name
+        self.heard_ns = 0
+        """When its state was heard last."""
+        self.spoke_ns = 0
+        """When anything was."""
+        self.teammate: Teammate | None = None
+        """None before it has told where it is."""
+        self.frame = ARENA
+        """The map frame in which it tells that."""
+        self.state: RobotState | None = None
+        """The last with a pose."""
+        self.way: Floats | None = None
+        """(N, 2) positions of the path that it drives; None if it has none."""
+        self.box: Box | None = None
+        """Around the whole path."""
+        self.passed = 0
+        """The position of it that it has passed."""
+        self.bound: Point2D | None = None
+        """Where the path ends."""
+        self.claim = Claim()
+        self.rank = self.claim.rank(name)
+        self.speed_m_s = speed_m_s
+        self.held_at_m: float | None = None
+        self.moved_ns = 0
+        """When it was last seen to move, or was given reason to."""
+        self.moved_at: Pose2D | None = None
+        self.stalled_ns = stalled_ns
+        self.default_speed_m_s = speed_m_s
+        self.mate: Mate | None = None
+        """As reckoned last; None if it has said anything new since."""
+
+
+# Each of these takes all mates at once: calls are what a large team costs.
+
+
+def receive_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
+    """Take states of mates."""
+    for known, state in told:
+        known.spoke_ns = now_ns
+        pose = state.pose
+        if pose is None:
+            continue
+        known.heard_ns = now_ns
+        known.state, known.frame, known.mate = state, state.frame, None
+        known.teammate = Teammate(known.name, pose, state.velocity, state.radius_m)
+        at = known.moved_at
+        if at is None or math.hypot(pose.x_m - at.x_m, pose.y_m - at.y_m) > MOVED_M:
+            known.moved_at, known.moved_ns = pose, now_ns
+
+
+def receive_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
+    """Take paths of mates, at most one of each."""
+    _pass_on([known for known, _ in told])
+    for known, path in told:
+        known.spoke_ns = now_ns
+        has_way_left = known.teammate is not None and known.way is not None and len(known.way) - known.passed > AT_END
+        if known.held_at_m is not None or not has_way_left:
+            known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
+        if path.points:
+            (known.way, known.box), known.bound = path.derived(_path_of), path.points[-1]
+        else:
+            known.way = known.box = known.bound = None
+        known.passed = 0
+        if path.claim != known.claim:
+            known.claim, known.rank = path.claim, path.claim.rank(known.name)
+        known.speed_m_s = path.speed_m_s if path.speed_m_s > 0 else known.default_speed_m_s
+        known.held_at_m = path.held_at_m
+        known.mate = None
+
+
+def _path_of(path: PlannedPath) -> tuple[Floats, Box]:
+    """(N, 2) positions along a path that is not empty, and the box around it."""
+    xs, ys = [point.x_m for point in path.points], [point.y_m for point in path.points]
+    return sample_path(np.array([*zip(xs, ys, strict=True)]), LONGEST_M), (min(xs), min(ys), max(xs), max(ys))
+
+
+def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
+    """Mates as they are to be reckoned with, those left out that have not told where they are."""
+    placed = [known for known in mates if known.teammate is not None]
+    silent_ns = now_ns - fresh_ns
+    stale = [known for known in placed if known.mate is None or known.heard_ns < silent_ns]
+    _pass_on(stale)
+    for known in stale:
+        teammate, state, way = known.teammate, known.state, known.way
+        if teammate is None or state is None:
+            continue
+        pose, held_at_m = teammate.pose, known.held_at_m
+        radius_m = teammate.radius_m + LOST_MARGIN_M if state.lost else teammate.radius_m
+        bound, rest = Point2D(pose.x_m, pose.y_m), None
+        doing = Doing.OBSTACLE
+        if known.heard_ns >= silent_ns and not state.halted and not state.lost:
+            rest = None if way is None else way[known.passed + 1 : known.passed + 1 + AHEAD]
+            if rest is None or len(rest) < AT_END:
+                doing = Doing.STANDING
+            elif held_at_m is not None or now_ns - known.moved_ns <= known.stalled_ns:
+                doing = Doing.UNDER_WAY
+        if doing is Doing.UNDER_WAY and rest is not None and known.bound is not None:
+            bound, speed_m_s, held_at = known.bound, known.speed_m_s, len(rest)
+            positions = np.empty((held_at + 1, 2))
+            positions[0] = pose.x_m, pose.y_m
+            positions[1:] = rest
+            if held_at_m is not None:
+                held_at = max(0, min(held_at, round((held_at_m - known.passed * STEP_M) / STEP_M)))
+        else:
+            positions, speed_m_s = _rolling_on(teammate, is_fresh=known.heard_ns >= silent_ns)
+            held_at = len(positions) - 1
+        energy, task = state.energy, state.task
+        known.mate = Mate(
+            known.name,
+            pose,
+            radius_m,
+            doing,
+            known.claim,
+            Track(positions, speed_m_s, held_at, radius_m, goes_first=False),
+            "" if task is None or task.state in ENDED else task.id,
+            bound,
+            state.behavior,
+            math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
+            known.rank,
+        )
+    return [known.mate for known in placed if known.mate is not None]
+
+
+def _pass_on(mates: Iterable[KnownMate]) -> None:
+    """Note how far mates have come along their ways."""
+    driving, ways, passed, places = [], [], [], []
+    for known in mates:
+        if known.way is not None and known.teammate is not None:
+            driving.append(known)
+            ways.append(known.way)
+            passed.append(known.passed)
+            places.append((known.teammate.pose.x_m, known.teammate.pose.y_m))
+    if driving:
+        for known, now in zip(driving, pass_on(ways, passed, np.array(places)), strict=True):
+            known.passed = now
+
+
+def _rolling_on(mate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
+    """Where a mate will be that does not follow a path, and its speed: where it is and, while it moves, straight on."""
+    pose, velocity = mate.pose, mate.velocity
+    speed_m_s = math.hypot(velocity.forward_m_s, velocity.left_m_s)
+    if not is_fresh or speed_m_s <= ROLLS_M_S:
+        return np.array(((pose.x_m, pose.y_m),)), speed_m_s
+    heading_rad = pose.yaw_rad + math.atan2(velocity.left_m_s, velocity.forward_m_s)
+    along_m = STEP_M * np.arange(math.ceil(speed_m_s * ROLLS_S / STEP_M) + 1)
+    ahead = np.stack((pose.x_m + along_m * math.cos(heading_rad), pose.y_m + along_m * math.sin(heading_rad)), axis=1)
+    return ahead, speed_m_s
+
+
+def may_be_near(mates: Iterable[KnownMate], place: Point2D, within_m: float) -> list[KnownMate]:
+    """All that are, may roll, or are bound within a distance of a place, and some others."""
+    x_m, y_m, found = place.x_m, place.y_m, []
+    for known in mates:
+        teammate, box = known.teammate, known.box
+        if teammate is None:
+            continue
+        pose, velocity = teammate.pose, teammate.velocity
+        reach_m = within_m + ROLLS_S * (abs(velocity.forward_m_s) + abs(velocity.left_m_s)) + STEP_M
+        is_here = abs(pose.x_m - x_m) <= reach_m and abs(pose.y_m - y_m) <= reach_m
+        if is_here or (
+            box is not None
+            and box[0] - within_m <= x_m <= box[2] + within_m
+            and box[1] - within_m <= y_m <= box[3] + within_m
+        ):
+            found.append(known)
+    return found
+
+
+def near(mates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mate]:
+    """Those that are, or are bound, within a distance of a place."""
+    return list(itertools.compress(mates, any_within([mate.track for mate in mates], place, within_m)))
+
+
+class Teammates(Unit):
+    """Tracks places and paths of the other robots."""
+
+    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """When a mate counts as lost, and for how long. All are chosen."""
+
+        fresh_s: float = 2.0
+        """Time of silence after which a robot is lost: an obstacle at its last place."""
+        remember_s: float = 60.0
+        """Time after which a lost robot is forgotten; by then the lidar has mapped it if it is still there."""
+        stalled_s: float = 4.0
+        """Time without motion after which a driving robot that waits for no other is an obstacle as well."""
+        speed_m_s: float = 0.6
+        """Speed assumed for a robot that does not publish one."""
+
+        def __post_init__(self) -> None:
+            check_positive(self)
+
+    interface = TeammatesInterface
+    period_s = 0.2
+    parameters: Parameters
+
+    def init(self) -> None:
+        self._inbox = Inbox()
+        self._next_ns = 0
+        self._known: dict[str, KnownMate] = {}
+        self._fresh_ns = to_ns(self.parameters.fresh_s)
+        self._remember_ns = to_ns(self.parameters.remember_s)
+        self._stalled_ns = to_ns(self.parameters.stalled_s)
+
+    def activate(self) -> None:
+        self._guard = RecordGuard(self.env.wire.refusals)
+        self.env.wire.subscribe(self._inbox, ROBOT_STATE)
+        self.env.wire.subscribe(self._inbox, ROBOT_PATH)
+
+    def step(self) -> None:
+        self._receive()
+
+    @external
+    def others(self) -> list[Teammate]:
+        """Those heard within the last two seconds, by name, in the robot's map frame."""
+        return self.in_frame(self.env.board.frame)
+
+    def in_frame(self, frame: MapFrame) -> list[Teammate]:
+        """Those heard within the last two seconds that tell their poses in a map frame, by name."""
+        now_ns = self._receive()
+        return [
+            known.teammate
+            for known in self._known.values()
+            if known.teammate is not None and known.frame == frame and now_ns - known.heard_ns <= self._fresh_ns
+        ]
+
+    def count(self) -> int:
+        """How many were heard within the last two seconds, in whichever map frame."""
+        now_ns = self._receive()
+        return sum(now_ns - known.heard_ns <= self._fresh_ns for known in self._known.values())
+
+    def mates(self, place: Point2D, within_m: float) -> list[Mate]:
+        """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
+        now_ns = self._receive()
+        frame = self.env.board.frame
+        here = [known for known in self._known.values() if known.frame == frame]
+        return near(reckon(may_be_near(here, place, within_m), now_ns, self._fresh_ns), place, within_m)
+
+    def _receive(self) -> int:
+        now_ns = self.env.clock.now_ns()
+        if now_ns < self._next_ns:
+            return now_ns
+        if not self._inbox.has_some:
+            return now_ns
+        self._next_ns = now_ns + HEAR_NS
+        count = len(self._known)
+        self._guard.batch(self._inbox.drain(), self._take)
+        too_old_ns = now_ns - self._remember_ns
+        oldest_ns = min([known.spoke_ns for known in self._known.values()], default=now_ns)
+        if len(self._known) != count or oldest_ns < too_old_ns:
+            by_name = sorted(self._known.items())
+            self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns}
+        return now_ns
+
+    def _take(self, batch: Sequence[Received]) -> None:
+        robot, all_known = self.env.robot, self._known
+        states, paths = [], []
+        for received in batch:
+            message = received.message
+            name = message.robot
+            if name == robot:
+                continue
+            known = all_known.get(name)
+            if known is None:
+                if len(all_known) >= MATES_MAX:
+                    continue
+                known = all_known[name] = KnownMate(name, self._stalled_ns, self.parameters.speed_m_s)
+            if received.topic is ROBOT_STATE:
+                states.append((known, message))
+            else:
+                paths.append((known, message))
+        now_ns = self.env.clock.now_ns()
+        receive_paths(paths, now_ns)
+        receive_states(states, now_ns)

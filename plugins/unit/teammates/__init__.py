@@ -1,1 +1,0 @@
-"""The other robots of the team, as they tell of themselves."""
