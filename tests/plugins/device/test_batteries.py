@@ -13,16 +13,10 @@ from hypothesis import strategies as st
 
 from robrain.agent.authoring.testing import PluginBench
 from robrain.algorithms.energy.battery_report import BatteryReport
-from robrain.plugins.device.bm2 import polled_battery
+from robrain.plugins.device.bm2 import i2c_battery
+from robrain.plugins.device.bm2.i2c_battery import Chip, InaBattery, SmartBattery, SmartBatteryStatus
 from robrain.plugins.device.bm2.interface import BadReading, plausible
-from robrain.plugins.device.bm2.polled_battery import (
-    BatteryAbsent,
-    Chip,
-    InaBattery,
-    PowerSupply,
-    SmartBattery,
-    SmartBatteryStatus,
-)
+from robrain.plugins.device.bm2.polled_battery import BatteryAbsent, PowerSupply
 from robrain.sim.peripherals.battery_chips import InaChip, SmartBatteryChip
 from robrain.sim.peripherals.i2c_bus import I2cBus
 from tests.plugins.device.bare_device import BareDevice
@@ -33,7 +27,7 @@ ADDRESS = 0x0B
 @pytest.fixture
 def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[I2cBus]:
     wires = I2cBus()
-    monkeypatch.setattr(polled_battery, "SMBus", wires.open)
+    monkeypatch.setattr(i2c_battery, "SMBus", wires.open)
     yield wires
     assert wires.opened == wires.closed, "each handle on the bus is closed"
 

@@ -10,9 +10,9 @@ from robrain.deploy.doctor.examination import check_extras, check_robot_file
 
 GPIO, I2C = "robrain.plugins.device.gpio", "robrain.plugins.device.bm2"
 MODULES = {
-    "emergency_stop": ("gpio_emergency_stop", "gpiod", (f"{GPIO}.gpio_emergency_stop", f"{GPIO}.input_lines")),
-    "range_sensors": ("gpio_bumpers", "gpiod", (f"{GPIO}.gpio_bumpers", f"{GPIO}.input_lines")),
-    "bm2": ("smart_battery", "smbus2", (f"{I2C}.smart_battery",)),
+    "emergency_stop": ("gpio_emergency_stop", "gpiod", (GPIO,)),
+    "range_sensors": ("gpio_bumpers", "gpiod", (GPIO,)),
+    "bm2": ("smart_battery", "smbus2", (f"{I2C}.i2c_battery",)),
 }
 
 
