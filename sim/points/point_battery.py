@@ -3,8 +3,7 @@
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.algorithms.energy.consumption import Drawn
-from robrain.plugins.unit.battery.battery import Battery
-from robrain.plugins.unit.battery.interface import BatteryAlarm, BatteryInterface
+from robrain.plugins.unit.battery import Battery, BatteryAlarm, BatteryInterface
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.sim.firmware.battery import NOMINAL_V
 from robrain.sim.points.point_team import POINT_TICK_S, robot_of

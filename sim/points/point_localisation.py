@@ -2,8 +2,7 @@
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
-from robrain.plugins.skill.localisation.interface import Divergence, LocalisationHealth, LocalisationInterface
-from robrain.plugins.skill.localisation.localisation import Localisation
+from robrain.plugins.skill.localisation import Divergence, Localisation, LocalisationHealth, LocalisationInterface
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.sim.points.point_team import POINT_TICK_S, robot_of
 

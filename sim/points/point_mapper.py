@@ -11,8 +11,7 @@ from robrain.agent.plugin import Skill, external
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import in_own_time, map_stamp_ms, merge_message, to_message, whole_map
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.plugins.skill.mapper.interface import MapperCounters, MapperInterface, MapView
-from robrain.plugins.skill.mapper.mapper import Mapper
+from robrain.plugins.skill.mapper.mapper import Mapper, MapperCounters, MapperInterface, MapView
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.refusals import RefusalCode
