@@ -126,7 +126,7 @@ def test_decisions_are_numbered_without_gaps() -> None:
 
 def test_drawing_of_the_robot_has_the_arrows_of_the_manifests() -> None:
     drawn = set()
-    for line in _lines("ARCHITECTURE.md"):
+    for line in _lines("docs/explanation/one-robot.md"):
         if arrow := re.fullmatch(r" +(\w+) --> (\w+(?: & \w+)*)", line):
             drawn |= {(arrow[1], callee) for callee in arrow[2].split(" & ")}
     manifests = [read_manifest(path) for path in find_manifests(stock_place())]
