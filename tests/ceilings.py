@@ -14,6 +14,7 @@ from pathlib import Path
 from tests.bench.exploration import calls
 from tests.bench.task_path import path_of_a_visit
 from tests.product import FOLDERS, ROOT
+from tests.words import dialect_names, dialect_sentences
 
 CEILINGS = Path(__file__).with_name("ceilings.toml")
 MERGED_LINES_MAX = 600
@@ -49,6 +50,8 @@ def measure() -> dict[str, int]:
         "product_files": len(sources),
         "product_folders": len({path.parent for path in sources}),
         "test_lines": sum(lines_of_code(path.read_text()) for path in (ROOT / "tests").rglob("*.py")),
+        "dialect_names": sum(1 for _ in dialect_names()),
+        "dialect_sentences": sum(1 for _ in dialect_sentences()),
         "class_names_defined_twice": class_names_defined_twice(trees),
         "folders_that_import_each_other": folders_that_import_each_other(imported),
         "files_that_fit_into_their_only_importer": files_that_fit_into_their_only_importer(sources, imported, loaded),
