@@ -6,20 +6,13 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.scenario_options import NearOption
-from robrain.deploy.command_line.team_options import JsonOption
+from robrain.deploy.command_line.options import JsonOption, NearOption
 
 BENCHES = {
-    "allocation": "task allocation: gaps to exact optima, times of first plans, public routing instances",
-    "consensus": "task allocation without a coordinator: gaps to optimal, messages, lost messages",
-    "responses": "response times from an event to the wheels, of a live team of processes on loopback",
-    "agents": "cost of a thousand simulated agents at 10 Hz for a coordinator",
+    "allocation": "task allocation: gap to the best known solution of a public routing instance",
     "exploration": "exploration strategies and team sizes on map files: the full stack beside ideal motion",
-    "leaderless": "exploration whose coordinator is killed on the way, beside the same undisturbed",
     "motes": "lifetime of a mote field: routes beside their bound, robots as mules beside a collection tree",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
-    "joining": "robots with unknown places: time and errors of joining the team's map",
-    "live": "accuracy of the map of a live team whose agents are stopped at random times",
     "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
 }
 """Name, and what it measures."""
@@ -40,7 +33,6 @@ MapFolderOption = Annotated[
     Path | None, typer.Option(help="Folder of the maps that are not part of the project; default: ../shared/maps.")
 ]
 JsonFileOption = Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")]
-SecondsOption = Annotated[float, typer.Option(help="With --instance: seconds of CPU time for the search.")]
 
 
 @bench_app.callback(invoke_without_command=True)
@@ -57,83 +49,42 @@ def benches(
 
 @bench_app.command(help=BENCHES["allocation"])
 def allocation(
-    instance: Annotated[
-        Path | None, typer.Option(help="Solve this public instance instead: VRPLIB .vrp, or Solomon .txt.")
-    ] = None,
+    instance: Annotated[Path, typer.Option(help="The public instance: VRPLIB .vrp, or Solomon .txt.")],
     best: Annotated[
-        float | None,
-        typer.Option(help="With --instance: best known value; default: the Cost of the .sol file beside it."),
+        float | None, typer.Option(help="Best known value; default: the Cost of the .sol file beside the instance.")
     ] = None,
-    seconds: SecondsOption = 5.0,
-    seed: Annotated[int, typer.Option(help="With --instance: seed of the search.")] = 0,
-    sizes: Annotated[
-        int, typer.Option(help="Without --instance: how many of the sizes 5 × 50, 20 × 200, 100 × 1000.")
-    ] = 3,
+    seconds: Annotated[float, typer.Option(help="Seconds of CPU time for the search.")] = 5.0,
+    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure the allocators."""
-    from robrain.deploy.errors import UsageError
-    from robrain.lab.bench.allocation.allocation import SIZES, measure
+    """Solve a public instance by the optimal allocator."""
+    import time
 
-    if instance is not None:
-        _solve(instance, best, seconds, seed, as_json=as_json)
+    import msgspec
+
+    from robrain.algorithms.allocation.optimal import OptimalAllocator
+    from robrain.algorithms.allocation.problem import Objective
+    from robrain.algorithms.allocation.warm_up import warm_up
+    from robrain.deploy.errors import UsageError
+    from robrain.lab.bench.public import read_best, read_public, solve_public
+
+    if seconds <= 0:
+        raise UsageError(f"--seconds {seconds:g}: expected a number above 0")
+    if best is not None and best <= 0:
+        raise UsageError(f"--best {best:g}: expected a number above 0")
+    public = read_public(instance)
+    known = best if best is not None else read_best(instance)
+    warm_up()
+    allocator = OptimalAllocator(Objective.ENERGY, time.process_time)
+    result = solve_public(public, allocator, known, deadline_s=seconds, seed=seed)
+    if as_json:
+        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
         return
-    if best is not None:
-        raise UsageError("--best: expected together with --instance FILE")
-    if sizes not in range(1, len(SIZES) + 1):
-        raise UsageError(f"--sizes {sizes}: expected 1 to {len(SIZES)}")
-    from robrain.lab.bench.figure import report
-
-    report("allocation", measure(SIZES[:sizes]), as_json=as_json)
-
-
-@bench_app.command(help=BENCHES["consensus"])
-def consensus(
-    sizes: Annotated[int, typer.Option(help="How many of the sizes 5 × 50, 10 × 100.")] = 2,
-    seeds: Annotated[int, typer.Option(help="Number of problems of 5 × 50; three tenths of it of 10 × 100.")] = 10,
-    as_json: JsonOption = False,
-) -> None:
-    """Measure allocation by consensus."""
-    from robrain.deploy.errors import UsageError
-    from robrain.lab.bench.allocation.consensus import SIZES, measure
-    from robrain.lab.bench.figure import report
-
-    if sizes not in range(1, len(SIZES) + 1):
-        raise UsageError(f"--sizes {sizes}: expected 1 to {len(SIZES)}")
-    _at_least("--seeds", seeds, 1)
-    report("consensus", measure(SIZES[:sizes], range(1, seeds + 1)), as_json=as_json)
-
-
-@bench_app.command(help=BENCHES["responses"])
-def responses(
-    rounds: Annotated[int, typer.Option(help="Repetitions of each event; one or two seconds each.")] = 100,
-    as_json: JsonOption = False,
-) -> None:
-    """Measure response times."""
-    from robrain.lab.bench.figure import report
-    from robrain.lab.bench.responses import measure
-
-    _at_least("--rounds", rounds, 1)
-    report("responses", measure(rounds), as_json=as_json)
-
-
-@bench_app.command(help=BENCHES["agents"])
-def agents(
-    robots: Annotated[int, typer.Option(help="Number of agents.")] = 1000,
-    minutes: Annotated[
-        float, typer.Option(help="Duration of the measurement; growth of memory is measured from 5 minutes on.")
-    ] = 10.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Measure what many agents cost."""
-    from robrain.deploy.errors import UsageError
-    from robrain.lab.bench.agents import measure
-    from robrain.lab.bench.figure import report
-
-    _at_least("--robots", robots, 1)
-    if not minutes > 0:
-        raise UsageError(f"--minutes {minutes:g}: expected a number above 0")
-    report("agents", measure(robots, minutes), as_json=as_json)
+    sys.stdout.write(f"{result.instance}: {result.customers} customers, {result.vehicles} vehicles used\n")
+    sys.stdout.write(f"value {result.value:g}, best known {'–' if known is None else f'{known:g}'}")
+    sys.stdout.write("\n" if result.gap is None else f", gap {100 * result.gap:.2f} %\n")
+    if result.note:
+        sys.stdout.write(f"note: {result.note}\n")
 
 
 @bench_app.command(help=BENCHES["mapping"])
@@ -151,7 +102,7 @@ def mapping(
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure the accuracy of maps and positions."""
-    from robrain.lab.bench.mapping.mapping import run_bench
+    from robrain.lab.bench.mapping import run_bench
     from robrain.lab.bench.mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder, conditions), json_file)
@@ -184,34 +135,13 @@ def exploration(
     ] = None,
 ) -> None:
     """Compare exploration strategies."""
-    from robrain.deploy.command_line.options import place_of
+    from robrain.deploy.command_line.scenario_choice import place_of
     from robrain.lab.bench.exploration import choose, run_bench
 
     around = place_of("--near", near)
     place = None if around is None else (around.x_m, around.y_m)
     plan = choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder, with_sight=sight)
     run_bench(plan, json_file, page)
-
-
-@bench_app.command(help=BENCHES["leaderless"])
-def leaderless(
-    maps: Annotated[
-        str, typer.Option(help="Names or paths of maps, or built-in scenarios, separated by commas.")
-    ] = "depot,office,hospital",
-    robots: RobotsOption = "4",
-    seeds: SeedsOption = "1-4",
-    killed_at: Annotated[
-        float, typer.Option(help="Percentage of the floor known when the coordinator is killed.")
-    ] = 30,
-    jobs: JobsOption = 1,
-    time_limit_s: TimeLimitOption = 900.0,
-    map_folder: MapFolderOption = None,
-    json_file: JsonFileOption = None,
-) -> None:
-    """Measure exploration without a coordinator."""
-    from robrain.lab.bench.leaderless import choose, run_bench
-
-    run_bench(choose(maps, robots, seeds, killed_at, time_limit_s, map_folder), jobs, json_file)
 
 
 @bench_app.command(help=BENCHES["motes"])
@@ -230,51 +160,6 @@ def motes(
     from robrain.lab.bench.motes import choose, run_bench
 
     run_bench(choose(ways, seeds, count, tours_per_day, goal_days, jobs), json_file)
-
-
-@bench_app.command(help=BENCHES["joining"])
-def joining(
-    maps: MapsOption = None,
-    robots: RobotsOption = "2",
-    seeds: SeedsOption = "1-10",
-    wheels: WheelsOption = "slipping",
-    kinds: Annotated[str, typer.Option(help="unknown (starts), carried (off), or both.")] = "unknown,carried",
-    jobs: JobsOption = 1,
-    time_limit_s: TimeLimitOption = 180.0,
-    map_folder: MapFolderOption = None,
-    json_file: JsonFileOption = None,
-) -> None:
-    """Measure how robots that do not know their place join the team's map."""
-    from robrain.lab.bench.mapping.joining import kinds_of, run_bench
-    from robrain.lab.bench.mapping_plan import choose
-
-    plan = choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder)
-    run_bench(plan, kinds_of(kinds), json_file)
-
-
-@bench_app.command(help=BENCHES["live"])
-def live(
-    map_name: Annotated[
-        str, typer.Option("--map", help="Path of a map.yaml, or a built-in scenario.")
-    ] = "examples/maps/clinic.yaml",
-    robots: Annotated[int, typer.Option(help="Number of robots.")] = 4,
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
-    minutes: Annotated[float, typer.Option(help="Duration of each of the two runs.")] = 15.0,
-    as_json: JsonOption = False,
-) -> None:
-    """Measure what stopped agents do to the map."""
-    from robrain.deploy.errors import UsageError
-    from robrain.lab.bench.figure import report
-    from robrain.lab.bench.mapping.live_mapping import measure
-    from robrain.sim.scenarios.scenario import Scenario
-
-    if not 0 < minutes < float("inf"):
-        raise UsageError(f"--minutes {minutes:g}: expected a number above 0")
-    is_map = map_name.endswith(".yaml")
-    scenario = Scenario.from_map(map_name) if is_map else Scenario.builtin(map_name)
-    options = ["--robots", str(robots), "--seed", str(seed)]
-    argument = ["--map", map_name, *options] if is_map else [map_name, *options]
-    report("live", measure(scenario.replace(robots=robots, seed=seed), argument, minutes), as_json=as_json)
 
 
 @bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")
@@ -297,40 +182,3 @@ def log(
     from robrain.lab.log_bench.bench import run_bench
 
     run_bench(log_file, relations, json_file, map_file, robot_file)
-
-
-def _at_least(option: str, value: int, least: int) -> None:
-    from robrain.deploy.errors import UsageError
-
-    if value < least:
-        raise UsageError(f"{option} {value}: expected at least {least}")
-
-
-def _solve(path: Path, best: float | None, seconds: float, seed: int, *, as_json: bool) -> None:
-    import time
-
-    import msgspec
-
-    from robrain.algorithms.allocation.optimal import OptimalAllocator
-    from robrain.algorithms.allocation.problem import Objective
-    from robrain.algorithms.allocation.warm_up import warm_up
-    from robrain.deploy.errors import UsageError
-    from robrain.lab.bench.allocation.public import read_best, read_public, solve_public
-
-    if seconds <= 0:
-        raise UsageError(f"--seconds {seconds:g}: expected a number above 0")
-    if best is not None and best <= 0:
-        raise UsageError(f"--best {best:g}: expected a number above 0")
-    public = read_public(path)
-    known = best if best is not None else read_best(path)
-    warm_up()
-    allocator = OptimalAllocator(Objective.ENERGY, time.process_time)
-    result = solve_public(public, allocator, known, deadline_s=seconds, seed=seed)
-    if as_json:
-        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
-        return
-    sys.stdout.write(f"{result.instance}: {result.customers} customers, {result.vehicles} vehicles used\n")
-    sys.stdout.write(f"value {result.value:g}, best known {'–' if known is None else f'{known:g}'}")
-    sys.stdout.write("\n" if result.gap is None else f", gap {100 * result.gap:.2f} %\n")
-    if result.note:
-        sys.stdout.write(f"note: {result.note}\n")

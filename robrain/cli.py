@@ -14,38 +14,36 @@ import typer
 from robrain.deploy.agents.agent_arguments import agent_arguments
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bringup.command_line import bringup
-from robrain.deploy.command_line.command_group import CommandGroup
-from robrain.deploy.command_line.extras import missing_extra
-from robrain.deploy.command_line.process_options import (
-    JournalOption,
-    ListenOption,
-    PortOption,
-    RecordOption,
-    RulesOption,
-    WitnessesOption,
-)
-from robrain.deploy.command_line.scenario_options import (
+from robrain.deploy.command_line.command_group import CommandGroup, missing_extra
+from robrain.deploy.command_line.options import (
+    ConnectOption,
     IdleOption,
+    JournalOption,
+    JsonOption,
+    ListenOption,
     MapOption,
     MotesOption,
     NearOption,
+    PortOption,
+    RecordOption,
     RobotsOption,
+    RulesOption,
     ScenarioArgument,
     SeedOption,
+    TeamOption,
     TimeLimitOption,
     UntilOption,
+    WireFormat,
+    WitnessesOption,
+    print_json,
 )
-from robrain.deploy.command_line.team_options import ConnectOption, JsonOption, TeamOption, WireFormat, print_json
 from robrain.deploy.commands.journal_commands import journal_app
 from robrain.deploy.commands.plugin_commands import plugin_app
-from robrain.deploy.commands.scenarios_command import scenarios
 from robrain.deploy.commands.supervision_commands import supervision_app
-from robrain.deploy.commands.team_commands import team_app
+from robrain.deploy.commands.team_commands import scenarios, team_app
 from robrain.deploy.machine.machine_files import machine_files
-from robrain.deploy.observability.json_logs import set_up_logs
 from robrain.deploy.pki.pki_commands import pki_app, router
-from robrain.deploy.processes.native_threads import limit_native_threads
-from robrain.deploy.processes.standard_streams import guarded_streams
+from robrain.deploy.processes.process_setup import guarded_streams, limit_native_threads, set_up_logs
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.ros2.ros2_commands import ros2_app
 from robrain.deploy.tasks.task_commands import task_app
@@ -142,12 +140,11 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
-    from robrain.deploy.command_line.recording_path import new_recording
-    from robrain.deploy.run.run_options import RunOptions
-    from robrain.deploy.run.starting import start_run
+    from robrain.deploy.command_line.options import new_recording
+    from robrain.deploy.run.starting import RunOptions, start_run
 
     def choose() -> "Scenario":
-        from robrain.deploy.command_line.options import choose_scenario
+        from robrain.deploy.command_line.scenario_choice import choose_scenario
 
         chosen = choose_scenario(
             scenario, map_file, robots, motes, seed, near, idle=idle, strategy=strategy, method=method
@@ -176,12 +173,11 @@ def demo(
     port: PortOption = None,
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
-    from robrain.deploy.command_line.recording_path import next_file
-    from robrain.deploy.run.run_options import RunOptions
-    from robrain.deploy.run.starting import start_run
+    from robrain.deploy.command_line.options import next_file
+    from robrain.deploy.run.starting import RunOptions, start_run
 
     def choose() -> "Scenario":
-        from robrain.deploy.command_line.options import choose_scenario
+        from robrain.deploy.command_line.scenario_choice import choose_scenario
 
         return choose_scenario(DEMO, None, None, None, seed)
 
@@ -211,9 +207,9 @@ def arena(
     resume: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
 ) -> None:
     """Simulate a scenario's robots and motes in real time; agents drive them over the wire."""
-    from robrain.deploy.command_line.options import choose_scenario
+    from robrain.deploy.command_line.scenario_choice import choose_scenario
+    from robrain.deploy.processes.arena_process import arena_command
     from robrain.deploy.processes.live_process import place_of
-    from robrain.deploy.supervision.arena_process import arena_command
 
     chosen = choose_scenario(scenario, map_file, robots, motes, seed)
     arena_command(chosen, place_of(connect, listen), check_name("team", team), robot_files, resume)
@@ -249,8 +245,8 @@ def coordinator(
     stand_by: Annotated[bool, typer.Option("--stand-by", hidden=True)] = False,
 ) -> None:
     """Coordinate a team: merge its maps, assign its tasks, and continue from the journal."""
+    from robrain.deploy.processes.coordinator_process import coordinator_command, read_witnesses
     from robrain.deploy.processes.live_process import place_of
-    from robrain.deploy.run.coordinator_command import coordinator_command, read_witnesses
 
     where, team = place_of(connect, listen), check_name("team", team)
     elect = read_witnesses(witnesses, stands_by=stand_by)
@@ -265,7 +261,7 @@ def dashboard(
     replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a live team.")] = None,
 ) -> None:
     """Show a team, or a recording, in a browser page on 127.0.0.1."""
-    from robrain.deploy.recordings.live_commands import dashboard_command, show_recording
+    from robrain.deploy.recordings.replaying import dashboard_command, show_recording
 
     if replay is not None:
         from robrain.lab.fork.fork_child import ForkChild
@@ -295,8 +291,7 @@ def replay(
     ] = DEFAULT_REPLAY_TEAM,
 ) -> None:
     """Show a recording in a browser page, or publish it on the wire."""
-    from robrain.deploy.recordings.live_commands import replay_on_wire, show_recording
-    from robrain.deploy.recordings.replaying import check_replay
+    from robrain.deploy.recordings.replaying import check_replay, replay_on_wire, show_recording
     from robrain.protocol.wire.hub import given_endpoints
 
     for_the_wire = {
@@ -331,7 +326,7 @@ def metrics(
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.", min=0, max=65535)] = 9464,
 ) -> None:
     """Serve a team's metrics for Prometheus on this machine, at /metrics."""
-    from robrain.deploy.observability.metrics_process import metrics_command
+    from robrain.deploy.processes.metrics_process import metrics_command
 
     metrics_command(connect, check_name("team", team), port)
 
@@ -343,7 +338,7 @@ def wire(
     ] = WireFormat.MARKDOWN,
 ) -> None:
     """Print every topic, query and token, with the types, units and ranges of what they carry."""
-    from robrain.deploy.commands.wire_command import wire_text
+    from robrain.deploy.commands.team_commands import wire_text
 
     sys.stdout.write(wire_text(wire_format))
 
@@ -361,7 +356,7 @@ def main() -> None:
 
 
 def _run_agent(robot: Path, connect: str | None, team: str | None, votes: Path | None) -> None:
-    from robrain.deploy.agents.agent_process import agent_command
+    from robrain.deploy.processes.agent_process import agent_command
 
     agent_command(robot, connect, team, votes)
 

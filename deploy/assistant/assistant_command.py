@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.team_options import ConnectOption, TeamOption
+from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.state_folder import state_folder
 
@@ -57,9 +57,8 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     import anyio
 
     from robrain.client.team import Team
-    from robrain.deploy.assistant.assistant import Assistant
+    from robrain.deploy.assistant.assistant import Assistant, Confirmations
     from robrain.deploy.assistant.audit_log import AuditLog
-    from robrain.deploy.assistant.confirmations import Confirmations
     from robrain.deploy.assistant.mcp_server import HOST, McpServer
     from robrain.deploy.assistant.ordering import Rehearsal
     from robrain.deploy.processes.live_process import note

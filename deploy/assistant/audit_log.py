@@ -6,7 +6,7 @@ from typing import BinaryIO
 
 import msgspec
 
-from robrain.deploy.assistant.errors import AuditError
+from robrain.deploy.assistant.policy import AuditError
 from robrain.protocol.model.ranges import cut
 
 FILE_BYTES = 4_194_304

@@ -10,11 +10,18 @@ from PIL import Image, ImageDraw
 
 from robrain.client.errors import BadTask
 from robrain.client.team import Team
-from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
-from robrain.deploy.assistant.arguments import Arguments, ListTasks, NewTask, OfRobot, OfTask
-from robrain.deploy.assistant.errors import CallRefused
-from robrain.deploy.assistant.policy import OUTSIDE, Ban, call_refusal
-from robrain.deploy.tasks.dry_run_words import dry_run_lines, verdict_line
+from robrain.deploy.assistant.arguments import (
+    Arguments,
+    CallVerdict,
+    ListTasks,
+    NewTask,
+    OfRobot,
+    OfTask,
+    ToolAnswer,
+    answer,
+)
+from robrain.deploy.assistant.policy import OUTSIDE, Ban, CallRefused, call_refusal
+from robrain.deploy.tasks.task_files import dry_run_lines, verdict_line
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.robots.robot_messages import RobotState

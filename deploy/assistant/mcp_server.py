@@ -13,10 +13,9 @@ import uvicorn
 from mcp.server import Server, ServerRequestContext
 from mcp.server.stdio import stdio_server
 
-from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
+from robrain.deploy.assistant.arguments import CallVerdict, ToolAnswer, answer
 from robrain.deploy.assistant.assistant import Assistant, Tool, ToolCall
-from robrain.deploy.assistant.policy import Ban, Order
-from robrain.deploy.assistant.words import refusal
+from robrain.deploy.assistant.policy import Ban, Order, refusal
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.safe_text import safe_text
 

@@ -6,12 +6,18 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.client.team import Team
-from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
-from robrain.deploy.assistant.arguments import CallPlugin, CancelTask, HaltRobots, SubmitTask
-from robrain.deploy.assistant.errors import CallRefused
+from robrain.deploy.assistant.arguments import (
+    CallPlugin,
+    CallVerdict,
+    CancelTask,
+    HaltRobots,
+    SubmitTask,
+    ToolAnswer,
+    answer,
+)
 from robrain.deploy.assistant.looking import OPEN, Looking, task_line
-from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, call_refusal, cancel_refusal
-from robrain.deploy.tasks.dry_run_words import dry_run_lines
+from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, CallRefused, call_refusal, cancel_refusal
+from robrain.deploy.tasks.task_files import dry_run_lines
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.messages.tasks.task_messages import TaskFilter

@@ -22,8 +22,8 @@ from robrain.algorithms.localization.wheel_calibration import (
     scan_motion,
 )
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Omni, OmniBase
-from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, has_imu
-from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, CheckStep, FindingKind, Patch
+from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, Straight, TurnOnSpot, has_imu
+from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, CheckStep, FindingKind, Operator, Patch
 from robrain.deploy.bringup.floor_checks import (
     MORE_WALLS,
     NO_SIGHT,
@@ -36,10 +36,14 @@ from robrain.deploy.bringup.floor_checks import (
     look,
     points_of,
 )
-from robrain.deploy.bringup.motions import Straight, TurnOnSpot
-from robrain.deploy.bringup.operator import Operator
-from robrain.deploy.bringup.wheel_checks import check_battery, check_bus, check_halt, check_watchdog, check_wheels
-from robrain.deploy.bringup.wheel_table import base_patch
+from robrain.deploy.bringup.wheel_checks import (
+    base_patch,
+    check_battery,
+    check_bus,
+    check_halt,
+    check_watchdog,
+    check_wheels,
+)
 from robrain.deploy.errors import UsageError
 from robrain.plugins.device.imu.interface import ImuSample
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice

@@ -14,16 +14,15 @@ import zenoh
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_robot_file
-from robrain.deploy.agents.agent_process import endpoints_of
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
-from robrain.deploy.bringup.findings import CheckFinding
-from robrain.deploy.bringup.operator import Operator, TerminalOperator, YesOperator
+from robrain.deploy.bringup.findings import CheckFinding, Operator, TerminalOperator, YesOperator
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
+from robrain.deploy.processes.agent_process import endpoints_of
 from robrain.deploy.processes.live_process import note, print_json_line
 from robrain.deploy.processes.name_claim import claim_robot
-from robrain.deploy.processes.native_threads import limit_zenoh_threads
+from robrain.deploy.processes.process_setup import limit_zenoh_threads
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, RobrainError

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.team_options import ConnectOption, JsonOption
+from robrain.deploy.command_line.options import ConnectOption, JsonOption
 
 
 def bringup(

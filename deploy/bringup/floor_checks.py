@@ -10,10 +10,9 @@ from robrain.algorithms.localization.scan_match import beam_ends
 from robrain.algorithms.localization.wheel_calibration import followed, still_points
 from robrain.algorithms.navigation.wheel_bases import Differential, Mecanum, Omni, OmniBase, WheelBase
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.deploy.bringup.bench import LIDAR, Bench
+from robrain.deploy.bringup.bench import LIDAR, Bench, Record, Rest, Straight, TurnOnSpot
 from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Patch
-from robrain.deploy.bringup.motions import Record, Rest, Straight, TurnOnSpot
-from robrain.deploy.bringup.wheel_table import base_patch
+from robrain.deploy.bringup.wheel_checks import base_patch
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import Mount

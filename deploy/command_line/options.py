@@ -1,82 +1,149 @@
-"""Reads and checks the options of commands."""
+"""Options that commands share, how they are read, and how results are printed; light, as every command loads it."""
 
-import math
+import re
+import sys
+from enum import StrEnum
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import msgspec
+import typer
 
 from robrain.deploy.errors import UsageError
-from robrain.protocol.model.geometry import Point2D
-from robrain.sim.maps.placement import Starts
-from robrain.sim.scenarios.scenario import Scenario
+
+if TYPE_CHECKING:
+    from robrain.client.team import Team
 
 
-def place_of(option: str, text: str | None) -> Point2D | None:
-    """Read a place, arena frame, such as `3.5,-2`, if it is given (UsageError if it has another form)."""
-    if text is None:
-        return None
-    try:
-        x_m, y_m = (float(part) for part in text.split(","))
-    except ValueError:
-        x_m = y_m = math.nan
-    if not (math.isfinite(x_m) and math.isfinite(y_m)):
-        raise UsageError(f"{option} {text}: expected X,Y in metres, such as 3.5,-2")
-    return Point2D(x_m, y_m)
+ConnectOption = Annotated[
+    str | None,
+    typer.Option(help="Endpoint of the team, tcp/HOST:PORT; default: $ROBRAIN_CONNECT, else this machine's hub."),
+]
+TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
+RobotArgument = Annotated[str, typer.Argument(help="Name of a robot.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 
 
-def choose_scenario(
-    name: str | None,
-    map_file: Path | None,
-    robots: int | None,
-    motes: int | None,
-    seed: int | None,
-    near: str | None = None,
-    *,
-    idle: bool = False,
-    strategy: str | None = None,
-    method: str | None = None,
-) -> Scenario:
-    """Load the scenario of a command line.
+class WireFormat(StrEnum):
+    """How `robrain wire` prints the wire."""
 
-    Args:
-        name: a built-in name, a scenario TOML, or a ROS map_server file.
-        map_file: a ROS map_server file, instead of a name.
-        robots: overrides the scenario's.
-        motes: overrides the scenario's.
-        seed: overrides the scenario's.
-        near: X,Y, around which the robots start together; overrides the scenario's starts.
-        idle: whether the team explores only if a task tells it to; True overrides the scenario's.
-        strategy: name of an exploration strategy, or FILE.py:NAME; overrides the scenario's.
-        method: name of an allocator, or FILE.py:NAME; overrides the scenario's.
+    MARKDOWN = "markdown"
+    JSONSCHEMA = "jsonschema"
+
+
+def connect_team(connect: str | None, team: str) -> "Team":
+    """The team; use it in a `with` block."""
+    from robrain.client.team import Team
+
+    return Team.connect(connect, team=team)
+
+
+def print_json(value: object) -> None:
+    """Anything that has a place on the wire, as one line of JSON."""
+    import msgspec
+
+    from robrain.protocol.safe_text import safe_json
+
+    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
+    sys.stdout.flush()
+
+
+def say(text: str) -> None:
+    """One line on stdout, at once; the lines of a longer text are indented."""
+    from robrain.protocol.safe_text import safe_lines
+
+    sys.stdout.write(safe_lines(text, "  ") + "\n")
+    sys.stdout.flush()
+
+
+RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
+ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
+RulesOption = Annotated[
+    Path | None, typer.Option(help="TOML file with [[rules]], by which tasks are made from what is sensed.")
+]
+JournalOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="File for the tasks; default: TEAM.journal in this folder; with `up` of a scenario, a new one in runs/."
+    ),
+]
+WitnessesOption = Annotated[
+    str | None,
+    typer.Option(
+        envvar="ROBRAIN_WITNESSES",
+        help="Robots, such as r1,r2,r3, that elect one of several coordinators, each with its own journal.",
+    ),
+]
+PortOption = Annotated[int | None, typer.Option("--port", help="Port of the dashboard's page; 0 takes a free one.")]
+
+
+def until_explored(until: str | None) -> float | None:
+    """Read `--until explored=0.95` as a fraction.
 
     Raises:
-        UsageError, ScenarioError: in one sentence.
+        UsageError: it has another form.
 
     """
-    if (name is None) == (map_file is None):
-        raise UsageError("expected a SCENARIO (a built-in name, a .toml file or a map.yaml), or --map map.yaml")
-    if map_file is not None or Path(name or "").suffix in (".yaml", ".yml"):
-        scenario = Scenario.from_map(map_file or name or "")
-    elif name is not None and (name.endswith(".toml") or "/" in name):
-        scenario = Scenario.from_file(name)
-    else:
-        scenario = Scenario.builtin(name or "")
-    changes = {"robots": robots, "motes": motes, "seed": seed}
-    for option, value in changes.items():
-        lowest = 1 if option == "robots" else 0
-        if value is not None and value < lowest:
-            raise UsageError(f"--{option} {value}: expected at least {lowest}")
-    for option, key, part in (("strategy", "exploration", strategy), ("method", "method", method)):
-        if part is not None:
-            try:
-                policy = msgspec.structs.replace(scenario.planning, **{key: part}).with_files_of(Path())
-                policy.import_parts()
-            except ValueError as error:
-                raise UsageError(f"--{option} {part}: {error}") from error
-            scenario = scenario.replace(planning=policy)
-    around = place_of("--near", near)
-    if around is not None:
-        scenario = scenario.replace(near=around, starts=Starts.TOGETHER)
-    if idle:
-        scenario = scenario.replace(idle=True)
-    return scenario.replace(**{option: value for option, value in changes.items() if value is not None})
+    if until is None:
+        return None
+    key, _, value = until.partition("=")
+    try:
+        fraction = float(value)
+    except ValueError:
+        fraction = -1.0
+    if key != "explored" or not 0 < fraction <= 1:
+        raise UsageError(f"--until {until!r}: expected explored=FRACTION with a fraction above 0 and at most 1")
+    return fraction
+
+
+def above_zero(option: str, value: float | None) -> float | None:
+    """A number that must be above 0, if it is given (UsageError if it is not)."""
+    if value is not None and not value > 0:
+        raise UsageError(f"{option} {value:g}: expected a number above 0")
+    return value
+
+
+ScenarioArgument = Annotated[
+    str | None, typer.Argument(help="A built-in name (depot), a scenario .toml file, or a map.yaml.")
+]
+MapOption = Annotated[
+    Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format instead of a scenario.")
+]
+RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
+MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of all random numbers.")]
+NearOption = Annotated[
+    str | None, typer.Option(help="X,Y in metres, around which the robots start; default: as the scenario says.")
+]
+IdleOption = Annotated[
+    bool, typer.Option("--idle", help="The team explores only if a task tells it to: for hands and scripts.")
+]
+UntilOption = Annotated[str | None, typer.Option(help="Stop when this share is explored, such as explored=0.95.")]
+TimeLimitOption = Annotated[float | None, typer.Option(help="Stop after this many simulated seconds.")]
+
+
+def new_recording(path: Path | None) -> Path | None:
+    """A path to record to, which must not exist yet: a recording is never overwritten (UsageError)."""
+    if path is not None and path.exists():
+        raise UsageError(f"--record {path}: it exists already; give another name or move it away")
+    return path
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for what a command writes, unless it exists (UsageError if it cannot be made)."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"{folder.absolute()} cannot be made: {error.strerror}; run robrain in another folder"
+        ) from error
+
+
+def next_file(folder: Path, name: str, suffix: str = ".mcap") -> Path:
+    """`folder/name-N.mcap` with the number after the highest there is; creates the folder.
+
+    Parts of split recordings count, also those whose first part was removed. UsageError if the folder cannot be made.
+    """
+    make_folder(folder)
+    numbered = re.compile(rf"{re.escape(name)}-(\d+)(_\w+)?{re.escape(suffix)}.*")
+    found = [numbered.fullmatch(path.name) for path in folder.iterdir()]
+    return folder / f"{name}-{1 + max((int(match[1]) for match in found if match), default=0)}{suffix}"

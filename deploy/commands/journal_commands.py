@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.team_options import ConnectOption, JsonOption, TeamOption, print_json, say
+from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption, print_json, say
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:

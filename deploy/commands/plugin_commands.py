@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.team_options import (
+from robrain.deploy.command_line.options import (
     ConnectOption,
     RobotArgument,
     TeamOption,

@@ -6,25 +6,25 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.process_options import (
+from robrain.deploy.command_line.options import (
+    ConnectOption,
+    IdleOption,
     JournalOption,
+    JsonOption,
     ListenOption,
+    MapOption,
+    MotesOption,
     PortOption,
     RecordOption,
+    RobotsOption,
     RulesOption,
+    SeedOption,
+    TeamOption,
+    TimeLimitOption,
+    UntilOption,
     above_zero,
     until_explored,
 )
-from robrain.deploy.command_line.scenario_options import (
-    IdleOption,
-    MapOption,
-    MotesOption,
-    RobotsOption,
-    SeedOption,
-    TimeLimitOption,
-    UntilOption,
-)
-from robrain.deploy.command_line.team_options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -95,15 +95,15 @@ def up(
             raise UsageError(f"{', '.join(wrong)}: the team file {scenario} says that, not the command line")
         result = up_host(Path(scenario), host, words)
     else:
-        from robrain.deploy.command_line.options import choose_scenario
-        from robrain.deploy.command_line.recording_path import new_recording
+        from robrain.deploy.command_line.options import new_recording
+        from robrain.deploy.command_line.scenario_choice import choose_scenario
 
         if host is not None:
             raise UsageError(f"--host {host}: expected a team file with [[hosts]]")
         check_name("team", team)
         chosen = choose_scenario(scenario, map_file, robots, motes, seed, idle=idle)
         if rules is not None:
-            from robrain.deploy.run.rules_file import read_rules
+            from robrain.deploy.run.table_files import read_rules
 
             chosen = chosen.replace(rules=read_rules(rules))
         site = ScenarioSite(team, listen, dashboard, port, new_recording(record), journal, stand_by, secured, pki)
@@ -117,7 +117,7 @@ def up(
 @supervision_app.command()
 def hub(listen: ListenOption = None) -> None:
     """Route a team's messages: the Zenoh router to which all others connect."""
-    from robrain.deploy.processes.hub_process import hub_command
+    from robrain.deploy.processes.live_process import hub_command
 
     hub_command(listen)
 
@@ -149,7 +149,7 @@ def doctor(
 
     Exit status 1 if something is wrong.
     """
-    from robrain.deploy.doctor.doctor_command import doctor_command
+    from robrain.deploy.machine.doctor import doctor_command
 
     if team is not None:
         check_name("team", team)

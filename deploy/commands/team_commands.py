@@ -3,13 +3,15 @@
 import sys
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
-from robrain.deploy.command_line.team_options import (
+from robrain.deploy.command_line.options import (
     ConnectOption,
     JsonOption,
     RobotArgument,
     TeamOption,
+    WireFormat,
     connect_team,
     print_json,
     say,
@@ -19,6 +21,8 @@ from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.client.halting import HaltReport
+    from robrain.sim.scenarios.listing import ListedScenario
+
 
 EXIT_DISOBEYED = 1
 """Exit status of `halt` and `resume` if a robot has not confirmed in time."""
@@ -172,3 +176,39 @@ def _end(report: "HaltReport", team: str | None) -> None:
         say(f"team {team}: {len(report.confirmed)} of {len(lines)} robots {done}")
     if report.unconfirmed:
         raise typer.Exit(EXIT_DISOBEYED)
+
+
+def scenarios(as_json: JsonOption = False) -> None:
+    """List the scenarios that come with robrain; `robrain run NAME` runs one."""
+    from robrain.sim.scenarios.listing import listed_scenarios
+
+    found = listed_scenarios()
+    if as_json:
+        print_json({"scenarios": found})
+    else:
+        _show(found)
+
+
+def _show(found: "list[ListedScenario]") -> None:
+    from rich.table import Table
+
+    from robrain.deploy.command_line.terminal import results
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("name", "floor", "robots", "motes"):
+        table.add_column(heading, justify="left" if heading == "name" else "right", no_wrap=True)
+    table.add_column("about")
+    for one in found:
+        size = f"{one.width_m:g} × {one.height_m:g} m"
+        table.add_row(one.name, size, str(one.robots), str(one.motes), one.about)
+    results().print(table)
+
+
+def wire_text(wire_format: WireFormat) -> str:
+    """Describe the wire in the given format, with a newline at the end."""
+    from robrain.protocol.schema.document import wire_document
+    from robrain.protocol.schema.page import wire_page
+
+    if wire_format is WireFormat.MARKDOWN:
+        return wire_page()
+    return msgspec.json.format(msgspec.json.encode(wire_document()), indent=2).decode() + "\n"

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 FILES = Path(__file__).parent
-FOLDERS = ("systemd", "zenohd", "nginx", "udev", "network", "time", "logs")
+FOLDERS = ("systemd", "zenohd", "nginx", "udev", "network", "time", "logs", "observability")
 
 
 def write_files(folder: Path) -> list[Path]:
@@ -25,7 +25,7 @@ def write_files(folder: Path) -> list[Path]:
 
 
 def machine_files(folder: Annotated[Path, typer.Argument(help="Folder to make.")]) -> None:
-    """Write service units, files for router, web server, devices, time and logs."""
+    """Write service units, files for router, web server, devices, time, logs and metrics."""
     from robrain.deploy.command_line.terminal import print_line
 
     for path in write_files(folder):

@@ -19,9 +19,13 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.deploy.pki.errors import PkiError
 from robrain.protocol.access.member import Member, member
-from robrain.protocol.errors import BadName
+from robrain.protocol.errors import BadName, RobrainError
+
+
+class PkiError(RobrainError):
+    """A certificate, or a file of them, cannot be made or used."""
+
 
 CA_CERTIFICATE, CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER = "ca.pem", "ca.key", "members.json", "members"
 LOCK_FILE = ".lock"

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.deploy.pki.errors import PkiError
 from robrain.deploy.pki.folder import (
     CA_CERTIFICATE,
     CA_KEY,
@@ -18,6 +17,7 @@ from robrain.deploy.pki.folder import (
     MEMBERS_FOLDER,
     IssuedCertificate,
     MembersFile,
+    PkiError,
     changing,
     folder_of,
     make_folder,

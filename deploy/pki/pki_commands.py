@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.team_options import say
+from robrain.deploy.command_line.options import say
 
 if TYPE_CHECKING:
     from robrain.protocol.access.member import Member

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import zenoh
 
-from robrain.deploy.pki.errors import PkiError
-from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
+from robrain.deploy.pki.folder import MEMBERS_FILE, PkiError, read_members
 from robrain.deploy.processes.live_process import LiveStop, note, tell
 from robrain.protocol.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
 from robrain.protocol.access.member import MemberRole
@@ -17,7 +16,7 @@ from robrain.protocol.errors import RobrainError
 from robrain.protocol.wire.session import check_endpoint, is_loopback, is_secured, listening_at, open_session
 
 DEFAULT_LISTEN = "tls/127.0.0.1:7447"
-READY_PREFIX = "router: at "
+ROUTER_READY = "router: at "
 RETRY = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
 """Another router may come later than this one, or go and come back."""
 LOOK_S = 0.2
@@ -138,7 +137,7 @@ def router_command(folder: Path | None, listen: str | None, connect: Sequence[st
         if listen and not is_loopback(listen):
             note(f"router: other machines can reach {listen}; they need a certificate of this CA")
         others = f"joined to {', '.join(connect)}, " if connect else ""
-        tell(f"{READY_PREFIX}{router.endpoint}, {others}{router.members} members may connect; Ctrl-C ends it")
+        tell(f"{ROUTER_READY}{router.endpoint}, {others}{router.members} members may connect; Ctrl-C ends it")
         should_stop.ready()
         while not should_stop():
             time.sleep(LOOK_S)

@@ -1,11 +1,11 @@
-"""The parts of every live process: session, endpoint and stop signal."""
+"""The parts of every live process: session, endpoint, stop signal and certificate; and `robrain hub`."""
 
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from typing import NamedTuple
 
 import msgspec
@@ -13,14 +13,177 @@ import zenoh
 
 from robrain.client.transport import open_client_session
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.lifeline import Lifeline
-from robrain.deploy.processes.secured_start import warn_of_listening
+from robrain.protocol.access.identity import Identity
+from robrain.protocol.access.member import MemberRole
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.errors import NobodyThere, PortTaken
+from robrain.protocol.errors import NobodyThere, PortTaken, WireError
 from robrain.protocol.safe_text import safe_json, safe_lines
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import given_endpoints, hub_endpoint
-from robrain.protocol.wire.session import check_endpoint, is_secured, may_answer, open_session
+from robrain.protocol.wire.session import (
+    check_endpoint,
+    is_loopback,
+    is_secured,
+    listening_at,
+    may_answer,
+    open_session,
+    own_identity,
+)
+from robrain.protocol.wire.trial import missing_rights
+
+LIFELINE_VARIABLE = "ROBRAIN_LIFELINE"
+BEAT_S = 0.1
+"""Time between two beats, at least."""
+BEAT, READY = b".", b"!"
+READ_BYTES = 4096
+
+
+class Lifeline:
+    """The end of the process that is supervised; does nothing in one that is not.
+
+    Args:
+        monotonic_s: the clock, in seconds.
+
+    """
+
+    def __init__(self, monotonic_s: Callable[[], float] = time.monotonic) -> None:
+        self.is_cut = False
+        """Whether the supervisor has gone."""
+        self._monotonic_s = monotonic_s
+        self._next_beat_s = float("-inf")
+        # Taken out of the environment: processes that this one starts must not beat for it.
+        text = os.environ.pop(LIFELINE_VARIABLE, "")
+        self._file = int(text) if text.isdigit() else -1
+        try:
+            if self._file >= 0:
+                os.set_inheritable(self._file, False)
+                os.set_blocking(self._file, False)
+        except OSError:  # the variable is a leftover of another process's
+            self._file = -1
+
+    def beat(self) -> None:
+        """Say that the main loop goes on."""
+        if self._file >= 0 and self._monotonic_s() >= self._next_beat_s:
+            self._next_beat_s = self._monotonic_s() + BEAT_S
+            self._write(BEAT)
+
+    def ready(self) -> None:
+        """Say that the process does its work."""
+        if self._file >= 0:
+            self._write(READY)
+
+    def _write(self, what: bytes) -> None:
+        try:
+            with suppress(BlockingIOError):  # the supervisor hangs, and has beats enough to read
+                os.write(self._file, what)
+        except OSError:
+            os.close(self._file)
+            self._file, self.is_cut = -1, True
+
+
+class Pulse(NamedTuple):
+    """What has come through a lifeline since it was last read."""
+
+    beats: int
+    is_ready: bool
+
+
+class LifelineEnd:
+    """The supervisor's end.
+
+    The write end is passed to one process: `pass_on` is its number until `passed`.
+    """
+
+    def __init__(self) -> None:
+        self._read, self.pass_on = os.pipe()
+        os.set_blocking(self._read, False)
+
+    def passed(self) -> None:
+        """The process has its end: close ours of it."""
+        if self.pass_on >= 0:
+            os.close(self.pass_on)
+            self.pass_on = -1
+
+    def pulse(self) -> Pulse:
+        """What has come since the last call."""
+        said = b""
+        if self._read >= 0:
+            with suppress(BlockingIOError):
+                while got := os.read(self._read, READ_BYTES):
+                    said += got
+        return Pulse(said.count(BEAT), READY in said)
+
+    def close(self) -> None:
+        """Cut it."""
+        self.passed()
+        if self._read >= 0:
+            os.close(self._read)
+            self._read = -1
+
+
+Note = Callable[[str], None]
+
+
+def warn_of_listening(who: str, listen: Sequence[str], note: Note) -> None:
+    """Warn of endpoints without certificates that other machines can reach."""
+    for endpoint in listen:
+        if not is_secured(endpoint) and not is_loopback(endpoint):
+            note(
+                f"{who}: warning: other machines can reach {endpoint}, and there is no log-in: anyone there can drive, "
+                "halt and resume the robots; `robrain router` asks for certificates"
+            )
+
+
+def check_certificate(
+    who: str, note: Note, connect: Sequence[str], team: str, role: MemberRole, name: str | None = None
+) -> Identity | None:
+    """Check the certificate that a process is to show; None if its endpoints ask for none.
+
+    Says when the certificate soon ends.
+
+    Args:
+        who: name of the process, for messages.
+        note: prints a line.
+        connect: the endpoints that it connects to.
+        team: its team.
+        role: what its certificate must be for.
+        name: its name; None accepts any.
+
+    Raises:
+        WireError: there is no certificate, it cannot be used, or it is of another role, team or name.
+
+    """
+    if not any(map(is_secured, connect)):
+        return None
+    identity = own_identity(next(filter(is_secured, connect)))
+    shown = identity.member
+    wanted = f"{role}:{team}:{shown.name if name is None else name}"
+    if shown.common_name != wanted:
+        raise WireError(f"{identity.folder}: expected the certificate of {wanted}, got that of {shown.common_name}")
+    warning = identity.warning()
+    if warning:
+        note(f"{who}: {warning}")
+    return identity
+
+
+def check_rights(who: str, note: Note, session: zenoh.Session, connect: Sequence[str], identity: Identity) -> None:
+    """Try what the process needs, as the router drops in silence what it does not allow.
+
+    Raises:
+        WireError: the router allows nothing of it.
+
+    """
+    missing = missing_rights(session, connect, identity)
+    if not missing:
+        return
+    where, shown = ", ".join(connect), identity.member.common_name
+    text = f"the router at {where} does not let {shown} {', '.join(map(str, missing.denied))}"
+    if missing.is_all:
+        raise WireError(
+            f"{text}: the certificate is revoked, or the router's members.json is older than the certificate"
+        )
+    note(f"{who}: warning: {text}: its rules are not those of this version of robrain")
+
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
 """Process id of the parent that started a process, which ends when its parent has changed."""
@@ -187,3 +350,25 @@ class LiveStop:
         if self.requested:
             raise KeyboardInterrupt
         self.requested = True
+
+
+HUB_READY = "hub: "
+
+
+def hub_command(listen: str | None) -> None:
+    """Route a team's messages until Ctrl-C.
+
+    Args:
+        listen: endpoint; None uses this machine's hub endpoint, or a free port if that is taken.
+
+    Raises:
+        PortTaken: another process listens at `listen`.
+        WireError: it cannot be listened on.
+
+    """
+    should_stop = LiveStop()
+    with closing(open_hub(listen)[0]) as session:
+        where = [endpoint for endpoint in listening_at(session) if endpoint.startswith("tcp/")]
+        tell(f"{HUB_READY}{', '.join(where) or listen}")
+        should_stop.ready()
+        should_stop.wait()

@@ -8,8 +8,84 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.team_options import ConnectOption, JsonOption, TeamOption, print_json
+from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption, print_json
+from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
+
+FORMS = ("csv", "parquet", "html", "foxglove")
+
+
+def export_recording(
+    recording: Path, form: str, output: Path | None, on_progress: Callable[[float], None]
+) -> list[Path]:
+    """Write a recording in another format; returns the files.
+
+    Args:
+        recording: an MCAP file.
+        form: one of `FORMS`.
+        output: folder for tables, else a file; beside the recording if None.
+        on_progress: told the share that is done, 0 to 1.
+
+    Raises:
+        UsageError: unknown format.
+        RecordingError: the recording cannot be read, or a file exists already or cannot be written.
+
+    """
+    if form not in FORMS:
+        raise UsageError(f"--to {form}: expected one of {', '.join(FORMS)}")
+    if form in ("csv", "parquet"):
+        from robrain.recording.export.exporting import export_tables
+
+        folder = output if output is not None else recording.with_name(f"{recording.stem}_{form}")
+        return list(export_tables(recording, folder, form, on_progress).values())
+    if form == "html":
+        from robrain.dashboard.replay.html_player import write_html
+
+        path = output if output is not None else recording.with_suffix(".html")
+        write_html(recording, path, on_progress)
+        return [path]
+    from robrain.recording.reader.recovering import with_visual
+
+    path = output if output is not None else recording.with_name(f"{recording.stem}_foxglove{recording.suffix}")
+    with_visual(recording, path, on_progress)
+    return [path]
+
+
+def export_map(
+    recording: Path, output: Path | None, at_s: float | None, on_progress: Callable[[float], None]
+) -> list[Path]:
+    """Write the team's map of a recording as ROS map_server files; returns the YAML file and the picture.
+
+    Args:
+        recording: an MCAP file.
+        output: the YAML file; `NAME_map.yaml` beside the recording if None. The picture has its name with `.pgm`.
+        at_s: seconds since the first message; the end if None.
+        on_progress: told the share that is done, 0 to 1.
+
+    Raises:
+        RecordingError: the recording cannot be read or knows no map at that time, the time is not in it, or a file
+            exists or cannot be written; then none is left.
+
+    """
+    from robrain.recording.errors import RecordingError, check_absent, writing
+    from robrain.recording.export.map_server_files import write_grid
+    from robrain.recording.replay.player import Player
+
+    path = output if output is not None else recording.with_name(f"{recording.stem}_map.yaml")
+    for each in (path, path.with_suffix(".pgm")):
+        check_absent(each)
+    player = Player(recording)
+    if at_s is not None and not 0.0 <= at_s <= player.duration_s:
+        raise RecordingError(recording, f"--at {at_s:g}: expected 0 to {player.duration_s:.2f} s, its duration")
+    grid = player.map_at(player.duration_s if at_s is None else at_s)
+    on_progress(0.5)
+    if grid is None or not grid.known_count:
+        raise RecordingError(recording, f"{recording} has no map at that time")
+    with writing(path):
+        written = write_grid(grid, path)
+    on_progress(1.0)
+    return written
+
 
 recording_app = typer.Typer(rich_markup_mode=None)
 
@@ -37,7 +113,7 @@ def record(
     provenance: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
 ) -> None:
     """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
-    from robrain.deploy.command_line.recording_path import next_file
+    from robrain.deploy.command_line.options import next_file
     from robrain.deploy.errors import UsageError
     from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
     from robrain.deploy.recordings.recording_display import record_display, show_recorded
@@ -117,9 +193,8 @@ def info(
 @recording_app.command()
 def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
     """Check a recording: valid messages, no missing numbers, the run's invariants. Exit status 1 if a check fails."""
-    from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
-    from robrain.deploy.recordings.recording_display import progress
-    from robrain.deploy.recordings.verdict_display import show_verdict
+    from robrain.deploy.recordings.recording_display import progress, show_verdict
+    from robrain.deploy.recordings.surroundings import surroundings_of_recording
     from robrain.recording.reader.checking import check_recording
 
     with progress("checking", quiet=as_json) as show:
@@ -136,8 +211,7 @@ def diff(
     as_json: JsonOption = False,
 ) -> None:
     """Print the first message in which two runs differ, and both beside each other. Exit status 1 if they differ."""
-    from robrain.deploy.recordings.recording_display import progress, show_difference
-    from robrain.deploy.recordings.two_runs_display import show_two_runs
+    from robrain.deploy.recordings.recording_display import progress, show_difference, show_two_runs
     from robrain.recording.reader.comparing import first_difference
     from robrain.recording.reader.two_runs import compare_runs
 
@@ -200,7 +274,6 @@ def export(
 ) -> None:
     """Export a recording for other tools: tables, a page that plays it, its map, or channels that Foxglove draws."""
     from robrain.deploy.errors import UsageError
-    from robrain.deploy.recordings.exporting import export_map, export_recording
     from robrain.deploy.recordings.recording_display import progress, show_files
 
     if with_map and form is not None:

@@ -1,14 +1,32 @@
-"""`robrain replay`: publishes a recording on the wire, by the wall clock."""
+"""`robrain dashboard` and `robrain replay`: a team or a recording in a browser page, or a recording on the wire."""
 
 import math
+import socket
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from prompt_toolkit.input import create_input
+from prompt_toolkit.keys import Keys
+from rich.progress import BarColumn, Progress
+
+from robrain.dashboard.html.elements import clock_text
+from robrain.deploy.command_line.terminal import console, text_column
 from robrain.deploy.errors import UsageError
-from robrain.protocol.clock import Clock
+from robrain.deploy.processes.children import DASHBOARD_READY
+from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, client_session, live_endpoint, open_hub, tell
+from robrain.protocol.clock import Clock, LiveClock
+from robrain.protocol.keys import check_name
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.wire.session import listening_at, open_session
 from robrain.recording.replay.replay import Replay
+
+if TYPE_CHECKING:
+    from robrain.dashboard.panels.what_if import ForkRunner
+
 
 PERIOD_S = 0.02
 SEEK_S = 10.0
@@ -115,3 +133,138 @@ def run_replay(
         return True
     finally:
         replay.close()
+
+
+NAMES = {" ": "space", "=": "+", "c-c": "q"}
+"""Maps the terminal's names of keys to those of `ReplayKeys`."""
+
+
+class ReplayTerminal:
+    """Shows the position of a replay, and passes on pressed keys."""
+
+    def __init__(self, bars: Progress | None, read_keys: Callable[[], list[str]]) -> None:
+        self._bars = bars
+        self._bar = bars.add_task("", total=1.0) if bars is not None else None
+        self._read_keys = read_keys
+        self._keys: ReplayKeys | None = None
+        self._replay: Replay | None = None
+
+    def open(self, replay: Replay) -> None:
+        """The replay begins."""
+        self._replay, self._keys = replay, ReplayKeys(replay)
+
+    @property
+    def ended(self) -> bool:
+        """Whether q was pressed."""
+        return self._keys is not None and self._keys.ended
+
+    def show(self, share: float) -> None:
+        """Draw the position, and apply pressed keys."""
+        if self._keys is not None:
+            for key in self._read_keys():
+                self._keys.press(NAMES.get(key, key))
+        if self._bars is not None and self._bar is not None and self._replay is not None:
+            player = self._replay.player
+            state = f"× {player.speed:g}" if player.playing else "paused"
+            words = f"{clock_text(player.position_s)} of {clock_text(player.duration_s)}  {state}"
+            self._bars.update(self._bar, completed=share, description=words)
+
+
+@contextmanager
+def replay_terminal() -> Iterator[ReplayTerminal]:
+    """Progress bar and keys for the duration of the block, if stdin and stdout are a terminal."""
+    if not console.is_terminal or not sys.stdin.isatty():
+        yield ReplayTerminal(None, list)
+        return
+    console.print(KEYS)
+    keyboard = create_input()
+
+    def pressed() -> list[str]:
+        keys = [press.key for press in keyboard.read_keys()]
+        return [key.value if isinstance(key, Keys) else key for key in keys]
+
+    columns = (text_column("{task.description}"), BarColumn(bar_width=40))
+    with keyboard.raw_mode(), Progress(*columns, console=console, auto_refresh=True) as bars:
+        yield ReplayTerminal(bars, pressed)
+
+
+DEFAULT_DASHBOARD_PORT = 8080
+
+
+def dashboard_command(connect: str | None, team: str, port: int | None) -> None:
+    """Show a team until Ctrl-C."""
+    from robrain.dashboard import run_dashboard
+
+    should_stop = LiveStop()
+    with client_session(connect) as session, live_endpoint(session, team) as wire:
+
+        def ready(url: str) -> None:
+            should_stop.ready()
+            _print_url(url)
+
+        run_dashboard(wire, "127.0.0.1", _page_port(port), ready, should_stop)
+
+
+def show_recording(
+    recording: Path, what_if: "ForkRunner", port: int | None, speed: float = 1.0, start_s: float = 0.0
+) -> None:
+    """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed.
+
+    `what_if` runs it again from a moment, with changes.
+    """
+    from robrain.dashboard import ReplaySource, run_dashboard
+
+    should_stop = LiveStop()
+    source = ReplaySource(recording, speed=speed, start_s=start_s)
+    run_dashboard(source, "127.0.0.1", _page_port(port), _print_url, should_stop, what_if)
+
+
+def replay_on_wire(
+    recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
+) -> None:
+    """Publish a recording on the wire, once or in a loop."""
+    from robrain.deploy.command_line.terminal import print_line
+    from robrain.recording.replay.replay import Replay
+
+    check_name("team", team)
+    should_stop = LiveStop()
+    session = open_session(mode="client", connect=connect) if connect else open_hub(ANY_PORT)[0]
+    with closing(session), live_endpoint(session, team) as wire:
+        where = connect or listening_at(session)
+        with replay_terminal() as terminal:
+
+            def begin(replay: Replay) -> None:
+                print_line(f"{recording} as team {team} at {where[0]}")
+                terminal.open(replay)
+                if start_s:
+                    replay.seek(start_s)
+                if paused:
+                    replay.player.pause()
+
+            run_replay(
+                wire,
+                LiveClock(),
+                recording,
+                speed,
+                loop=loop,
+                should_stop=lambda: should_stop() or terminal.ended,
+                on_progress=terminal.show,
+                on_open=begin,
+            )
+
+
+def _page_port(port: int | None) -> int:
+    """The port that was asked for; else the default if nobody listens on it on loopback, else 0 for a free one."""
+    if port is not None:
+        return port
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", DEFAULT_DASHBOARD_PORT))
+        except OSError:
+            return 0
+    return DEFAULT_DASHBOARD_PORT
+
+
+def _print_url(url: str) -> None:
+    tell(f"{DASHBOARD_READY}{url}")

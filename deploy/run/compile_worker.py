@@ -10,7 +10,7 @@ import sys
 import threading
 from queue import SimpleQueue
 
-from robrain.deploy.processes.native_threads import limit_native_threads
+from robrain.deploy.processes.process_setup import limit_native_threads
 
 NICENESS = 5
 """A third of the share of the run and its page, where they compete for a core."""

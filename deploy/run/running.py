@@ -1,17 +1,349 @@
-"""A lockstep run with its progress bar, and with the dashboard beside it."""
+"""A lockstep run: what it waits for before its first step, its progress, and its result."""
 
-from robrain.deploy.command_line.process_options import above_zero, until_explored
-from robrain.deploy.command_line.terminal import say
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from contextlib import ExitStack
+from queue import Empty, SimpleQueue
+from typing import NamedTuple, Self
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID
+
+from robrain.algorithms.warm_up import KernelPart
+from robrain.deploy.command_line.options import above_zero, until_explored
+from robrain.deploy.command_line.terminal import both_at_a_terminal, console, say, text_column
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.dashboard_process import continue_with_recording
+from robrain.deploy.processes.children import Children, continue_with_recording
 from robrain.deploy.processes.live_process import LiveStop
-from robrain.deploy.run.preparing import Preparing
+from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.run.run_display import run_display, show_result
-from robrain.deploy.run.run_options import RunOptions, Watched
+from robrain.deploy.run.starting import RunOptions, Watched
+from robrain.protocol.clock import VirtualClock
+from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.sim.lockstep.lockstep import LockstepRun
+from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.lockstep.result import RunResult
-from robrain.sim.scenarios.driving import Progress
+from robrain.sim.lockstep.start_picture import StartPicture
+from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.world import World
+
+MODULE = "robrain.deploy.run.compile_worker"
+STOP_S = 8.0
+"""Time limit for a process to end, which first stores the kernel that it compiles."""
+SURE_PARTS = 3
+"""Number of finished parts from which the time left is estimated."""
+
+
+class CompileProgress(NamedTuple):
+    """How far the parts are that a run needs at its start."""
+
+    ready: int
+    parts: int
+    left_s: float | None
+    """Estimate; None if there is none yet."""
+
+
+class KernelCompiler:
+    """Compiles parts of the kernels in processes: first what a run needs at its start. Use it in a `with` block.
+
+    What is needed later is left to one of the processes, for by then the run wants the processors.
+
+    Its owner calls `step` several times a second. The processes end with it in every case: they read from a pipe, which
+    closes with this process.
+
+    Args:
+        parts: by name, in the order in which they are begun.
+        processes: how many compile side by side.
+
+    """
+
+    def __init__(self, parts: Mapping[str, KernelPart], processes: int) -> None:
+        self._at_start = {name for name, part in parts.items() if part.at_start}
+        self._waiting = deque(parts)
+        self._ready: set[str] = set()
+        self._said: SimpleQueue[tuple[_Worker, str]] = SimpleQueue()
+        self._began_s = time.monotonic()
+        self.failure = ""
+        """Why a process has failed; empty if none has."""
+        self._workers: list[_Worker] = []
+        try:
+            for _ in range(processes):
+                self._workers.append(_Worker(self._said))
+            for worker in self._workers:
+                self._give(worker)
+        except OSError as error:
+            self.failure = str(error)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing is compiled any more that a run needs at its start."""
+        return self._ready >= self._at_start or not self._workers
+
+    @property
+    def progress(self) -> CompileProgress:
+        """How far it is."""
+        ready, parts = len(self._ready & self._at_start), len(self._at_start)
+        took_s = time.monotonic() - self._began_s
+        left_s = took_s * (parts - ready) / ready if ready >= SURE_PARTS else None
+        return CompileProgress(ready, parts, left_s)
+
+    def step(self) -> None:
+        """Hand out the next parts."""
+        while True:
+            try:
+                worker, line = self._said.get_nowait()
+            except Empty:
+                return
+            if worker not in self._workers:
+                continue
+            if line:
+                self._ready.add(line)
+                self._give(worker)
+            else:
+                self._workers.remove(worker)
+                status = worker.end()
+                if status:
+                    self.failure = f"a compiling process ended with status {status}"
+
+    def close(self) -> None:
+        """End the processes."""
+        for worker in self._workers:
+            worker.let_go()
+        for worker in self._workers:
+            worker.end()
+        self._workers.clear()
+
+    def __enter__(self) -> "KernelCompiler":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _give(self, worker: "_Worker") -> None:
+        if self._waiting and (self._waiting[0] in self._at_start or worker is self._workers[0]):
+            worker.ask(self._waiting.popleft())
+        else:
+            worker.let_go()
+
+
+class _Worker:
+    """One process; what it writes goes to `said`, line by line, and an empty line when it ends."""
+
+    def __init__(self, said: "SimpleQueue[tuple[_Worker, str]]") -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", MODULE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            start_new_session=True,  # a Ctrl-C in the terminal reaches its parent, which ends it
+        )
+        self._said = said
+        self._reader = threading.Thread(target=self._read, name="compiler-said", daemon=True)
+        self._reader.start()
+
+    def ask(self, part: str) -> None:
+        """Have it compile a part."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(f"{part}\n")
+            self._process.stdin.flush()
+        except OSError:  # it has ended, which the reader tells
+            return
+
+    def let_go(self) -> None:
+        """Have it end."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.close()
+        except OSError:  # it has ended by itself
+            return
+
+    def end(self) -> int:
+        """Wait for its end, and kill it if that takes too long; returns its status."""
+        self.let_go()
+        try:
+            self._process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(STOP_S)
+        return self._process.returncode
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as lines:
+            for line in lines:
+                self._said.put((self, line.strip()))
+        self._said.put((self, ""))
+
+
+LOOK_S = 0.05
+SHOWN_S = 0.25
+"""Period of the picture that viewers get."""
+PROCESSES = 2
+LATER_S = 10.0
+"""From a run's start until what it does not need at first is compiled: until then a browser loads the page."""
+WORDS = "preparing: compiling the navigation, once on this computer"
+NOTHING = CompileProgress(0, 0, None)
+
+
+class Preparing:
+    """Compiles what is not compiled yet while a run is set up and shown. Use it in a `with` block.
+
+    Args:
+        watched: the dashboard's page and the session on which it follows the run, or None.
+        quiet: report nothing.
+
+    """
+
+    def __init__(self, watched: Watched | None, *, quiet: bool = False) -> None:
+        self._watched = watched
+        self._picture: StartPicture | None = None
+        self._quiet = quiet
+        self._compiler: KernelCompiler | None = None
+        self._closing = ExitStack()
+        self._began_s = time.monotonic()
+        self._later_s = math.inf
+        """When the parts are begun that a run does not need at first."""
+
+    def begin(self, world: World) -> None:
+        """Show where everything is, and load the kernels.
+
+        If one is not compiled that a run needs at its start, begin to compile beside this process.
+        """
+        self._open_picture(world)
+        self._show(NOTHING)
+        is_compiled = load_kernels()
+        self._show(NOTHING)  # again: the page may not have listened yet
+        if not is_compiled:
+            self._began_s = time.monotonic()
+            self._compile(PARTS)
+            if not self._quiet and not console.is_terminal:
+                say(f"{WORDS}: half a minute or so")
+
+    def _open_picture(self, world: World) -> None:
+        if self._watched is not None:
+            # Not of the run's own endpoints: what is not set up yet need not be, to be seen.
+            endpoint = Endpoint(self._watched.session, DEFAULT_TEAM, VirtualClock(), Drive.LOCKSTEP)
+            self._picture = StartPicture(endpoint, world)
+            self._closing.callback(self._close_picture)
+
+    def _close_picture(self) -> None:
+        picture, self._picture = self._picture, None
+        if picture is not None:
+            picture.close()
+
+    def _show(self, progress: CompileProgress) -> None:
+        if self._picture is not None:
+            self._picture.show(*progress)
+
+    def _compile(self, parts: Mapping[str, KernelPart]) -> None:
+        self._compiler = self._closing.enter_context(KernelCompiler(parts, min(PROCESSES, os.cpu_count() or 1)))
+
+    def wait(self, _run: LockstepRun) -> None:
+        """Show where everything is until the run can begin.
+
+        Raises:
+            ChildFailed: the dashboard did not start.
+            KeyboardInterrupt: Ctrl-C.
+
+        """
+        self._show(NOTHING)
+        shown_s = -math.inf
+        with StopOnInterrupt() as interrupt, _CompilingDisplay(quiet=self._quiet) as display:
+            while self._waits_for_page() or self._is_compiling:
+                if interrupt.requested:
+                    raise KeyboardInterrupt
+                if self._compiler is not None:
+                    self._compiler.step()
+                if time.monotonic() - shown_s > SHOWN_S:
+                    shown_s = time.monotonic()
+                    progress = NOTHING if self._compiler is None else self._compiler.progress
+                    self._show(progress)
+                    display.show(progress)
+                time.sleep(LOOK_S)
+        if self._compiler is not None:
+            self._tell(self._compiler)
+            prepare_kernels(quiet=self._quiet, only_at_start=True)
+        elif not are_cached():  # a run before has ended while the rest was compiled
+            self._later_s = time.monotonic() + LATER_S
+        self._close_picture()
+
+    def step(self) -> None:
+        """While the run goes on: compile what it did not need at first."""
+        if time.monotonic() >= self._later_s:
+            self._later_s = math.inf
+            self._compile({name: part for name, part in PARTS.items() if not part.at_start})
+        if self._compiler is not None:
+            self._compiler.step()
+
+    def close(self) -> None:
+        """Show and compile no more."""
+        self._closing.close()
+        self._compiler = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _waits_for_page(self) -> bool:
+        """Whether the page is not served yet."""
+        return self._watched is not None and not self._watched.page.url
+
+    @property
+    def _is_compiling(self) -> bool:
+        return self._compiler is not None and not self._compiler.is_done
+
+    def _tell(self, compiler: KernelCompiler) -> None:
+        if self._quiet:
+            return
+        if compiler.failure:
+            say(f"{compiler.failure}: compiling the rest in this one")
+        else:
+            say(f"the navigation is compiled after {time.monotonic() - self._began_s:.0f} s; the run begins")
+
+
+class _CompilingDisplay:
+    """A bar at a terminal; elsewhere it prints nothing."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        columns = (text_column("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn())
+        self._progress = Progress(
+            *columns,
+            text_column("{task.fields[left]}"),
+            console=console,
+            transient=True,
+            disable=quiet or not console.is_terminal,
+            redirect_stdout=both_at_a_terminal(),
+        )
+        self._bar: TaskID | None = None
+
+    def show(self, progress: CompileProgress) -> None:
+        """Draw how far the compiling is."""
+        if not progress.parts:
+            return
+        if self._bar is None:
+            self._bar = self._progress.add_task(WORDS, total=progress.parts, left="")
+        left = "" if progress.left_s is None else f"about {math.ceil(progress.left_s)} s left"
+        self._progress.update(self._bar, completed=progress.ready, left=left)
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
 
 WATCHING_SPEED = 5.0
 
@@ -41,7 +373,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
             say(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
         with run_display(target, quiet=options.quiet) as display:
 
-            def show(progress: Progress) -> None:
+            def show(progress: RunProgress) -> None:
                 display.show(progress)
                 preparing.step()
 

@@ -1,18 +1,42 @@
-"""The start of `robrain run` and `robrain demo`: the page loads in its own process beside the simulation."""
+"""What a run is given: the options of the command line, and the page that follows it."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
-from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.dashboard_process import READY_PREFIX, begin_dashboard
+import msgspec
+import zenoh
+
+from robrain.deploy.processes.children import DASHBOARD_READY, Children, StartingPage, begin_dashboard
 from robrain.deploy.processes.live_process import tell
-from robrain.deploy.run.run_options import RunOptions, Watched
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 
-if TYPE_CHECKING:  # brings the simulation, which is loaded once the page's process has started
+if TYPE_CHECKING:
     from robrain.sim.lockstep.result import RunResult
     from robrain.sim.scenarios.scenario import Scenario
+
+
+class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of a run, as the command line gives them."""
+
+    until: str | None = None
+    time_limit_s: float | None = None
+    speed: float | None = None
+    record: Path | None = None
+    dashboard: bool = False
+    port: int | None = None
+    quiet: bool = False
+    """Say nothing but errors."""
+    stay: bool = False
+    """Keep the dashboard up after the run, until Ctrl-C: it then shows the recording."""
+
+
+class Watched(NamedTuple):
+    """A page, and the session on which it follows the run."""
+
+    session: zenoh.Session
+    page: StartingPage
 
 
 def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResult":
@@ -40,7 +64,7 @@ def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResu
 
 def _begin_page(children: Children, options: RunOptions) -> Watched:
     # Told at once: the browser loads while the run is set up.
-    on_served = None if options.quiet else lambda url: tell(f"{READY_PREFIX}{url}")
+    on_served = None if options.quiet else lambda url: tell(f"{DASHBOARD_READY}{url}")
     session = open_lockstep_session("tcp/127.0.0.1:0")
     try:
         return Watched(

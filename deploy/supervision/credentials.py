@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from robrain.deploy.pki.errors import PkiError
-from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, folder_of, read_members
+from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, PkiError, folder_of, read_members
 from robrain.deploy.pki.issuing import ends_soon, init, issue, renew
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, Part
 from robrain.protocol.access.identity import CERTIFICATE, TLS_VARIABLE, read_identity

@@ -1,14 +1,178 @@
-"""A part of a team that runs as a process of its own, and what is told of it."""
+"""A part of a team that runs as a process: what is started, when it is started again, and what it takes."""
 
+import os
 import signal
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from enum import StrEnum
+from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
 from robrain.deploy.processes.children import STOP_TIMEOUT_S
-from robrain.deploy.supervision.restarts import Cause, Phase, ProcessFailure, RestartPolicy
+from robrain.protocol.model.ranges import check_not_negative, check_positive
+
+LONGEST_LOOK_S = 0.5
+"""Longer times between two calls of `next_step` count as so much silence."""
+WAITED_SHARE = 0.2
+"""Share of the time waited for a core that counts as silence (chosen): a loop that never ends is killed within five
+times `hang_s`, however busy the machine is."""
+QUIET_S = 0.5
+"""Silence from which it is worth looking whether a process waits for a core: longer than any usual period."""
+
+
+class RestartPolicy(msgspec.Struct, frozen=True, kw_only=True):
+    """When a process is started again, and when no more."""
+
+    first_delay_s: float = 0.2
+    """From the first failure to the next start."""
+    factor: float = 2.0
+    """Of the delay, for each further failure within `within_s`."""
+    longest_delay_s: float = 10.0
+    limit: int = 5
+    """Failures within `within_s` after which a process is started again; with one more it is given up."""
+    within_s: float = 60.0
+    hang_s: float = 5.0
+    """Silence of the main loop after which a process is killed, once it has been ready."""
+    start_s: float = 120.0
+    """Time from the start to readiness after which a process is killed."""
+
+    def __post_init__(self) -> None:
+        check_positive(self, "first_delay_s", "longest_delay_s", "within_s", "hang_s", "start_s")
+        if not self.factor >= 1.0:
+            raise ValueError(f"expected factor >= 1, got {self.factor:g}")
+        check_not_negative(self, "limit")
+
+    def delay_s(self, failures: int) -> float:
+        """From the last of so many failures to the next start."""
+        return min(self.first_delay_s * self.factor ** min(failures - 1, 64), self.longest_delay_s)
+
+
+class Phase(StrEnum):
+    """How a process is."""
+
+    WAITING = "waiting"
+    """It does not run, and will be started."""
+    STARTING = "starting"
+    UP = "up"
+    KILLED = "killed"
+    """It hung and was killed; its end is awaited."""
+    GIVEN_UP = "given up"
+
+
+class RestartStep(StrEnum):
+    """What is to be done with a process now."""
+
+    NOTHING = "nothing"
+    START = "start"
+    KILL = "kill"
+
+
+class Cause(StrEnum):
+    """Why a process failed."""
+
+    ENDED = "ended"
+    SILENT = "silent"
+    SLOW_START = "slow_start"
+
+
+class ProcessFailure(NamedTuple):
+    """One failure of a process."""
+
+    at_s: float
+    cause: Cause
+    status: int
+    """Exit status; negative for a signal."""
+    silent_s: float
+    """How long its main loop had been silent, or how long it had been starting; of the time that it waited for a core,
+    `WAITED_SHARE` is in it."""
+    delay_s: float | None
+    """Until the next start; None if it is given up."""
+
+
+class Restarts:
+    """The state of one process.
+
+    Args:
+        policy: when it is started again.
+
+    """
+
+    def __init__(self, policy: RestartPolicy) -> None:
+        self.policy = policy
+        self.phase = Phase.WAITING
+        self.starts = 0
+        """How often it was started."""
+        self.was_ready = False
+        """Whether it has ever been ready."""
+        self._start_s = float("-inf")
+        self._silent_s = 0.0
+        self._checked_s: float | None = None
+        self._cause = Cause.ENDED
+        self._failures: deque[float] = deque()
+
+    @property
+    def restarts(self) -> int:
+        """How often it was started again."""
+        return max(self.starts - 1, 0)
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether it runs and has been silent, or starting, for a while."""
+        return self.phase in (Phase.STARTING, Phase.UP) and self._silent_s >= QUIET_S
+
+    def started(self) -> None:
+        """It was started, as `next_step` said."""
+        self.phase, self.starts = Phase.STARTING, self.starts + 1
+        self._silent_s, self._cause = 0.0, Cause.ENDED
+
+    def beat(self) -> None:
+        """Its main loop goes on."""
+        if self.phase is Phase.UP:
+            self._silent_s = 0.0
+
+    def ready(self) -> None:
+        """It does its work."""
+        if self.phase is Phase.STARTING:
+            self.phase, self.was_ready, self._silent_s = Phase.UP, True, 0.0
+
+    def ended(self, now_s: float, status: int) -> ProcessFailure:
+        """It has ended, or could not be started."""
+        self._failures.append(now_s)
+        while self._failures[0] <= now_s - self.policy.within_s:
+            self._failures.popleft()
+        delay_s: float | None = None
+        if len(self._failures) > self.policy.limit:
+            self.phase = Phase.GIVEN_UP
+        else:
+            delay_s = self.policy.delay_s(len(self._failures))
+            self.phase, self._start_s = Phase.WAITING, now_s + delay_s
+        return ProcessFailure(now_s, self._cause, status, self._silent_s, delay_s)
+
+    def next_step(self, now_s: float, waited_s: float = 0.0) -> RestartStep:
+        """What to do now; has to be asked a few times a second.
+
+        Args:
+            now_s: the time, of a clock that only goes forward.
+            waited_s: for how much of the time since the last call the process waited for a core.
+
+        """
+        looked_s, self._checked_s = self._checked_s, now_s
+        if self.phase is Phase.WAITING:
+            return RestartStep.START if now_s >= self._start_s else RestartStep.NOTHING
+        if self.phase not in (Phase.STARTING, Phase.UP):
+            return RestartStep.NOTHING
+        if looked_s is not None:
+            look_s = min(max(now_s - looked_s, 0.0), LONGEST_LOOK_S)
+            self._silent_s += look_s - (1.0 - WAITED_SHARE) * min(max(waited_s, 0.0), look_s)
+        is_up = self.phase is Phase.UP
+        if self._silent_s < (self.policy.hang_s if is_up else self.policy.start_s):
+            return RestartStep.NOTHING
+        self._cause, self.phase = Cause.SILENT if is_up else Cause.SLOW_START, Phase.KILLED
+        return RestartStep.KILL
+
 
 HUB, ARENA, COORDINATOR = "hub", "arena", "coordinator"
 STAND_BY, RECORDER, DASHBOARD = "stand-by", "recorder", "dashboard"
@@ -137,3 +301,124 @@ def _signal_name(number: int) -> str:
         return signal.Signals(number).name
     except ValueError:
         return f"signal {number}"
+
+
+PROC = Path("/proc")
+PERIOD_S = 1.0
+"""Time over which CPU is averaged, at least."""
+MEGABYTE = 1024 * 1024
+
+
+class Figures(NamedTuple):
+    """What a process takes."""
+
+    cpu_share: float | None
+    """Of one core, over the last second; None if unknown."""
+    memory_mb: float | None
+    """Resident, MiB; None if unknown."""
+
+
+UNKNOWN_FIGURES = Figures(None, None)
+
+
+class ProcessFigures:
+    """Follows one process.
+
+    Args:
+        pid: its process id.
+        proc: where Linux tells of processes.
+
+    """
+
+    def __init__(self, pid: int, proc: Path = PROC) -> None:
+        self._folder = proc / str(pid)
+        self._before: tuple[float, float] | None = None
+        self._last = UNKNOWN_FIGURES
+
+    def at(self, now_s: float) -> Figures:
+        """What it takes now; the last figures if they are less than a second old.
+
+        Args:
+            now_s: a clock that only goes forward, s.
+
+        """
+        if self._before is not None and now_s - self._before[0] < PERIOD_S:
+            return self._last
+        try:
+            cpu_s, memory_mb = _read(self._folder)
+        except (OSError, ValueError, IndexError):
+            self._before, self._last = None, UNKNOWN_FIGURES
+            return UNKNOWN_FIGURES
+        share = None if self._before is None else max(cpu_s - self._before[1], 0.0) / (now_s - self._before[0])
+        self._before, self._last = (now_s, cpu_s), Figures(share, memory_mb)
+        return self._last
+
+
+def commands_beside(pid: int, proc: Path = PROC) -> list[tuple[int, list[str]]]:
+    """The `robrain` processes with the same parent as a process: process ids and arguments.
+
+    Args:
+        pid: id of the process.
+        proc: the folder /proc.
+
+    """
+    found = []
+    with suppress(OSError, ValueError, IndexError):
+        parent = _parent(proc / str(pid))
+        for folder in proc.iterdir():
+            with suppress(OSError, ValueError, IndexError):  # it may end meanwhile
+                if folder.name.isdigit() and _parent(folder) == parent:
+                    words = (folder / "cmdline").read_text().rstrip("\0").split("\0")
+                    program = [Path(word).name in ("robrain", "robrain.cli") for word in words].index(True)
+                    found.append((int(folder.name), words[program + 1 :]))
+    return found
+
+
+def _parent(folder: Path) -> int:
+    return int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+
+
+class CoreWait:
+    """How long a process could not run because other processes had the cores.
+
+    Args:
+        pid: its process id.
+        proc: where Linux tells of processes.
+
+    """
+
+    def __init__(self, pid: int, proc: Path = PROC) -> None:
+        self._tasks = proc / str(pid) / "task"
+        self._before: dict[str, int] | None = None
+
+    def since_last_s(self) -> float:
+        """Seconds since the last call, of the thread that waited longest; 0 in the first call and where unknown.
+
+        All threads count: the main one may wait for another that holds the interpreter's lock and waits for a core.
+        """
+        before, self._before = self._before, self._read_ns()
+        if before is None:
+            return 0.0
+        return max((waited - before.get(thread, waited) for thread, waited in self._before.items()), default=0) / 1e9
+
+    def forget(self) -> None:
+        """Let the next call be the first again."""
+        self._before = None
+
+    def _read_ns(self) -> dict[str, int]:
+        waited: dict[str, int] = {}
+        with suppress(OSError):
+            for thread in self._tasks.iterdir():
+                with suppress(OSError, ValueError, IndexError):
+                    # Time on a core, time waited for one, both ns, and number of turns: proc/schedstat of the kernel.
+                    waited[thread.name] = int((thread / "schedstat").read_text().split()[1])
+        return waited
+
+
+def _read(folder: Path) -> tuple[float, float]:
+    """CPU seconds since the process began, and resident MiB."""
+    # The name, in brackets, may hold blanks; utime and stime are fields 14 and 15 of proc_pid_stat(5).
+    fields = (folder / "stat").read_text().rpartition(")")[2].split()
+    ticks = int(fields[11]) + int(fields[12])
+    pages = int((folder / "statm").read_text().split()[1])
+    return ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") / MEGABYTE

@@ -6,13 +6,17 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.deploy.agents.robot_files import loadable_from_here, robot_file_of, started_again, write_robot_file
+from robrain.deploy.processes.arena_process import (
+    loadable_from_here,
+    robot_file_of,
+    started_again,
+    write_resume,
+    write_robot_file,
+)
 from robrain.deploy.run.kernels import prepare_kernels
-from robrain.deploy.run.planning_file import write_planning
-from robrain.deploy.run.rules_file import write_rules
-from robrain.deploy.supervision.arena_resume import write_resume
+from robrain.deploy.run.table_files import write_planning, write_rules
 from robrain.deploy.supervision.part import ARENA, DASHBOARD, RECORDER, Part
-from robrain.deploy.supervision.site import (
+from robrain.deploy.supervision.up import (
     Site,
     agent_part,
     coordinator_parts,

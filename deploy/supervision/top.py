@@ -1,31 +1,80 @@
-"""`robrain top`: the processes of a running team, seen from outside.
-
-Robots and the coordinator answer which process they are. Hub, arena, recorder and dashboard are found among the
-processes beside them, if all were started by one `robrain up` on this machine. CPU and memory are read from /proc; on
-other machines they are unknown, as are the restarts, which only `robrain up` counts.
-"""
+"""The table of a team's processes, for `robrain up` and `robrain top`."""
 
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import msgspec
+from rich.console import Group
 from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
 from robrain.deploy.command_line.terminal import console, print_line
 from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, print_json_line
-from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, PartView
-from robrain.deploy.supervision.part_table import drawn, lines_of
-from robrain.deploy.supervision.process_figures import ProcessFigures, commands_beside
-from robrain.deploy.supervision.restarts import Phase
-from robrain.deploy.supervision.team_watch import TeamWatch
+from robrain.deploy.supervision.part import (
+    ARENA,
+    COORDINATOR,
+    DASHBOARD,
+    HUB,
+    RECORDER,
+    PartView,
+    Phase,
+    ProcessFigures,
+    commands_beside,
+)
+from robrain.deploy.supervision.team_status import TeamWatch
 from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.safe_text import safe_text
 from robrain.protocol.table.topics import COORDINATOR_WHO, ROBOT_WHO
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
+
+COLOURS = {Phase.UP: "green", Phase.GIVEN_UP: "red", Phase.KILLED: "red"}
+UNKNOWN = "–"
+TITLES = ("part", "process", "CPU", "memory", "messages", "restarts", "state")
+
+
+def drawn(heading: str, parts: Sequence[PartView]) -> Group:
+    """The table below a line."""
+    return Group(heading, table_of(parts))
+
+
+def table_of(parts: Sequence[PartView]) -> Table:
+    """One line for each process; unknown figures are dashes."""
+    table = Table(box=None, pad_edge=False)
+    for title in TITLES:
+        is_text = title in ("part", "state")
+        table.add_column(title, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
+    for part in parts:
+        *cells, state = cells_of(part)
+        table.add_row(*cells, Text(state, COLOURS.get(part.phase, "yellow")))
+    return table
+
+
+def cells_of(part: PartView) -> list[str]:
+    """The cells of a line; texts from elsewhere are made safe for a terminal."""
+    is_up = part.phase is Phase.UP
+    return [
+        safe_text(part.name),
+        UNKNOWN if part.pid is None else str(part.pid),
+        UNKNOWN if part.cpu_share is None else f"{part.cpu_share:.0%}",
+        UNKNOWN if part.memory_mb is None else f"{part.memory_mb:.0f} MB",
+        safe_text(part.messages) or UNKNOWN,
+        UNKNOWN if part.restarts is None else str(part.restarts),
+        (safe_text(part.words) if is_up else "") or part.phase.value,
+    ]
+
+
+def lines_of(parts: Sequence[PartView]) -> list[str]:
+    """The same as lines of text, for a file or a pipe."""
+    rows = [list(TITLES), *map(cells_of, parts)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
 
 PERIOD_S = 0.1
 ASK_AGAIN_S = 2.0

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 from rich.live import Live
 
-from robrain.deploy.command_line.recording_path import new_recording, next_file
+from robrain.deploy.command_line.options import new_recording, next_file
 from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, say
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.forwarder_words import said
+from robrain.deploy.processes.children import said
 from robrain.deploy.processes.live_process import LiveStop, note, print_json_line
 from robrain.deploy.supervision.part import (
     ARENA,
@@ -25,22 +25,27 @@ from robrain.deploy.supervision.part import (
     Part,
     PartEvent,
 )
-from robrain.deploy.supervision.part_table import drawn
-from robrain.deploy.supervision.site import (
+from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
+from robrain.deploy.supervision.top import drawn
+from robrain.deploy.supervision.up import (
+    Printed,
     Site,
+    UpDisplay,
+    UpOptions,
+    UpResult,
+    UpStatus,
     agent_part,
     coordinator_parts,
     dashboard_part,
     recorder_part,
+    run_up,
     witnesses_among,
 )
-from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
-from robrain.deploy.supervision.up import Printed, UpDisplay, UpOptions, UpResult, UpStatus, run_up
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, hub_endpoint
 
-if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need
+if TYPE_CHECKING:
     from robrain.sim.scenarios.scenario import Scenario
 
 
@@ -414,7 +419,7 @@ def _recording(path: Path, team_file: TeamFile, host: HostTable) -> Path | None:
 
 def _scenario_of(path: Path, name: str) -> tuple["Scenario", list[str]]:
     """The scenario of a team file, and the words of a command line that name it."""
-    from robrain.deploy.command_line.options import choose_scenario
+    from robrain.deploy.command_line.scenario_choice import choose_scenario
 
     if name.endswith(".toml") or "/" in name:
         name = str(path.parent / name)

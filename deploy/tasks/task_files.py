@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from robrain.client.submission import COMMON, RELATIVE, submission_of
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 
@@ -86,3 +87,29 @@ def point(option: str, text: str) -> list[float]:
     if not (math.isfinite(x_m) and math.isfinite(y_m)):
         raise UsageError(f"expected a finite {option}, got {text}")
     return [x_m, y_m]
+
+
+def verdict_line(verdict: RobotVerdict) -> str:
+    """What a task takes a robot, or why the robot is excluded."""
+    words = [f"{verdict.distance_m:.1f} m away"] if verdict.distance_m is not None else []
+    words += [f"{verdict.time_s:.0f} s"] if verdict.time_s is not None else []
+    words += [f"{verdict.energy_j:.0f} J"] if verdict.energy_j is not None else []
+    words += ["chosen"] if verdict.chosen else [verdict.why_not] if verdict.why_not else []
+    return f"  {verdict.robot}: {', '.join(words)}"
+
+
+def dry_run_lines(found: TaskDryRun) -> list[str]:
+    """What would follow from a task."""
+    task = found.task
+    if found.refused:
+        return [f"a task to {task.kind} would be refused: {found.refused}"]
+    if found.known is not None:
+        return [f"{task.id} was submitted before, and is {found.known}: nothing would change"]
+    lines = [f"a task to {task.kind} at ({task.place.x_m:g}, {task.place.y_m:g}) would be accepted"]
+    if found.waits:
+        lines.append(f"it would wait: {found.waits}")
+    if found.ahead:
+        lines.append(f"open tasks that are at least as urgent: {found.ahead}")
+    if found.robots:
+        lines += ["by a straight line, so at least:", *map(verdict_line, found.robots)]
+    return lines

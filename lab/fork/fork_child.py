@@ -8,8 +8,7 @@ import msgspec
 
 from robrain.dashboard.panels.what_if import ForkState
 from robrain.deploy.errors import ChildFailed
-from robrain.deploy.processes.children import Child, Children
-from robrain.deploy.processes.dashboard_process import StartingPage
+from robrain.deploy.processes.children import Child, Children, StartingPage
 from robrain.lab.fork.fork_result import ForkResult, fork_name
 from robrain.lab.fork.repeatable import repeatable
 from robrain.protocol.clock import to_seconds

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from robrain.deploy.command_line.team_options import JsonOption
+from robrain.deploy.command_line.options import JsonOption
 from robrain.protocol.safe_text import safe_json
 
 if TYPE_CHECKING:

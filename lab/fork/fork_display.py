@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from rich.progress import BarColumn, Progress
 
 from robrain.deploy.command_line.terminal import clock_of, console, own_command, print_line, say, text_column
-from robrain.deploy.recordings.recording_display import where_different
-from robrain.deploy.recordings.two_runs_display import show_two_runs
+from robrain.deploy.recordings.recording_display import show_two_runs, where_different
 from robrain.lab.fork.fork_result import ForkResult
 from robrain.recording.reader.two_runs import TwoRuns
 from robrain.sim.scenarios.driving import Progress as RunProgress

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.team_options import JsonOption, print_json
+from robrain.deploy.command_line.options import JsonOption, print_json
 
 
 def report(

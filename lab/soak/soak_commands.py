@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from robrain.deploy.command_line.team_options import JsonOption
+from robrain.deploy.command_line.options import JsonOption
 from robrain.protocol.safe_text import safe_json
 
 soak_app = typer.Typer(rich_markup_mode=None)
@@ -37,7 +37,7 @@ def soak(
     as_json: JsonOption = False,
 ) -> None:
     """Run random fault scripts on the coordination code, judge them, and shrink those that break an invariant."""
-    from robrain.deploy.command_line.process_options import above_zero
+    from robrain.deploy.command_line.options import above_zero
     from robrain.deploy.errors import UsageError
 
     for name, value, least in (("--runs", runs, 1), ("--jobs", jobs, 1), ("--seed", seed, 0), ("--shrink", shrink, 0)):

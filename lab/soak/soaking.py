@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from robrain.deploy.recordings.scenario_surroundings import surroundings_of
+from robrain.deploy.recordings.surroundings import surroundings_of
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.mapping_plan import errors_alone
 from robrain.lab.soak.planted import BUGS, planted

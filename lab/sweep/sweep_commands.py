@@ -7,7 +7,8 @@ from typing import Annotated
 import msgspec
 import typer
 
-from robrain.deploy.command_line.scenario_options import (
+from robrain.deploy.command_line.options import (
+    JsonOption,
     MapOption,
     MotesOption,
     RobotsOption,
@@ -15,7 +16,6 @@ from robrain.deploy.command_line.scenario_options import (
     TimeLimitOption,
     UntilOption,
 )
-from robrain.deploy.command_line.team_options import JsonOption
 from robrain.protocol.safe_text import safe_json
 
 sweep_app = typer.Typer(rich_markup_mode=None)
@@ -53,8 +53,8 @@ def sweep(
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario with many seeds and settings on all cores; the same command continues a sweep."""
-    from robrain.deploy.command_line.options import choose_scenario
-    from robrain.deploy.command_line.process_options import above_zero, until_explored
+    from robrain.deploy.command_line.options import above_zero, until_explored
+    from robrain.deploy.command_line.scenario_choice import choose_scenario
     from robrain.deploy.errors import UsageError
     from robrain.lab.sweep.plan import make_plan
     from robrain.lab.sweep.sweep import SweepOptions, run_sweep

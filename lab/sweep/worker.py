@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.deploy.recordings.scenario_surroundings import surroundings_of
+from robrain.deploy.recordings.surroundings import surroundings_of
 from robrain.lab.bench.mapping_plan import errors_alone
 from robrain.lab.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.protocol.errors import RobrainError

@@ -22,15 +22,15 @@ from rich.console import Console
 from robrain.agent.host.robot_file import RobotFile
 from robrain.client.hand import Hand
 from robrain.client.team import Team
-from robrain.deploy.agents.robot_files import write_robot_files
+from robrain.deploy.processes.arena_process import write_robot_files
 from robrain.deploy.processes.children import Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
-from robrain.lab.bench.live_team import await_ready
-from robrain.lab.bench.responses import WheelMessages
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
+from tests.bench.live_team import await_ready
+from tests.bench.responses import WheelMessages
 
 ROUNDS = 20
 BOUND_MS = 300.0

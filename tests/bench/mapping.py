@@ -1,11 +1,11 @@
-"""Accuracy of maps and positions, and joining: a part of `robrain bench mapping` and `robrain bench joining`."""
+"""Accuracy of maps and positions, some runs of `robrain bench mapping`; and robots with unknown starts."""
 
 from collections.abc import Iterator
 
+from robrain.lab.bench import mapping as bench_mapping
 from robrain.lab.bench.figure import Figure
-from robrain.lab.bench.mapping import joining as bench_joining
-from robrain.lab.bench.mapping import mapping as bench_mapping
 from robrain.lab.bench.mapping_plan import choose
+from tests.bench import joining as bench_joining
 
 FLOORS = "clinic,warehouse"
 ROBOTS, SEEDS = "4", "1-2"

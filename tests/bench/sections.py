@@ -64,7 +64,7 @@ SECTIONS = {
         "Mapping",
         "Floors of `examples/maps`, wheels that slip and are 1 % off, 1 % dropouts, seeds 1 and 2: 4 robots on clinic "
         "and warehouse, for 150 s, also with late messages and paused agents; robots with unknown starts, and "
-        "robots that are carried off, 3 in the clinic. `robrain bench mapping` and `bench joining` run more.",
+        "robots that are carried off, 3 in the clinic. `robrain bench mapping` runs more.",
         "tests.bench.mapping:measure",
     ),
     "behaviors": Section(
@@ -85,13 +85,12 @@ SECTIONS = {
     ),
     "allocation": Section(
         "Allocation",
-        "`robrain bench allocation`; seconds of one core. Best known: searches of 60 and 120 s, "
-        "`lab/bench/allocation/allocation_best.json`.",
-        "robrain.lab.bench.allocation.allocation:measure",
+        "Seconds of one core. Best known: searches of 60 and 120 s, `tests/bench/allocation_best.json`.",
+        "tests.bench.allocation:measure",
     ),
     "consensus": Section(
         "Allocation without a coordinator",
-        "`robrain bench consensus` on problems that its parameters were not chosen on (seeds 41 to 44), beside "
+        "Problems that its parameters were not chosen on (seeds 41 to 44), beside "
         "`optimal` with 1500 iterations. An exchange is one ballot of every robot.",
         "tests.bench.consensus:measure",
     ),
@@ -165,13 +164,13 @@ SECTIONS = {
     ),
     "responses": Section(
         "Response time",
-        "`robrain bench responses`: from an event to the wheels, a live team of processes on loopback.",
-        "robrain.lab.bench.responses:measure",
+        "From an event to the wheels, a live team of processes on loopback.",
+        "tests.bench.responses:measure",
     ),
     "agents": Section(
         "A thousand agents",
-        "`robrain bench agents`: processes that stand in for agents, a real coordinator.",
-        "robrain.lab.bench.agents:measure",
+        "Processes that stand in for agents, a real coordinator.",
+        "tests.bench.agents:measure",
     ),
     "recovery": Section(
         "Recovery",

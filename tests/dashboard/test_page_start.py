@@ -21,7 +21,7 @@ from tests.waiting import PATIENCE_S
 SLOW = ("numba", "llvmlite", "scipy", "pandas", "matplotlib", "PIL", "mcap", "pymunk")
 LOADED = """
 import sys
-import robrain.cli, robrain.deploy.recordings.live_commands
+import robrain.cli, robrain.deploy.recordings.replaying
 from robrain.dashboard import Dashboard
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint

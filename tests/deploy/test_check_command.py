@@ -13,12 +13,12 @@ from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from robrain.cli import app
-from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
-from robrain.deploy.recordings.scenario_surroundings import (
+from robrain.deploy.recordings.surroundings import (
     LOOKED_UP_M,
     clearance_on,
     surroundings_of,
     surroundings_of_provenance,
+    surroundings_of_recording,
 )
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
@@ -194,7 +194,7 @@ def test_a_scenario_that_cannot_be_read_leaves_walls_unjudged(toml: str, tmp_pat
 
 
 def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "robrain.deploy.recordings.scenario_surroundings")
+    monkeypatch.delitem(sys.modules, "robrain.deploy.recordings.surroundings")
     monkeypatch.delitem(sys.modules, "robrain.sim.scenarios.scenario")
     monkeypatch.setitem(sys.modules, "pymunk", None)
     for name in sorted((name for name in sys.modules if name.startswith("robrain.sim.")), reverse=True):

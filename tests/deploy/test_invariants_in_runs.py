@@ -16,7 +16,7 @@ from robrain.client.team import Team
 from robrain.coordinator import frontier_desk
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
-from robrain.deploy.recordings.scenario_surroundings import surroundings_of
+from robrain.deploy.recordings.surroundings import surroundings_of
 from robrain.plugins.behavior.recharge import RechargeBehavior
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.messages.robots.robot_messages import RobotState

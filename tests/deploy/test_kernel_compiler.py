@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.run import preparing
+from robrain.deploy.run import running
 from robrain.deploy.run.kernels import PARTS
-from robrain.deploy.run.preparing import KernelCompiler
+from robrain.deploy.run.running import KernelCompiler
 from tests.waiting import has_ended, until
 
 FEW = {"obstacles": PARTS["obstacles"], "map overlap": PARTS["map overlap"]}
 SCRIPT = """
 import time
-from robrain.deploy.run.preparing import KernelCompiler
+from robrain.deploy.run.running import KernelCompiler
 from robrain.deploy.run.kernels import PARTS
 with KernelCompiler(PARTS, 1) as compiler:
     print(compiler._workers[0]._process.pid, flush=True)
@@ -45,13 +45,13 @@ def test_parts_at_the_start_are_stored_first_then_one_process_compiles_and_ends_
         assert first.poll() is None  # it still compiles what is needed later
         assert list(empty_cache.rglob("obstacles*.nbc"))
         begun_s = time.monotonic()
-    assert time.monotonic() - begun_s < 2 * preparing.STOP_S
+    assert time.monotonic() - begun_s < 2 * running.STOP_S
     assert first.poll() is not None
     assert not list(empty_cache.rglob("*.tmp.*"))
 
 
 def test_process_that_fails_is_told_and_nobody_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(preparing, "MODULE", "no_such_module")
+    monkeypatch.setattr(running, "MODULE", "no_such_module")
     with KernelCompiler(FEW, 1) as compiler:
         until(lambda: compiler.is_done, step=compiler.step)
         assert compiler.failure == "a compiling process ended with status 1"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.command_line.options import choose_scenario
+from robrain.deploy.command_line.scenario_choice import choose_scenario
 from robrain.deploy.errors import UsageError
 from robrain.sim.errors import ScenarioError
 

@@ -9,11 +9,10 @@ import zenoh
 
 from robrain import Scenario
 from robrain.algorithms.warm_up import KernelPart
-from robrain.deploy.processes.children import Child, Children
-from robrain.deploy.processes.dashboard_process import StartingPage
-from robrain.deploy.run import preparing, starting
-from robrain.deploy.run.preparing import LATER_S, Preparing
-from robrain.deploy.run.run_options import RunOptions, Watched
+from robrain.deploy.processes.children import Child, Children, StartingPage
+from robrain.deploy.run import running, starting
+from robrain.deploy.run.running import LATER_S, Preparing
+from robrain.deploy.run.starting import RunOptions, Watched
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
@@ -56,10 +55,10 @@ class Compiler:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock, Compiler.made = Clock(), []
-    monkeypatch.setattr(preparing, "time", clock)
-    monkeypatch.setattr(preparing, "KernelCompiler", Compiler)
-    monkeypatch.setattr(preparing, "load_kernels", lambda: True)
-    monkeypatch.setattr(preparing, "are_cached", lambda: False)
+    monkeypatch.setattr(running, "time", clock)
+    monkeypatch.setattr(running, "KernelCompiler", Compiler)
+    monkeypatch.setattr(running, "load_kernels", lambda: True)
+    monkeypatch.setattr(running, "are_cached", lambda: False)
     return clock
 
 
@@ -100,7 +99,7 @@ def test_where_everything_is_is_shown_before_the_kernels_are_loaded(
     try:
         seen = watching.declare_subscriber(ARENA_PREPARATION.key(DEFAULT_TEAM), lambda _sample: arrived.set())
         with Preparing(_watched(session), quiet=True) as prepared:
-            monkeypatch.setattr(preparing, "load_kernels", lambda: heard.append(arrived.wait(PATIENCE_S)) or True)
+            monkeypatch.setattr(running, "load_kernels", lambda: heard.append(arrived.wait(PATIENCE_S)) or True)
             until(lambda: _has_listener(session))
             prepared.begin(SMALL.world())
         seen.undeclare()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.command_line.recording_path import next_file
+from robrain.deploy.command_line.options import next_file
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import typer
 
 from robrain import cli
 from robrain.deploy.processes.live_process import note, tell
-from robrain.deploy.processes.standard_streams import guarded_streams
+from robrain.deploy.processes.process_setup import guarded_streams
 
 APP = typer.main.get_command(cli.app)
 SENTENCES = {

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.doctor.team_checks import check_robots
+from robrain.deploy.machine.team_checks import check_robots
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, robot_status, show_status
 from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus

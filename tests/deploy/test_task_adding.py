@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robrain.client.submission import submission_of
-from robrain.deploy.tasks import task_adding, task_commands
+from robrain.deploy.tasks import task_commands
 from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
@@ -39,8 +39,7 @@ class Client:
 @pytest.fixture
 def client(monkeypatch):
     asked = Client()
-    for module in (task_adding, task_commands):
-        monkeypatch.setattr(module, "connect_team", lambda _connect, _team: nullcontext(asked))
+    monkeypatch.setattr(task_commands, "connect_team", lambda _connect, _team: nullcontext(asked))
     return asked
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.mapping.mapping import HEADINGS, MappedRun, MappingReport, figures, mapped, run_bench, run_case
+from robrain.lab.bench.mapping import HEADINGS, MappedRun, MappingReport, figures, mapped, run_bench, run_case
 from robrain.lab.bench.mapping_plan import OWN_MAPS, Case, MappingPlan, choose
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.lockstep.result import RunResult

@@ -8,7 +8,7 @@ from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.problem import Objective
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.deploy.errors import InstanceError
-from robrain.lab.bench.allocation.public import read_best, read_public, solve_public
+from robrain.lab.bench.public import read_best, read_public, solve_public
 
 R101 = Path(__file__).parents[1] / "algorithms" / "allocation" / "data" / "R101_25.txt"
 SQUARE = """NAME : {name}

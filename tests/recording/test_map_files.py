@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.cli import app
 from robrain.deploy.errors import UsageError
-from robrain.deploy.recordings.exporting import export_map
+from robrain.deploy.recordings.recording_commands import export_map
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.map_server_files import write_grid

@@ -16,11 +16,10 @@ from typer.main import get_command
 
 from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.cli import app
-from robrain.deploy.pki.errors import PkiError
-from robrain.deploy.pki.folder import folder_of
+from robrain.deploy.pki.folder import PkiError, folder_of
 from robrain.deploy.pki.issuing import init, issue, renew, revoke
 from robrain.deploy.pki.router import SecuredRouter
-from robrain.deploy.processes.secured_start import check_certificate, check_rights, warn_of_listening
+from robrain.deploy.processes.live_process import check_certificate, check_rights, warn_of_listening
 from robrain.protocol.access import rules
 from robrain.protocol.access.identity import KEY, TLS_VARIABLE, read_identity
 from robrain.protocol.access.member import Member, MemberRole, member

@@ -5,8 +5,8 @@ import random
 import pytest
 
 from robrain.algorithms.consensus.negotiation import Negotiation
-from robrain.lab.bench.allocation.consensus import negotiate, scorer_of
-from robrain.lab.bench.allocation.instances import team_problem
+from tests.algorithms.allocation.instances import team_problem
+from tests.bench.consensus import negotiate, scorer_of
 
 PROBLEM = team_problem(4, 16, 3, tightness=0.75)
 

@@ -6,7 +6,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.agent.host.robot_file import read_robot_file
-from robrain.deploy.agents.robot_files import loadable_from_here, open_lines, write_robot_files
+from robrain.deploy.processes.arena_process import loadable_from_here, open_lines, write_robot_files
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session

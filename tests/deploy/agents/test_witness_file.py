@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from robrain.agent.witness import Kept, Witness
-from robrain.deploy.agents.agent_process import WitnessFile, witness_path
+from robrain.deploy.processes.agent_process import WitnessFile, witness_path
 from robrain.protocol.messages.robots.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
 
 KEPT = Kept(election=4, journal="a", began_ns=7, before="b", number=2, holders=["a", "b"])

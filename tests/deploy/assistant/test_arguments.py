@@ -17,8 +17,7 @@ from robrain.deploy.assistant.arguments import (
     arguments_of,
     order_text,
 )
-from robrain.deploy.assistant.errors import CallRefused
-from robrain.deploy.assistant.policy import Ban
+from robrain.deploy.assistant.policy import Ban, CallRefused
 
 VISIT = {"kind": "visit", "x_m": 1.0, "y_m": 2}
 CALL = {"robot": "r1", "plugin": "lamp", "function": "switch"}

@@ -11,13 +11,11 @@ import pytest
 
 from robrain.client.team import Team
 from robrain.deploy.assistant import looking
-from robrain.deploy.assistant.answer import WORDS_MAX, CallVerdict, ToolAnswer, answer, harmless
-from robrain.deploy.assistant.assistant import Assistant, ToolCall
+from robrain.deploy.assistant.arguments import ANSWER_MAX, CallVerdict, ToolAnswer, answer, harmless
+from robrain.deploy.assistant.assistant import Assistant, Confirmations, ToolCall
 from robrain.deploy.assistant.audit_log import AuditLog
-from robrain.deploy.assistant.confirmations import Confirmations
-from robrain.deploy.assistant.errors import AuditError
 from robrain.deploy.assistant.ordering import Rehearsal
-from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, Order
+from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, AuditError, Ban, Order
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.tasks.task import TaskState
@@ -293,7 +291,7 @@ def test_text_of_the_team_is_cut_and_cannot_steer_a_terminal() -> None:
         CallVerdict.LOOKED, ["red \x1b[31m", "x" * 100_000], {"why": "a\u202eb", "many": ["y" * 300] * 10_000}
     )
     assert "\x1b" not in found.words
-    assert len(found.words) == WORDS_MAX
+    assert len(found.words) == ANSWER_MAX
     assert found.values == {"why": "a\\u202eb", "verdict": "looked"}
     deep: Any = []
     for _ in range(100):

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.assistant.audit_log import ARGUMENTS_MAX, AuditLog, AuditRecord
-from robrain.deploy.assistant.errors import AuditError
+from robrain.deploy.assistant.policy import AuditError
 
 RECORD = AuditRecord(
     stamp="2026-01-01T00:00:00.000+00:00", call=1, by="assistant:ann", client="scripted 1.0", tool="halt",

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from robrain.deploy.assistant.confirmations import Confirmations
+from robrain.deploy.assistant.assistant import Confirmations
 from robrain.deploy.assistant.policy import Ban
 
 

@@ -9,8 +9,15 @@ from jsonschema import Draft202012Validator
 from mcp import Client
 from mcp_types import CallToolResult, Implementation
 
-from robrain.deploy.assistant.answer import CallVerdict, ToolAnswer, answer
-from robrain.deploy.assistant.arguments import Arguments, HaltRobots, OfTask, SubmitTask
+from robrain.deploy.assistant.arguments import (
+    Arguments,
+    CallVerdict,
+    HaltRobots,
+    OfTask,
+    SubmitTask,
+    ToolAnswer,
+    answer,
+)
 from robrain.deploy.assistant.assistant import Assistant, Tool, ToolCall
 from robrain.deploy.assistant.mcp_server import WAITING_MAX, McpServer
 from robrain.deploy.assistant.policy import Order

@@ -11,14 +11,15 @@ from robrain.deploy.assistant.policy import (
     HOST_NAMES,
     MOVERS,
     PRIORITY_MAX,
+    WORDS,
     Ban,
     Order,
     call_refusal,
     cancel_refusal,
     order_refusal,
+    refusal,
     tool_refusal,
 )
-from robrain.deploy.assistant.words import WORDS, refusal
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo

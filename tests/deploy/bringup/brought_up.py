@@ -7,8 +7,7 @@ import msgspec
 
 from robrain import Scenario
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions, patched
-from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, FindingKind
-from robrain.deploy.bringup.operator import Operator, YesOperator
+from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, FindingKind, Operator, YesOperator
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import World
 from tests.deploy.bringup.lockstep_bench import LockstepBench

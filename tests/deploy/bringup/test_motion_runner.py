@@ -8,10 +8,20 @@ from typing import Any
 import can
 import pytest
 
-from robrain.deploy.bringup.bench import BASE, DRIVER, MotionFailed, MotionRunner
+from robrain.deploy.bringup.bench import (
+    BASE,
+    DRIVER,
+    RAMP_S,
+    MotionFailed,
+    MotionRunner,
+    Rest,
+    StopMode,
+    Straight,
+    TurnOnSpot,
+    TurnWheels,
+)
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
 from robrain.deploy.bringup.findings import CheckStep, FindingKind
-from robrain.deploy.bringup.motions import RAMP_S, Rest, StopMode, Straight, TurnOnSpot, TurnWheels
 from robrain.deploy.bringup.wheel_checks import check_bus
 from robrain.plugins.device.mocdevice.frame_map import Checksum, SignalFrame, read_dbc
 from robrain.protocol.can.zenoh_bus import ZenohBus

@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Differential
-from robrain.deploy.bringup.findings import CheckFinding, FindingKind
-from robrain.deploy.bringup.motions import EncoderSample, Motion, Record, StopMode, TurnWheels
-from robrain.deploy.bringup.operator import YesOperator
+from robrain.deploy.bringup.bench import EncoderSample, Motion, Record, StopMode, TurnWheels
+from robrain.deploy.bringup.findings import CheckFinding, FindingKind, YesOperator
 from robrain.deploy.bringup.wheel_checks import (
     COUPLED,
     STOP_MAX_S,

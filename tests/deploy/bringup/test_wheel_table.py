@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
-from robrain.deploy.bringup.wheel_table import base_patch, frames_of, positive_way, slots_of, wheel_names
+from robrain.deploy.bringup.wheel_checks import base_patch, frames_of, positive_way, slots_of, wheel_names
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 
 SIZES = {"wheel_radius_m": 0.05, "encoder_ticks_per_turn": 4096}

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.doctor.check import Check, CheckName
-from robrain.deploy.doctor.examination import (
+from robrain.deploy.machine.doctor import (
+    Check,
+    CheckName,
     OwnCertificate,
     check_certificate,
     check_certificates,

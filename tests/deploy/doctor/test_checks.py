@@ -11,8 +11,9 @@ import pytest
 import zenoh
 
 from robrain.agent.errors import PackageMissing
-from robrain.deploy.doctor.check import Check, CheckName, is_good
-from robrain.deploy.doctor.examination import (
+from robrain.deploy.machine.doctor import (
+    Check,
+    CheckName,
     RobotFound,
     check_address,
     check_can,
@@ -23,8 +24,9 @@ from robrain.deploy.doctor.examination import (
     check_robot_file,
     check_robot_ports,
     check_router,
+    is_good,
 )
-from robrain.deploy.doctor.team_checks import (
+from robrain.deploy.machine.team_checks import (
     check_clock,
     check_key_space,
     check_name_free,
@@ -116,7 +118,7 @@ def test_key_space_that_is_open(endpoints) -> None:
 
 @pytest.mark.slow
 def test_key_space_that_the_router_denies(monkeypatch) -> None:
-    monkeypatch.setattr("robrain.deploy.doctor.team_checks.ASK_S", 0.5)
+    monkeypatch.setattr("robrain.deploy.machine.team_checks.ASK_S", 0.5)
     config = zenoh.Config()
     rules = '{"enabled": true, "default_permission": "deny", "rules": [], "subjects": [], "policies": []}'
     for key, value in {

@@ -6,11 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.doctor import examination
-from robrain.deploy.doctor.check import CheckName
-from robrain.deploy.doctor.doctor_command import doctor_command
-from robrain.deploy.doctor.examination import JoinRequest, examine_host, examine_robot, examine_team
 from robrain.deploy.errors import UsageError
+from robrain.deploy.machine import doctor
+from robrain.deploy.machine.doctor import (
+    CheckName,
+    JoinRequest,
+    doctor_command,
+    examine_host,
+    examine_robot,
+    examine_team,
+)
 from robrain.protocol.wire.session import listening_at, open_session
 
 ROBOT = '[robot]\nname = "r1"\nload = ["mocdevice"]\n'
@@ -27,7 +32,7 @@ parts = ["hub", "arena", "coordinator", "r1"]
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch) -> None:
-    monkeypatch.setattr("robrain.deploy.doctor.team_checks.LISTEN_S", 0.05)
+    monkeypatch.setattr("robrain.deploy.machine.team_checks.LISTEN_S", 0.05)
 
 
 @pytest.fixture
@@ -99,7 +104,7 @@ def test_scenario_without_the_simulator_names_the_extra(tmp_path, free, monkeypa
     def refuse(*_: object) -> None:
         raise ModuleNotFoundError("No module named 'pymunk'", name="pymunk")
 
-    monkeypatch.setattr("robrain.deploy.command_line.options.choose_scenario", refuse)
+    monkeypatch.setattr("robrain.deploy.command_line.scenario_choice.choose_scenario", refuse)
     checks = examine_host(team_file(tmp_path, free), None)
     [wrong] = [check for check in checks if check.ok is False]
     assert (wrong.name, wrong.remedy) == (CheckName.EXTRA, "pip install 'robrain[sim]'")
@@ -122,9 +127,9 @@ def test_wrong_team_file_is_one_check(tmp_path) -> None:
 
 def test_router_that_goes_while_it_is_looked_at_is_told(hub, monkeypatch) -> None:
     def refuse(*_: object, **__: object) -> None:
-        raise examination.UsageError("gone")
+        raise doctor.UsageError("gone")
 
-    monkeypatch.setattr(examination, "check_key_space", refuse)
+    monkeypatch.setattr(doctor, "check_key_space", refuse)
     checks = examine_team(JoinRequest([hub], "default", ["r1"]))
     assert (checks[-1].name, checks[-1].ok, checks[-1].sentence) == (CheckName.ROUTER, False, "gone")
 

@@ -8,8 +8,8 @@ import threading
 import pytest
 
 from robrain.deploy.errors import UsageError
-from robrain.deploy.observability import json_logs
-from robrain.deploy.observability.json_logs import FORMAT_VARIABLE, JsonLines, LogContext, set_up_logs
+from robrain.deploy.processes import process_setup
+from robrain.deploy.processes.process_setup import FORMAT_VARIABLE, JsonLines, LogContext, set_up_logs
 
 
 def record(error=None):
@@ -66,7 +66,7 @@ def test_environment_chooses_it_as_well_and_processes_inherit_it(logs, monkeypat
     assert set_up_logs(["up"]) == ["up"]
     assert isinstance(logs.handlers[0].formatter, JsonLines)
     set_up_logs(["--log-format", "text", "up"])
-    assert json_logs.os.environ[FORMAT_VARIABLE] == "text"
+    assert process_setup.os.environ[FORMAT_VARIABLE] == "text"
 
 
 @pytest.mark.parametrize("words", [["--log-format", "xml"], ["--log-format"], ["--log-format="]])

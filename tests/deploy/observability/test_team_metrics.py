@@ -9,7 +9,7 @@ from prometheus_client import CollectorRegistry
 from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
-from robrain.deploy.observability.metrics_process import COUNTERS, METRICS, TeamMetrics
+from robrain.deploy.processes.metrics_process import COUNTERS, METRICS, TeamMetrics
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
@@ -119,7 +119,9 @@ def test_plugins_are_asked_for_and_a_robot_that_does_not_answer_holds_nobody_up(
 
 
 def test_grafana_dashboard_asks_for_metrics_that_there_are_and_for_all_of_them():
-    board = json.loads(resources.files("robrain.deploy.observability").joinpath("grafana-dashboard.json").read_text())
+    board = json.loads(
+        resources.files("robrain.deploy.machine").joinpath("observability/grafana-dashboard.json").read_text()
+    )
     asked = {
         name
         for panel in board["panels"]

@@ -11,8 +11,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from robrain.cli import app
 from robrain.deploy.errors import UsageError
-from robrain.deploy.pki.errors import PkiError
-from robrain.deploy.pki.folder import MEMBERS_FILE, changing, folder_of, read_members
+from robrain.deploy.pki.folder import MEMBERS_FILE, PkiError, changing, folder_of, read_members
 from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, endpoints_of, init, issue, renew, renew_due, revoke
 from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
 from robrain.protocol.access.member import Member, MemberRole, member

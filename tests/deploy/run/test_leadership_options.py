@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.run.coordinator_command import read_witnesses
+from robrain.deploy.processes.coordinator_process import read_witnesses
 from robrain.protocol.errors import RobrainError
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.supervision.process_figures import CoreWait
+from robrain.deploy.supervision.part import CoreWait
 
 SPIN = "while True: pass"
 

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.deploy.processes.lifeline import BEAT_S, LIFELINE_VARIABLE, Lifeline, LifelineEnd
-from robrain.deploy.processes.live_process import LiveStop
+from robrain.deploy.processes.live_process import BEAT_S, LIFELINE_VARIABLE, Lifeline, LifelineEnd, LiveStop
 
 
 class Clock:

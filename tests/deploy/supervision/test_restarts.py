@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.deploy.supervision.restarts import LONGEST_LOOK_S, Cause, Phase, RestartPolicy, Restarts, RestartStep
+from robrain.deploy.supervision.part import LONGEST_LOOK_S, Cause, Phase, RestartPolicy, Restarts, RestartStep
 
 POLICY = RestartPolicy(limit=3, within_s=60.0, hang_s=5.0, start_s=20.0)
 

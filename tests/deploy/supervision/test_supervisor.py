@@ -11,9 +11,7 @@ import pytest
 
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.supervision import guard
-from robrain.deploy.supervision.part import Part, PartEvent, PartEventKind
-from robrain.deploy.supervision.process_figures import CoreWait
-from robrain.deploy.supervision.restarts import Cause, RestartPolicy
+from robrain.deploy.supervision.part import Cause, CoreWait, Part, PartEvent, PartEventKind, RestartPolicy
 from robrain.deploy.supervision.up import Supervisor
 from tests.waiting import has_ended, until
 

@@ -7,12 +7,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from robrain.deploy.supervision.part import PartView
-from robrain.deploy.supervision.part_table import cells_of, drawn, lines_of
-from robrain.deploy.supervision.process_figures import UNKNOWN, ProcessFigures
-from robrain.deploy.supervision.restarts import Phase
-from robrain.deploy.supervision.team_status import robot_status
-from robrain.deploy.supervision.team_watch import HEARD, Rate, TeamWatch
+from robrain.deploy.supervision.part import UNKNOWN_FIGURES, PartView, Phase, ProcessFigures
+from robrain.deploy.supervision.team_status import HEARD, Rate, TeamWatch, robot_status
+from robrain.deploy.supervision.top import cells_of, drawn, lines_of
 from robrain.protocol.clock import NS_PER_S, VirtualClock
 from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
@@ -113,7 +110,7 @@ def test_cpu_and_memory_of_a_process_are_read_from_proc(tmp_path: Path) -> None:
 
 
 def test_figures_of_a_process_that_has_gone_are_unknown(tmp_path: Path) -> None:
-    assert ProcessFigures(7, tmp_path).at(1.0) == UNKNOWN
+    assert ProcessFigures(7, tmp_path).at(1.0) == UNKNOWN_FIGURES
 
 
 def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> None:

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from robrain.cli import app
 from robrain.deploy.errors import UsageError
-from robrain.deploy.recordings.recorded_surroundings import surroundings_of_recording
+from robrain.deploy.recordings.surroundings import surroundings_of_recording
 from robrain.lab.soak.planted import planted
 from robrain.lab.soak.soaking import KNOWS, draw_full_script, run_full_trial, scenario_of
 from robrain.protocol.model.geometry import Point2D

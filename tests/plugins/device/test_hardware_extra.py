@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain.agent.authoring.testing import PluginBench
-from robrain.deploy.doctor.examination import check_extras, check_robot_file
+from robrain.deploy.machine.doctor import check_extras, check_robot_file
 
 GPIO, I2C = "robrain.plugins.device.gpio", "robrain.plugins.device.bm2"
 MODULES = {

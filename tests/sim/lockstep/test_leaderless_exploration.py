@@ -6,9 +6,9 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 
-from robrain.lab.bench.leaderless import LeaderlessCase, run_case
 from robrain.plugins.behavior.explore import ALONE
 from robrain.sim.lockstep.lockstep import LockstepRun
+from tests.bench.leaderless import LeaderlessCase, run_case
 
 SMALL = LeaderlessCase(map="arena_small", robots=2, seed=4, time_limit_s=60.0)
 

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from robrain.deploy.agents.agent_arguments import AgentWords, agent_arguments
-from robrain.deploy.processes.compiler_pages import Pages, unchanged_pages
+from robrain.deploy.processes.agent_process import Pages, unchanged_pages
 from robrain.protocol.wire.session import open_session
 from tests.bench.host_weight import ALONE, weigh
 from tests.system.conftest import Commands
@@ -30,7 +30,7 @@ from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.agent.class_import import import_class
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.manifest import read_manifest
-from robrain.deploy.agents import agent_process
+from robrain.deploy.processes import agent_process
 found = PluginFolders([stock_place()]).find()
 for name in {sorted(PLAIN)}:
     import_class(read_manifest(found[name]))

@@ -1,0 +1,82 @@
+"""Reads and checks the options of commands."""
+
+import math
+from pathlib import Path
+
+import msgspec
+
+from robrain.deploy.errors import UsageError
+from robrain.protocol.model.geometry import Point2D
+from robrain.sim.maps.placement import Starts
+from robrain.sim.scenarios.scenario import Scenario
+
+
+def place_of(option: str, text: str | None) -> Point2D | None:
+    """Read a place, arena frame, such as `3.5,-2`, if it is given (UsageError if it has another form)."""
+    if text is None:
+        return None
+    try:
+        x_m, y_m = (float(part) for part in text.split(","))
+    except ValueError:
+        x_m = y_m = math.nan
+    if not (math.isfinite(x_m) and math.isfinite(y_m)):
+        raise UsageError(f"{option} {text}: expected X,Y in metres, such as 3.5,-2")
+    return Point2D(x_m, y_m)
+
+
+def choose_scenario(
+    name: str | None,
+    map_file: Path | None,
+    robots: int | None,
+    motes: int | None,
+    seed: int | None,
+    near: str | None = None,
+    *,
+    idle: bool = False,
+    strategy: str | None = None,
+    method: str | None = None,
+) -> Scenario:
+    """Load the scenario of a command line.
+
+    Args:
+        name: a built-in name, a scenario TOML, or a ROS map_server file.
+        map_file: a ROS map_server file, instead of a name.
+        robots: overrides the scenario's.
+        motes: overrides the scenario's.
+        seed: overrides the scenario's.
+        near: X,Y, around which the robots start together; overrides the scenario's starts.
+        idle: whether the team explores only if a task tells it to; True overrides the scenario's.
+        strategy: name of an exploration strategy, or FILE.py:NAME; overrides the scenario's.
+        method: name of an allocator, or FILE.py:NAME; overrides the scenario's.
+
+    Raises:
+        UsageError, ScenarioError: in one sentence.
+
+    """
+    if (name is None) == (map_file is None):
+        raise UsageError("expected a SCENARIO (a built-in name, a .toml file or a map.yaml), or --map map.yaml")
+    if map_file is not None or Path(name or "").suffix in (".yaml", ".yml"):
+        scenario = Scenario.from_map(map_file or name or "")
+    elif name is not None and (name.endswith(".toml") or "/" in name):
+        scenario = Scenario.from_file(name)
+    else:
+        scenario = Scenario.builtin(name or "")
+    changes = {"robots": robots, "motes": motes, "seed": seed}
+    for option, value in changes.items():
+        lowest = 1 if option == "robots" else 0
+        if value is not None and value < lowest:
+            raise UsageError(f"--{option} {value}: expected at least {lowest}")
+    for option, key, part in (("strategy", "exploration", strategy), ("method", "method", method)):
+        if part is not None:
+            try:
+                policy = msgspec.structs.replace(scenario.planning, **{key: part}).with_files_of(Path())
+                policy.import_parts()
+            except ValueError as error:
+                raise UsageError(f"--{option} {part}: {error}") from error
+            scenario = scenario.replace(planning=policy)
+    around = place_of("--near", near)
+    if around is not None:
+        scenario = scenario.replace(near=around, starts=Starts.TOGETHER)
+    if idle:
+        scenario = scenario.replace(idle=True)
+    return scenario.replace(**{option: value for option, value in changes.items() if value is not None})

@@ -1,1 +1,0 @@
-"""Metrics of a team for Prometheus, and structured logs."""

@@ -1,1 +1,0 @@
-"""How good the routes of the allocators are."""

@@ -1,1 +1,0 @@
-"""How accurate maps are, and how robots with unknown starts join."""

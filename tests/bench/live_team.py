@@ -1,0 +1,109 @@
+"""A small live team for measurements: hub, arena, coordinator and agents as processes of this machine."""
+
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import zenoh
+
+from robrain.coordinator.rules.rule import Rule
+from robrain.deploy.errors import ChildFailed
+from robrain.deploy.processes.arena_process import write_robot_files
+from robrain.deploy.processes.children import Child, Children
+from robrain.deploy.processes.live_process import ANY_PORT, open_hub
+from robrain.deploy.run.table_files import write_rules
+from robrain.protocol.wire.session import listening_at
+from robrain.sim.scenarios.scenario import Scenario
+
+TEAM = "bench"
+PATIENCE_S = 60.0
+ROOM = """
+[scenario]
+name = "bench_room"
+seed = 1
+
+# One room that a robot sees whole from where it starts: nothing is left to explore after some seconds.
+[floor]
+size_m = [7.0, 5.0]
+resolution_m = 0.05
+
+[team]
+robots = 1
+"""
+
+
+class LiveTeam(NamedTuple):
+    """A team that runs."""
+
+    hub: zenoh.Session
+    """A session of this process that all others are clients of."""
+    endpoint: str
+    team: str
+    children: dict[str, Child]
+    """By name: arena, coordinator, and each robot."""
+
+
+@contextmanager
+def live_room(rules: Sequence[Rule] = ()) -> Iterator[LiveTeam]:
+    """One robot in one room, with arena and coordinator, for as long as the block lasts.
+
+    Args:
+        rules: the coordinator's.
+
+    Raises:
+        ChildFailed: a process did not start.
+
+    """
+    with tempfile.TemporaryDirectory(prefix="robrain-bench-") as name:
+        scenario = Path(name) / "bench_room.toml"
+        scenario.write_text(ROOM, encoding="utf-8")
+        room = Scenario.from_file(scenario).replace(rules=tuple(rules))
+        with live_team(room, [str(scenario)]) as team:
+            yield team
+
+
+@contextmanager
+def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[LiveTeam]:
+    """A scenario's team, with arena and coordinator, for as long as the block lasts.
+
+    Args:
+        scenario: whose robots they are.
+        scenario_argument: the arguments of `robrain arena` that name the same scenario.
+
+    Raises:
+        ChildFailed: a process did not start.
+
+    """
+    with (
+        tempfile.TemporaryDirectory(prefix="robrain-bench-") as name,
+        closing(open_hub(ANY_PORT)[0]) as hub,
+        Children() as children,
+    ):
+        folder, endpoint = Path(name), listening_at(hub)[0]
+        robot_files = write_robot_files(scenario.world(), folder, team=TEAM, connect=endpoint)
+        common = ["--connect", endpoint, "--team", TEAM]
+        kept = ["--journal", str(folder / "bench.journal")]
+        if scenario.rules:
+            kept += ["--rules", str(write_rules(folder / "rules.toml", scenario.rules))]
+        started = {
+            "arena": children.start("arena", ["arena", *scenario_argument, *common]),
+            "coordinator": children.start("coordinator", ["coordinator", *kept, *common]),
+        }
+        for path in robot_files:
+            started[path.stem] = children.start(path.stem, ["agent", str(path)])
+        for child in started.values():
+            await_ready(child)
+        yield LiveTeam(hub, endpoint, TEAM, started)
+
+
+def await_ready(child: Child) -> None:
+    """Wait for the first line that a process says (ChildFailed if it ends before, or says nothing)."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not child.lines:
+        if child.exit_status is not None or time.monotonic() > deadline_s:
+            said = " ".join(child.lines) or "nothing"
+            raise ChildFailed(f"{child.name} did not start; it said: {said}")
+        time.sleep(0.02)
