@@ -1,9 +1,9 @@
 """Tasks from a kind and its fields; each mistake is one sentence."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import msgspec
 
@@ -11,14 +11,36 @@ from robrain.client.errors import BadTask
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
 
 TaskName = str | TaskRecord
 """A task by its id, or by any record of it."""
 
+
+class TaskFields(TypedDict, total=False):
+    """What a task has besides its kind, as people and scripts give it; each form of a task is made of this.
+
+    Parameters of the kind, named as in the messages, such as `{"look_at": (5, 1)}`, are in `parameters`.
+    """
+
+    place: Annotated[Point2D | Sequence[float] | None, "Place: X,Y in metres, arena frame."]
+    id: Annotated[str | None, "Name; the same task again is not repeated."]
+    priority: Annotated[float | None, "Reward for doing it; 1 if not given."]
+    deadline_s: Annotated[float | None, "Time limit, seconds from acceptance."]
+    earliest_s: Annotated[float | None, "Earliest start, seconds from acceptance."]
+    service_s: Annotated[float | None, "Duration at its place, seconds."]
+    needs: Annotated[Sequence[str], "A plugin that the robot must have; may be repeated."]
+    after: Annotated[Sequence[TaskName], "A task that must be done before; may be repeated."]
+    robots: Annotated[int | None, "Number of robots at the same time; 1 if not given."]
+    parameters: Annotated[Mapping[str, Any] | None, "Parameters of the kind."]
+
+
 POINTS = ("place", "look_at")
 RELATIVE = ("earliest_in_s", "deadline_in_s")
+AS_SENT = {"earliest_s": "earliest_in_s", "deadline_s": "deadline_in_s"}
+"""Names in the messages of fields that have another name in `TaskFields`."""
 ENGLISH = ("id", "needs", "after", "robots")
 """Fields whose names are also English words."""
 COMMON = frozenset(field.name for field in msgspec.structs.fields(Task)) - {"kind", "parameters"}
@@ -73,32 +95,36 @@ def submission_of(
     return submission
 
 
-def asked_task(
-    task: str | Task, by: str, new_id: str, fields: Mapping[str, Any], parameters: Mapping[str, Any] | None
-) -> TaskSubmission:
+def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields) -> TaskSubmission:
     """Build the request of `Team.submit` and `Team.dry_run` from their arguments.
 
     Args:
         task: a kind or a whole task.
         by: name of the client.
         new_id: id of the task if the fields have none.
-        fields: the arguments, named as in the messages; those that are None are not given.
-        parameters: further fields, and those of the kind.
+        fields: the arguments; those that are None or empty are not given.
 
     Raises:
         BadTask: a field is missing, invalid or given twice, or a whole task has further fields than times.
 
     """
-    given = {name: value for name, value in fields.items() if value is not None}
+    given: dict[str, Any] = {
+        AS_SENT.get(name, name): value
+        for name, value in fields.items()
+        if value is not None and (value or name not in ("needs", "after"))
+    }
+    parameters = given.pop("parameters", {})
     if not isinstance(task, str):
         times = {name: given.pop(name) for name in RELATIVE if name in given}
         if given or parameters:
-            names = ", ".join(sorted([*given, *(parameters or {})]))
+            names = ", ".join(sorted([*given, *parameters]))
             raise BadTask(f"task {task.id} is whole already: leave out {names}")
         return TaskSubmission(task=task, by=by, **times)
-    if twice := sorted({*given, "id"} & (parameters or {}).keys()):
+    if twice := sorted({*given, "id"} & parameters.keys()):
         raise BadTask(f"a task to {task}: give {', '.join(twice)} as an argument, not among the parameters")
-    return msgspec.structs.replace(submission_of(task, {"id": new_id, **given, **(parameters or {})}), by=by)
+    if "after" in given:
+        given["after"] = [id_of(one) for one in given["after"]]
+    return msgspec.structs.replace(submission_of(task, {"id": new_id, **given, **parameters}), by=by)
 
 
 def id_of(task: TaskName) -> str:

@@ -12,8 +12,8 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Self, overload
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Self, Unpack, overload
 
 import msgspec
 
@@ -21,7 +21,7 @@ from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.members import LastStates, team_found
 from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
-from robrain.client.submission import TaskName, asked_task, id_of
+from robrain.client.submission import TaskFields, TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, Listening, LiveTransport, Transport, operator_name
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
@@ -44,7 +44,6 @@ from robrain.protocol.messages.tasks.task_messages import (
 )
 from robrain.protocol.messages.team.standing_messages import LeadRequest, RobotRemoval
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
@@ -73,21 +72,7 @@ class CoordinatorAnswers:
     by: str
     _requests: Requests
 
-    def dry_run(
-        self,
-        task: str | Task,
-        *,
-        id: str | None = None,
-        place: Point2D | Sequence[float] | None = None,
-        priority: float | None = None,
-        earliest_s: float | None = None,
-        deadline_s: float | None = None,
-        service_s: float | None = None,
-        needs: Sequence[str] = (),
-        after: Sequence[TaskName] = (),
-        robots: int | None = None,
-        parameters: Mapping[str, Any] | None = None,
-    ) -> TaskDryRun:
+    def dry_run(self, task: str | Task, **fields: Unpack[TaskFields]) -> TaskDryRun:
         """Return what would follow if `submit` were called with these arguments. Nothing is submitted.
 
         Raises:
@@ -96,18 +81,7 @@ class CoordinatorAnswers:
             NobodyThere: no coordinator answers.
 
         """
-        fields = {
-            "id": id,
-            "place": place,
-            "priority": priority,
-            "earliest_in_s": earliest_s,
-            "deadline_in_s": deadline_s,
-            "service_s": service_s,
-            "needs": tuple(needs) or None,
-            "after": tuple(map(id_of, after)) or None,
-            "robots": robots,
-        }
-        asked = asked_task(task, self.by, f"{task}-dry-run", fields, parameters)
+        asked = asked_task(task, self.by, f"{task}-dry-run", fields)
         return self._requests.coordinator(TASK_DRY_RUN, asked)
 
     def left(self) -> ExplorationLeft | None:
@@ -326,27 +300,13 @@ class Team(CoordinatorAnswers, RobotCalls):
 
     # -- tasks ------------------------------------------------------------------------------------------------
 
-    def submit(
-        self,
-        task: str | Task,
-        *,
-        id: str | None = None,
-        place: Point2D | Sequence[float] | None = None,
-        priority: float | None = None,
-        earliest_s: float | None = None,
-        deadline_s: float | None = None,
-        service_s: float | None = None,
-        needs: Sequence[str] = (),
-        after: Sequence[TaskName] = (),
-        robots: int | None = None,
-        parameters: Mapping[str, Any] | None = None,
-    ) -> TaskRecord:
+    def submit(self, task: str | Task, **fields: Unpack[TaskFields]) -> TaskRecord:
         """Submit a task; submitting the same task with the same id again returns the same answer.
 
         If there is no coordinator, and robots go on without, one of them accepts it and tells the others.
 
         Args:
-            task: a kind, such as `visit`, with the arguments below; or a whole task, with only the times.
+            task: a kind, such as `visit`, with the fields below; or a whole task, with only the times.
             id: the task's name; None for a new one, such as `visit-3`.
             place: x and y, metres, arena frame.
             priority: reward for doing it; 1 if not given.
@@ -364,19 +324,8 @@ class Team(CoordinatorAnswers, RobotCalls):
             NobodyThere: no coordinator answers, and no robot accepts the task.
 
         """
-        fields = {
-            "id": id,
-            "place": place,
-            "priority": priority,
-            "earliest_in_s": earliest_s,
-            "deadline_in_s": deadline_s,
-            "service_s": service_s,
-            "needs": tuple(needs) or None,
-            "after": tuple(map(id_of, after)) or None,
-            "robots": robots,
-        }
-        asked = asked_task(task, self.by, f"{task}", fields, parameters)
-        if id is not None or not isinstance(task, str):
+        asked = asked_task(task, self.by, f"{task}", fields)
+        if fields.get("id") is not None or not isinstance(task, str):
             return self._requests.submit(asked)
 
         def named(task_id: str) -> TaskSubmission:

@@ -148,17 +148,11 @@ class NewTask(Arguments, frozen=True, kw_only=True):
                 Ban.BAD_ARGUMENTS, f"parameters: {smuggled[0]} is a field of every task, and no parameter"
             )
         given = {
-            **self.parameters,
-            "place": [self.x_m, self.y_m],
-            "priority": self.priority,
-            "earliest_in_s": self.earliest_in_s,
-            "deadline_in_s": self.deadline_in_s,
-            "service_s": self.service_s or None,
-            "needs": self.needs or None,
-            "after": self.after or None,
-            "robots": self.robots if self.robots > 1 else None,
+            one.name: value
+            for one in msgspec.structs.fields(NewTask)
+            if one.name in (*COMMON, *RELATIVE) and (value := getattr(self, one.name)) not in (None, [], 0.0)
         }
-        return {name: value for name, value in given.items() if value is not None}
+        return {**self.parameters, "place": [self.x_m, self.y_m], **given}
 
 
 class SubmitTask(NewTask, frozen=True, kw_only=True):

@@ -1,15 +1,21 @@
-"""Options shared by the `robrain task` commands, and their output."""
+"""`robrain task`: submit tasks to a team, list, explain and cancel them."""
 
+import inspect
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type_hints
 
+import msgspec
 import typer
 
+from robrain.client.submission import AS_SENT, TaskFields
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, print_json, say
 from robrain.deploy.tasks.task_files import verdict_line
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 
 if TYPE_CHECKING:
     from robrain.deploy.tasks.task_files import TaskWords
@@ -49,26 +55,78 @@ def show_table(records: list[Any]) -> None:
 
 
 EXIT_REFUSED = 2
-OPTIONS = {
+WITH_UNIT = {"_s": " in seconds", "_m": " in metres", "_rad": " in radians", "_dbm": " in dBm"}
+SPELLED = {
     "place": "--at",
-    "id": "--id",
-    "priority": "--priority",
-    "deadline_ns": "--deadline",
-    "deadline_in_s": "--deadline",
     "earliest_ns": "--earliest",
     "earliest_in_s": "--earliest",
-    "service_s": "--service",
-    "needs": "--needs",
-    "after": "--after",
-    "robots": "--robots",
-    "mote": "--mote",
-    "robot": "--robot",
-    "duration_s": "--duration",
-    "interval_s": "--interval",
-    "quantity": "--quantity",
-    "look_at": "--look-at",
-    "until_soc": "--until-soc",
+    "deadline_ns": "--deadline",
+    "deadline_in_s": "--deadline",
 }
+"""Options that are not named as their fields."""
+POINT, WORDS = "point", "words"
+
+
+class TaskOption(NamedTuple):
+    """An option of `task add` for a field of a task."""
+
+    field: str
+    """Named as in the messages."""
+    option: str
+    form: Any
+    """The type of its value; POINT for X,Y, and WORDS for an option that may be repeated."""
+    help: str
+
+    @property
+    def parameter(self) -> inspect.Parameter:
+        """As a parameter of the command's function."""
+        plain: Any = {POINT: str, WORDS: list[str]}.get(self.form, self.form)
+        annotation: Any = Annotated[plain | None, typer.Option(self.option, help=self.help)]
+        return inspect.Parameter(self.field, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+
+
+def option_of(field: str) -> str:
+    """The option for a field of a task.
+
+    >>> option_of("place"), option_of("until_soc"), option_of("duration_s")
+    ('--at', '--until-soc', '--duration')
+    """
+    return SPELLED.get(field, f"--{field.removesuffix('_s').replace('_', '-')}")
+
+
+def task_options() -> list[TaskOption]:
+    """The options for `TaskFields`, then for the parameters of the stock kinds."""
+    found = []
+    for field, hint in get_type_hints(TaskFields, include_extras=True).items():
+        annotated, text = get_args(hint)
+        first = next(iter(get_args(annotated)), annotated)
+        form = POINT if field == "place" else WORDS if field in ("needs", "after") else first
+        if field != "parameters":
+            sent = AS_SENT.get(field, field)
+            found.append(TaskOption(sent, option_of(sent), form, text))
+    kinds: dict[str, list[str]] = {}
+    forms: dict[str, Any] = {}
+    for kind, type_ in STOCK_KINDS.items():
+        for one in msgspec.structs.fields(type_):
+            kinds.setdefault(one.name, []).append(kind)
+            forms[one.name] = _form_of(one.type)
+    for name, those in kinds.items():
+        end = next((end for end in WITH_UNIT if name.endswith(end)), "")
+        what = name.removesuffix(end).replace("_", " ")
+        text = f"{', '.join(those)}: {what}{WITH_UNIT.get(end, '')}{', X,Y' if forms[name] is POINT else ''}."
+        found.append(TaskOption(name, option_of(name), forms[name], text))
+    return found
+
+
+def _form_of(hint: Any) -> Any:
+    """The type that a word is read as: `float` of `Annotated[float, Meta(gt=0)] | None`."""
+    while not isinstance(hint, type):
+        hint = get_args(hint)[0]
+    return POINT if hint is Point2D else hint
+
+
+TASK_OPTIONS = task_options()
+OPTIONS = {one.field: one.option for one in TASK_OPTIONS} | SPELLED
 """Command-line form of each task field."""
 
 
@@ -76,26 +134,7 @@ def add(
     what: Annotated[
         str, typer.Argument(metavar="KIND|FILE", help="visit, inspect, … (see `task kinds`); or a .toml or .json file.")
     ],
-    at: Annotated[str | None, typer.Option(help="Place: X,Y in metres, arena frame.")] = None,
-    task_id: Annotated[str | None, typer.Option("--id", help="Name; the same task again is not repeated.")] = None,
-    priority: Annotated[float | None, typer.Option(help="Reward for doing it; 1 if not given.")] = None,
-    deadline: Annotated[float | None, typer.Option(help="Time limit, seconds from acceptance.")] = None,
-    earliest: Annotated[float | None, typer.Option(help="Earliest start, seconds from acceptance.")] = None,
-    service: Annotated[float | None, typer.Option(help="Duration at its place, seconds.")] = None,
-    needs: Annotated[list[str] | None, typer.Option(help="A plugin that the robot must have; may be repeated.")] = None,
-    after: Annotated[list[str] | None, typer.Option(help="A task that must be done before; may be repeated.")] = None,
-    robots: Annotated[
-        int | None, typer.Option(help="Number of robots at the same time; 1 if not given.", min=1)
-    ] = None,
-    mote: Annotated[str | None, typer.Option(help="collect, relay, sense, replace: name of the mote.")] = None,
-    robot: Annotated[
-        str | None, typer.Option(help="relay: the robot to link to, such as the next one of a chain.")
-    ] = None,
-    duration: Annotated[float | None, typer.Option(help="relay, monitor, replace, seek: duration in seconds.")] = None,
-    interval: Annotated[float | None, typer.Option(help="monitor: seconds between rounds.")] = None,
-    quantity: Annotated[str | None, typer.Option(help="sense, seek: quantity to measure.")] = None,
-    look_at: Annotated[str | None, typer.Option(help="inspect: point to look at, X,Y.")] = None,
-    until_soc: Annotated[float | None, typer.Option(help="recharge: state of charge to reach, up to 1.")] = None,
+    *,
     parameters: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="Any parameter of the kind, as JSON; may be repeated."),
@@ -106,23 +145,20 @@ def add(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
+    **fields: Any,
 ) -> None:
     """Submit a task, or the tasks in a file; an impossible task is refused at once."""
     from robrain.protocol.errors import CallError
 
-    tasks = asked_tasks(
-        what, at=at, task_id=task_id, priority=priority, deadline=deadline, earliest=earliest, service=service,
-        needs=needs, after=after, robots=robots, mote=mote, robot=robot, duration=duration, interval=interval,
-        quantity=quantity, look_at=look_at, until_soc=until_soc, parameters=parameters,
-    )  # fmt: skip
+    tasks = asked_tasks(what, parameters, **fields)
     if dry_run:
         _dry_run(tasks, connect, team, as_json=as_json)
         return
     records, refused = [], []
     with connect_team(connect, team) as client:
-        for kind, fields in tasks:
+        for kind, given in tasks:
             try:
-                records.append(client.submit(kind, id=fields.pop("id", None), parameters=fields))
+                records.append(client.submit(kind, id=given.pop("id", None), parameters=given))
             except CallError as error:
                 refused.append(str(error))
     if as_json:
@@ -136,12 +172,24 @@ def add(
         raise typer.Exit(EXIT_REFUSED)
 
 
+def _with_task_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of a task behind its argument."""
+    first, *rest = inspect.signature(command, eval_str=True).parameters.values()
+    own = [one for one in rest if one.kind is not inspect.Parameter.VAR_KEYWORD]
+    parameters = [first, *(one.parameter for one in TASK_OPTIONS), *own]
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined] # which typer reads
+    return command
+
+
+_with_task_options(add)
+
+
 def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_json: bool) -> None:
     """Print what would follow from each task if it came now, without those before it in the file."""
     from robrain.deploy.tasks.task_files import dry_run_lines
 
     with connect_team(connect, team) as client:
-        found = [client.dry_run(kind, id=fields.pop("id", None), parameters=fields) for kind, fields in tasks]
+        found = [client.dry_run(kind, id=given.pop("id", None), parameters=given) for kind, given in tasks]
     for one in found:
         if as_json:
             print_json(one)
@@ -152,28 +200,13 @@ def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_jso
         raise typer.Exit(EXIT_REFUSED)
 
 
-def asked_tasks(
-    what: str,
-    *,
-    at: str | None = None,
-    task_id: str | None = None,
-    priority: float | None = None,
-    deadline: float | None = None,
-    earliest: float | None = None,
-    service: float | None = None,
-    needs: list[str] | None = None,
-    after: list[str] | None = None,
-    robots: int | None = None,
-    mote: str | None = None,
-    robot: str | None = None,
-    duration: float | None = None,
-    interval: float | None = None,
-    quantity: str | None = None,
-    look_at: str | None = None,
-    until_soc: float | None = None,
-    parameters: list[str] | None = None,
-) -> "list[TaskWords]":
+def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -> "list[TaskWords]":
     """The tasks that the options of `task add` ask for.
+
+    Args:
+        what: a kind or a file.
+        parameters: words NAME=VALUE.
+        fields: values of `TASK_OPTIONS`.
 
     Raises:
         UsageError, BadTask: naming the option, or file and key.
@@ -183,25 +216,11 @@ def asked_tasks(
     from robrain.deploy.errors import UsageError
     from robrain.deploy.tasks.task_files import TaskWords, parameters_set, point, tasks_in
 
-    fields: dict[str, Any] = {
-        "place": point("--at", at) if at is not None else None,
-        "id": task_id,
-        "priority": priority,
-        "deadline_in_s": deadline,
-        "earliest_in_s": earliest,
-        "service_s": service,
-        "needs": needs or None,
-        "after": after or None,
-        "robots": robots,
-        "mote": mote,
-        "robot": robot,
-        "duration_s": duration,
-        "interval_s": interval,
-        "quantity": quantity,
-        "look_at": point("--look-at", look_at) if look_at is not None else None,
-        "until_soc": until_soc,
+    given = {
+        one.field: point(one.option, fields[one.field]) if one.form is POINT else fields[one.field]
+        for one in TASK_OPTIONS
+        if fields.get(one.field) not in (None, [], ())
     }
-    given = {name: value for name, value in fields.items() if value is not None}
     given |= parameters_set(parameters or [], given)
     if Path(what).suffix in (".toml", ".json"):
         if given:
