@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.coordinator.rules.rule import ReadingCondition
-from robrain.coordinator.rules.rule_watch import RATE_READINGS_MAX, RUNS_MAX, Class, LevelTrack
+from robrain.coordinator.rules.rule_watch import (
+    RATE_READINGS_MAX,
+    RUNS_MAX,
+    SILENT_NS,
+    Class,
+    LevelTrack,
+    TrackTable,
+)
 from robrain.protocol.clock import to_ns
 
 GAP_NS = to_ns(10.0)
@@ -81,3 +88,24 @@ def test_many_readings_a_second_still_give_a_rate():
     readings = [(at / 100, 20.0 + at / 1000) for at in range(4000)]
     found = noted(readings, rising_per_min=1.0, over_s=30.0)
     assert found.rate_per_min == pytest.approx(6.0, rel=0.02)
+
+
+@pytest.mark.parametrize("apart_s", [0.4, 2.0])
+def test_of_readings_close_together_the_rate_counts_one(apart_s):
+    """Readings closer than a part of `over_s`, before or after, would fill the list without a better slope."""
+    found = noted([(0, 0.0), (10, 10.0), (20, 20.0), (30, 30.0)], rising_per_min=1.0, over_s=30.0)
+    for at_s in (apart_s, 20 + apart_s, 20 - apart_s):
+        found.note(to_ns(at_s), 1000.0, GAP_NS)
+    assert (found.rate_per_min == pytest.approx(60.0)) is (apart_s < 30.0 / RATE_READINGS_MAX)
+
+
+def test_a_full_table_replaces_a_mote_that_is_silent_and_no_other():
+    condition = msgspec.convert({"quantity": "t", "above": 5.0}, ReadingCondition)
+    table = TrackTable(capacity=2)
+    first = table.of("rule", "m1", condition, 0)
+    assert table.of("rule", "m2", condition, to_ns(30)) is not None
+    assert table.of("rule", "m3", condition, SILENT_NS - 1) is None
+    assert (table.turned_away, len(table)) == (1, 2)
+    assert table.of("rule", "m3", condition, SILENT_NS) is not None
+    assert (table.turned_away, len(table)) == (1, 2)
+    assert table.of("rule", "m1", condition, to_ns(100)) is not first

@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.coordinator.team.roster import Roster
+from robrain.coordinator.team.roster import FORGET_UNSEEN_NS, ROBOTS_MAX, ROBOTS_UNSEEN_MAX, Roster
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.model.tasks.task import LOST_AFTER_S, TaskState
@@ -57,6 +57,26 @@ def test_a_token_alone_is_no_robot_to_count_on():
     assert names_up(roster, 0.0) == []
     (summary,) = roster.summaries(0)
     assert (summary.up, summary.out, summary.why, summary.age_s) == (False, NotHeard(), "nothing heard yet", 1e6)
+
+
+def test_a_full_roster_accepts_no_new_robot():
+    roster = Roster()
+    for number in range(ROBOTS_MAX - 1):
+        comes(roster, f"r{number}")
+    assert roster.why_unknown("last", 0) == ""
+    comes(roster, "last")
+    assert roster.why_unknown("last", 0) == ""
+    assert str(ROBOTS_MAX) in roster.why_unknown("another", 0)
+
+
+def test_names_without_a_token_are_limited_and_forgotten_when_silent():
+    roster = Roster()
+    for number in range(ROBOTS_UNSEEN_MAX):
+        says(roster, f"r{number}", 0.0)
+    assert roster.why_unknown("another", to_ns(1.0))
+    late_ns = FORGET_UNSEEN_NS + 1
+    assert roster.why_unknown("another", late_ns) == ""
+    assert not roster.robots
 
 
 def test_a_robot_that_falls_silent_is_not_counted_on_though_its_token_is_there():
