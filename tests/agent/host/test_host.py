@@ -93,20 +93,6 @@ def test_plugins_step_at_their_own_periods_from_the_first_tick(dice):
     assert all(later - earlier >= 4 * tick_ns for earlier, later in pairwise(slow))
 
 
-def test_a_plugin_that_raises_is_faulted_with_the_reason_and_the_others_go_on(dice, caplog):
-    dice.start("bad", "fast")
-    bad = dice.plugin("bad")
-    dice.tick(5)
-    infos = dice.infos()
-    assert (infos["bad"].state, infos["bad"].why) == ("faulted", "RuntimeError: lost count")
-    assert "r1: plugin bad faulted: lost count" in caplog.text
-    assert len(bad.steps) == 1
-    assert len(dice.plugin("fast").steps) == 5
-    with pytest.raises(CallError, match="bad is faulted: RuntimeError: lost count") as refused:
-        dice.call("bad", "throw")
-    assert refused.value.code is ErrorCode.INACTIVE
-
-
 # -- on the wire ------------------------------------------------------------------------------------------------
 
 
@@ -141,12 +127,6 @@ def test_an_offer_that_is_none_is_refused_as_bad_arguments(dice, payload):
     with pytest.raises(CallError, match="expected a TaskOffer") as refused:
         dice.wire.ask(ROBOT_OFFER, payload, robot="r1")
     assert refused.value.code is ErrorCode.BAD_ARGUMENTS
-
-
-def test_the_list_of_plugins_is_in_start_order(dice):
-    dice.start("writer", "dice")
-    names = [info.name for info in dice.wire.ask(ROBOT_PLUGINS, robot="r1")]
-    assert names == ["dice", "writer"]
 
 
 def test_a_robot_can_be_closed_twice_and_before_it_was_started(dice):
