@@ -149,14 +149,6 @@ def test_an_offer_for_now_that_is_refused_leaves_both(desk, explorer):
     assert (desk.facts.task.id, desk.facts.next_task.id) == ("t1", "t2")
 
 
-def test_a_halt_forgets_what_is_held(desk, explorer):
-    hold(desk)
-    desk.halted()
-    assert desk.facts.next_task is None
-    assert not desk.go_on(0)
-    assert desk.facts.task.state is TaskState.CANCELLED
-
-
 def test_the_end_of_the_lease_forgets_what_is_held(desk, explorer):
     hold(desk)
     for second in range(6):
@@ -166,25 +158,6 @@ def test_the_end_of_the_lease_forgets_what_is_held(desk, explorer):
     assert desk.facts.next_task is None
     assert not desk.go_on(0)
     assert explorer.started == ["t1"]
-
-
-def test_a_robot_that_stood_still_for_longer_than_the_lease_forgets_what_it_held(desk, explorer):
-    """A process that was stopped: the coordinator has spoken meanwhile, and others have been given the task."""
-    hold(desk)
-    desk.check_lease(to_ns(1))
-    desk.coordinator_seen_ns = to_ns(7)
-    desk.end("t1", TaskState.DONE)
-    desk.check_lease(to_ns(7))
-    assert not desk.go_on(to_ns(7))
-    assert explorer.started == ["t1"]
-
-
-def test_a_task_that_is_recalled_takes_the_next_one_with_it(desk, explorer):
-    hold(desk)
-    desk.recall("the way home needs 9 J of 8 J usable")
-    desk.check_lease(0)
-    assert not desk.go_on(0)
-    assert desk.facts.next_task is None
 
 
 def test_how_long_a_task_takes_is_told_while_it_runs(desk, explorer):

@@ -11,7 +11,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import DoneJustNow, EpochAhead, EpochOld, NoBehavior, Occupied
+from robrain.protocol.reasons.offers import DoneJustNow, EpochAhead, EpochOld, NoBehavior
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 
 
@@ -334,23 +334,6 @@ def test_before_the_first_task_no_behavior_may_begin_one(desk, explorer):
     assert not desk.may_begin("t1")
 
 
-def test_a_task_of_another_kind_takes_the_place_of_the_one_that_runs(desk, explorer):
-    begun = []
-
-    def accept(task):
-        begun.append(desk.may_begin(task.id))
-        return YES
-
-    desk.register("visit", accept, lambda why: None)
-    desk.offer(offer("t1"), 0)
-    assert desk.may_begin("t1")
-    assert desk.offer(visit("v1"), 0) == YES
-    assert begun == [False]  # not before the other has let go
-    assert explorer.let_go_of == ["v1 has taken its place"]
-    assert desk.may_begin("v1")
-    assert not desk.may_begin("t1")
-
-
 def test_a_task_that_is_refused_leaves_the_one_that_runs_in_its_place(desk, explorer):
     desk.register("visit", lambda task: NO, lambda why: None)
     desk.offer(offer("t1"), 0)
@@ -371,47 +354,12 @@ def test_what_a_behavior_does_of_its_own_accord_gives_way_to_a_task(desk, explor
     assert desk.occupy("wander")
 
 
-def test_what_is_firm_gives_way_to_nothing_but_recharging(desk, explorer):
-    recharged = []
-    desk.register("recharge", lambda task: recharged.append(task.id) or YES, lambda why: None)
-    assert desk.occupy("recharge", firm="r1 goes home: needs 9 J of 8 J usable")
-    assert not desk.occupy("wander")
-    assert desk.offer(offer(), 0) == TaskAnswer.refused(Occupied("recharge", "r1 goes home: needs 9 J of 8 J usable"))
-    assert desk.occupies("recharge")
-    home = TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=3, lease_s=5.0)
-    assert desk.offer(home, 0) == YES
-    assert recharged == ["c1"]
-    assert not desk.occupies("recharge")
-
-
 def test_who_vacates_what_another_does_changes_nothing(desk):
     desk.occupy("wander")
     desk.vacate("idle")
     assert desk.occupies("wander")
     desk.vacate("wander")
     assert not desk.occupies("wander")
-
-
-def test_a_halt_ends_what_is_done_of_ones_own_accord(desk):
-    desk.occupy("wander")
-    desk.halted()
-    assert not desk.occupies("wander")
-
-
-def test_a_task_that_is_recalled_has_failed_with_why(desk, explorer):
-    desk.offer(offer(), 0)
-    desk.recall("the way home needs 9 J of 8 J usable")
-    assert desk.status.state is TaskState.RUNNING
-    desk.check_lease(0)
-    assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the way home needs 9 J of 8 J usable")
-    assert explorer.let_go_of == ["the way home needs 9 J of 8 J usable"]
-
-
-def test_a_recall_without_a_task_does_not_meet_the_next_one(desk, explorer):
-    desk.recall("too late")
-    desk.offer(offer(), 0)
-    desk.check_lease(0)
-    assert desk.status.state is TaskState.RUNNING
 
 
 def test_what_came_of_a_task_is_told_with_its_end(desk, explorer):
