@@ -25,17 +25,7 @@ from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import (
-    DoneJustNow,
-    EpochAhead,
-    EpochOld,
-    NoBehavior,
-    NotAtTask,
-    Occupied,
-    OfferRefusal,
-)
-from robrain.protocol.reasons.reason import Said, told
-from robrain.protocol.reasons.robots import NotHeard
+from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied, OfferRefusal, PlainReason, plain, told
 
 FIRST_SUMMARIES = 2
 """Those of the first second of a coordinator."""
@@ -245,7 +235,7 @@ class TaskDesk:
         """Work of a task at its place, by the behavior of its kind; `why` if that is unknown."""
         executor = self._executors.get(task.kind)
         if executor is None:
-            return TaskCost(id=task.id, why=told(NoBehavior(task.kind)))
+            return TaskCost(id=task.id, why=told(_no_behavior(task.kind)))
         try:
             work = executor.work(task)
             told_work = {name: getattr(work, name) for name in ("path_m", "turn_rad", "wait_s", "radio_packets")}
@@ -266,7 +256,8 @@ class TaskDesk:
         if offer.epoch < newest:
             return _too_old(offer.epoch, newest)
         if offer.epoch > (now_ns + self.coordinator_ahead_ns) // NS_PER_MS + EPOCH_AHEAD_MAX:
-            return TaskAnswer.refused(EpochAhead(offer.epoch))
+            text = f"epoch {offer.epoch} is more than a day ahead of the robot's clock"
+            return TaskAnswer.refused(plain("epoch_ahead", text, epoch=offer.epoch))
         for known in (status, held.status if held is not None else None):
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
                 return TaskAnswer(accepted=True)
@@ -275,7 +266,7 @@ class TaskDesk:
         if not offer.after:
             return self._begin_as_asked(offer, now_ns)
         if status is None or status.id != offer.after or status.state is TaskState.CANCELLED:
-            return TaskAnswer.refused(NotAtTask(offer.after))
+            return TaskAnswer.refused(plain("not_at_task", f"is not at {offer.after}", task=offer.after))
         if status.state.ended:
             return self._begin_as_asked(offer, now_ns)
         reason = self._why_not(offer)
@@ -305,7 +296,7 @@ class TaskDesk:
         try:
             return self._begin(TaskOffer(task=task, epoch=self._epoch, lease_s=0.0))
         except FOREIGN_ERRORS as error:  # foreign plugin code
-            return TaskAnswer.refused(Said(cut(str(error))))
+            return TaskAnswer.refused(PlainReason(cut(str(error))))
 
     def cancel_for_team(self, task_id: str, why: str) -> None:
         """End the running task, or forget the held one, if it has this id: it was cancelled without a coordinator."""
@@ -323,7 +314,7 @@ class TaskDesk:
         try:
             answer = self._begin(held.offer)  # does not renew the lease: the robot has heard nothing
         except FOREIGN_ERRORS as error:  # foreign plugin code
-            answer = TaskAnswer.refused(Said(cut(str(error))))
+            answer = TaskAnswer.refused(PlainReason(cut(str(error))))
         if not answer.accepted:
             self._before = ended
             self._status = msgspec.structs.replace(
@@ -335,7 +326,7 @@ class TaskDesk:
         own = self._own
         if own is not None and own.firm and offer.task.kind != RECHARGE:
             return Occupied(own.name, own.firm)
-        return None if offer.task.kind in self._executors else NoBehavior(offer.task.kind)
+        return None if offer.task.kind in self._executors else _no_behavior(offer.task.kind)
 
     def _begin_as_asked(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         answer = self._begin(offer)
@@ -472,4 +463,9 @@ class TaskDesk:
 
 
 def _too_old(epoch: int, newest: int) -> TaskAnswer:
-    return TaskAnswer.refused(EpochOld(epoch, newest), newest)
+    reason = plain("epoch_old", f"epoch {epoch} is older than {newest}", epoch=epoch, newest=newest)
+    return TaskAnswer.refused(reason, newest)
+
+
+def _no_behavior(kind: str) -> PlainReason:
+    return plain("no_behavior", f"no behavior does {kind} tasks", kind=kind)

@@ -47,8 +47,7 @@ from robrain.protocol.messages.team.standing_messages import RobotRemoval
 from robrain.protocol.messages.team.team_messages import FrontierSummary, TeamState
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
-from robrain.protocol.reasons.idle import IdleReason, TeamHalted
-from robrain.protocol.reasons.offers import OfferRefusal, PositionLost
+from robrain.protocol.reasons import IdleReason, OfferRefusal, PositionLost, plain
 from robrain.protocol.refusals import RefusalCode, most_refused
 from robrain.protocol.table.standing_topics import COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.table.topics import (
@@ -398,7 +397,7 @@ class Coordinator:
         known = self._frontiers.idle_reasons()
         idle = self._idle(self.roster.up(now_ns))
         if self.halts.is_halted:
-            return {robot.name: TeamHalted() for robot in idle}
+            return {robot.name: plain("team_halted", "idle because the team is halted") for robot in idle}
         return {robot.name: known[robot.name] for robot in idle if robot.name in known}
 
     def _publish_summary(self, now_ns: int) -> None:

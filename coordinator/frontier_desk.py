@@ -18,12 +18,16 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.idle import ExplorationOff, IdleReason, LacksRange, PlanPending, TaskSoon
+from robrain.protocol.reasons import IdleReason, LacksRange, plain
 
 SETTLED_NS = to_ns(3.0)
 """The floor counts as explored when for this long no robot could be given a frontier."""
 GAP = "gap_m"
 """Key in a task's result: width of the gap that the robot did not fit through."""
+
+EXPLORATION_OFF = plain("exploration_off", "idle because the team explores only if a task tells it to")
+PLAN_PENDING = plain("plan_pending", "idle because tasks are being planned")
+TASK_SOON = plain("task_soon", "idle because its next task begins soon")
 
 
 class FrontierDesk:
@@ -67,11 +71,11 @@ class FrontierDesk:
 
         """
         if self._planning.policy.exploration == NO_EXPLORATION:
-            self._kept_idle, self._busy_ns = {robot.name: ExplorationOff() for robot in idle}, now_ns
+            self._kept_idle, self._busy_ns = {robot.name: EXPLORATION_OFF for robot in idle}, now_ns
             return []
         pauses, is_unplanned = self._backoff.robots, self._planning.has_unplanned()
         free = [robot for robot in idle if not (is_unplanned or self._planning.is_reserved(robot.name, now_ns))]
-        why, names = PlanPending() if is_unplanned else TaskSoon(), {robot.name for robot in free}
+        why, names = PLAN_PENDING if is_unplanned else TASK_SOON, {robot.name for robot in free}
         self._kept_idle = {robot.name: why for robot in idle if robot.name not in names}
         paused = {robot.name for robot in free if pauses.why(robot.name, now_ns)}
         scouts = [self._scout(robot) for robot in free if robot.name not in paused]

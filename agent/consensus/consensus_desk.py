@@ -37,7 +37,7 @@ from robrain.protocol.model.ballot import Heard
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import Occupied
+from robrain.protocol.reasons import Occupied
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
 

@@ -11,7 +11,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.consensus_messages import DropTaken, TaskTaken
 from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.reasons.offers import OfferRefusal
+from robrain.protocol.reasons import OfferRefusal
 from robrain.protocol.table.topics import ROBOT_CANCEL, ROBOT_SUBMIT
 from robrain.protocol.wire.endpoint import Request, Serve
 

@@ -47,7 +47,7 @@ from robrain.protocol.messages.tasks.cost_messages import CostsRequest, TaskCost
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.reasons.offers import RobotHalted, StoodStill
+from robrain.protocol.reasons import RobotHalted, StoodStill
 from robrain.protocol.refusals import Refusals, most_refused
 from robrain.protocol.table.host_queries import HOST_VERB
 from robrain.protocol.table.topics import (

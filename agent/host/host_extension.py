@@ -17,7 +17,7 @@ from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import Clock
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.reasons.offers import OfferRefusal
+from robrain.protocol.reasons import OfferRefusal
 from robrain.protocol.registry import Registry, UnknownEntry
 from robrain.protocol.wire.endpoint import Endpoint
 

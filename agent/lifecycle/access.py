@@ -26,7 +26,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons.offers import PluginOut
+from robrain.protocol.reasons import plain
 from robrain.protocol.wire.endpoint import Handler, Request
 
 if TYPE_CHECKING:
@@ -371,11 +371,11 @@ def task_handlers(
         try:
             with plugin.turn:
                 if plugin.state is not PluginState.ACTIVE:
-                    return TaskAnswer.refused(PluginOut(plugin.name, plugin.state))
+                    return _refused_by_state(plugin)
                 return accept(task)
         except FOREIGN_ERRORS as error:  # foreign plugin code
             plugin.blame(error)
-            return TaskAnswer.refused(PluginOut(plugin.name, plugin.state, cut(plugin.why or str(error))))
+            return _refused_by_state(plugin, f": {cut(plugin.why or str(error))}")
 
     def release_in_turn(why: str) -> None:
         try:
@@ -389,6 +389,11 @@ def task_handlers(
             return work(task)
 
     return accept_in_turn, release_in_turn, work_in_turn
+
+
+def _refused_by_state(plugin: "ManagedPlugin", why: str = "") -> TaskAnswer:
+    text = f"{plugin.name} is {plugin.state}{why}"
+    return TaskAnswer.refused(plain("plugin_out", text, plugin=plugin.name, state=plugin.state))
 
 
 def query_handler(plugin: "ManagedPlugin", environment: Environment, handler: Handler[Any, Any]) -> Handler[Any, Any]:

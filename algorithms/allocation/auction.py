@@ -37,7 +37,7 @@ from robrain.algorithms.allocation.problem import (
     make_arrays,
 )
 from robrain.algorithms.allocation.repair import keep
-from robrain.protocol.reasons.plans import LeftOut
+from robrain.protocol.reasons import PlanReason
 
 FEW_PAIRS = 2000
 """Up to this many robots × jobs all three auctions are held; beyond, only one, to keep the first plan fast."""
@@ -81,7 +81,7 @@ class AuctionAllocator:
 
     def hold(
         self, problem: Problem, rule: int, choice: int, rng: np.random.Generator | None = None
-    ) -> tuple[Plan, dict[str, LeftOut | None]]:
+    ) -> tuple[Plan, dict[str, PlanReason | None]]:
         """Hold one auction: a plan without reasons, and the known reasons. `rng` only affects coupled jobs."""
         arrays = make_arrays(problem)
         routes = empty_routes(arrays.team, arrays.visits)
@@ -141,7 +141,7 @@ def plan_of(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, objecti
     return plan
 
 
-def _by_id(problem: Problem, why: Mapping[int, LeftOut | None]) -> dict[str, LeftOut | None]:
+def _by_id(problem: Problem, why: Mapping[int, PlanReason | None]) -> dict[str, PlanReason | None]:
     return {problem.jobs[index].id: reason for index, reason in why.items()}
 
 

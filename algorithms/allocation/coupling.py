@@ -25,7 +25,7 @@ from robrain.algorithms.allocation.insertion import (
 )
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Problem, ProblemArrays, VisitArrays
-from robrain.protocol.reasons.plans import AfterUndone, LeftOut, NotTogether, WaitsForItself
+from robrain.protocol.reasons import PlanReason, after_undone, plain
 
 NOISE = (0.6, 1.4)
 """Range of the random factor applied to bids (chosen)."""
@@ -40,7 +40,7 @@ def place_coupled(
     open_visits: NDArray[np.bool_],
     rule: int,
     rng: np.random.Generator | None = None,
-) -> dict[int, LeftOut | None]:
+) -> dict[int, PlanReason | None]:
     """Insert the coupled jobs into empty routes and narrow their windows; changes both in place.
 
     With a generator, the next job is drawn among those that can be placed, and bids are scaled by a random factor.
@@ -56,7 +56,7 @@ def place_coupled(
             visits_of[int(job)].append(visit)
             open_visits[visit] = False
     ends_s = _pinned_ends(problem, arrays)
-    why: dict[int, LeftOut | None] = {}
+    why: dict[int, PlanReason | None] = {}
     undecided = [index for index in waiting if visits_of[index]]
     why.update({index: arrays.refused[index] for index in waiting if index in arrays.refused})
     worth_j = _chain_worth(problem, waiting)
@@ -70,13 +70,13 @@ def place_coupled(
             )
         ]
         if not ready:
-            why.update(dict.fromkeys(undecided, WaitsForItself()))
+            why.update(dict.fromkeys(undecided, plain("waits_for_itself", "it waits for itself")))
             break
         index = ready[0] if rng is None else ready[int(rng.integers(len(ready)))]
         undecided.remove(index)
         missing = [name for name in problem.predecessors(problem.jobs[index]) if problem.job_index[name] in why]
         if missing:
-            why[index] = AfterUndone(missing[0])
+            why[index] = after_undone(missing[0])
             continue
         visits = visits_of[index]
         before_s = max(
@@ -86,7 +86,8 @@ def place_coupled(
         end_s = _place(arrays, routes, visits, rule, worth_j[index], rng, is_waited_for=bool(waiting[index]))
         if end_s is None:
             wanted = len(visits)
-            why[index] = NotTogether(wanted) if wanted > 1 else None
+            text = f"no {wanted} robots can be at it at once"
+            why[index] = plain("not_together", text, count=wanted) if wanted > 1 else None
         else:
             ends_s[index] = end_s
     return why

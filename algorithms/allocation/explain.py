@@ -19,32 +19,16 @@ from robrain.algorithms.allocation.problem import (
     Worker,
     make_arrays,
 )
-from robrain.protocol.reasons.plans import (
-    AfterUndone,
-    BestTogether,
-    Cheapest,
-    Chosen,
-    IsAtIt,
-    LeftOut,
-    NearestOut,
-    NobodyAllowed,
-    NobodyHas,
-    NoRobots,
-    NotTogetherForIt,
-    NotWorthIt,
-    OnlyThese,
-)
-from robrain.protocol.reasons.robots import (
+from robrain.protocol.reasons import (
     BelowReserve,
-    Crowded,
-    Forbidden,
     LacksEnergy,
-    LacksPlugins,
-    NotReady,
-    NoWayAndBack,
+    NearestOut,
+    PlainReason,
+    PlanReason,
     RobotReason,
-    TooLate,
-    TooLateHome,
+    after_undone,
+    lacks_plugins,
+    plain,
 )
 
 
@@ -69,7 +53,7 @@ class Decision(msgspec.Struct, frozen=True, omit_defaults=True):
     robots: tuple[str, ...] = ()
     """The robots that do it; empty if none does."""
     start_s: float | None = None
-    reason: Chosen | LeftOut | None = None
+    reason: PlanReason | None = None
     """Why these robots do it, or why none does."""
     options: tuple[Option, ...] = ()
     """One for each robot, in the problem's order."""
@@ -104,7 +88,14 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
         robots = tuple(worker for worker, _ in done_by)
         if job.pinned_to:
             start_s = done_by[0][1].start_s if done_by else None
-            decisions.append(Decision(name, robots, start_s, left_out.get(name) or IsAtIt(job.pinned_to)))
+            decisions.append(
+                Decision(
+                    name,
+                    robots,
+                    start_s,
+                    left_out.get(name) or plain("is_at_it", f"{job.pinned_to} is at it", robot=job.pinned_to),
+                )
+            )
             continue
         taken = _remove_job(problem, arrays, routes, index)
         options = tuple(
@@ -150,16 +141,19 @@ def _option(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: 
     return Option(worker.name, round(judged.more_j, 3), round(judged.more_s, 3), round(judged.start_s, 3))
 
 
-def _choice_reason(robots: tuple[str, ...], options: Sequence[Option]) -> Chosen:
+def _choice_reason(robots: tuple[str, ...], options: Sequence[Option]) -> PlainReason:
     """Whether they are the cheapest robots, or the plan as a whole is cheaper this way."""
     costs = sorted((option.energy_j, option.worker) for option in options if option.energy_j is not None)
     cheapest = {worker for _, worker in costs[: len(robots)]}
+    names = " and ".join(robots)
     if set(robots) <= cheapest:
         others = [cost for cost, worker in costs if worker not in robots]
         if not others or not math.isfinite(others[0]):
-            return OnlyThese(robots)
-        return Cheapest(robots, others[0])
-    return BestTogether(robots)
+            return plain("only_these", f"{names} can, and nobody else", robots=robots)
+        text = f"{names} takes least; the next would take {others[0]:.0f} J"
+        return plain("cheapest", text, robots=robots, next_j=others[0])
+    text = f"{names} does not take least for it alone, but the plan as a whole is better so"
+    return plain("best_together", text, robots=robots)
 
 
 FITS, LACKS, NO_WAY, TOO_LATE, CROWDED, NO_ENERGY = range(6)
@@ -237,16 +231,26 @@ def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) ->
             return None
         case code if code == LACKS:
             if missing := sorted(job.needs - worker.offers):
-                return LacksPlugins(tuple(missing))
-            return Forbidden() if worker.name in job.forbidden_workers else NotReady()
+                return lacks_plugins(missing)
+            if worker.name in job.forbidden_workers:
+                return plain("forbidden", "is not to be given it")
+            return plain("not_ready", "has to charge first, and others can do it now")
         case code if code == NO_WAY:
-            return NoWayAndBack()
+            return plain("no_way_and_back", "no way there and to a charger")
         case code if code == TOO_LATE:
+            start_s = _figure(judgement.start_s)
+            text = f"cannot be there before {start_s:.0f} s"
             if judgement.start_s + job.service_s > job.latest_s:
-                return TooLate(_figure(judgement.start_s), _figure(job.latest_s))
-            return TooLateHome(_figure(judgement.start_s), _figure(horizon_s) if horizon_s < math.inf else None)
+                latest_s = _figure(job.latest_s)
+                text += f", must end it by {latest_s:.0f} s"
+                return plain("too_late", text, start_s=start_s, latest_s=latest_s)
+            if horizon_s == math.inf:
+                return plain("too_late_home", f"{text}, too late for what follows", start_s=start_s)
+            horizon_s = _figure(horizon_s)
+            text += f" and at a charger by {horizon_s:.0f} s"
+            return plain("too_late_home", text, start_s=start_s, horizon_s=horizon_s)
         case code if code == CROWDED:
-            return Crowded()
+            return plain("crowded", "another of its jobs would be too late")
     if worker.capacity_j > 0:
         left = max(0.0, (judgement.left_j + worker.reserve_j) / worker.capacity_j)
         return BelowReserve(_figure(left), _figure(worker.reserve_j / worker.capacity_j))
@@ -273,7 +277,7 @@ def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, vi
     return best
 
 
-def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[str, LeftOut | None]) -> Plan:
+def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[str, PlanReason | None]) -> Plan:
     """Return the plan with a reason for each unassigned job.
 
     The reason names a robot that could do the job at more than its prize; otherwise the robot that came closest.
@@ -288,30 +292,36 @@ def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[
         job = problem.jobs[index]
         missing = next((name for name in problem.predecessors(job) if name not in done), "")
         if index in arrays.refused:
-            reason: LeftOut = arrays.refused[index]
+            reason: PlanReason = arrays.refused[index]
         elif missing and one.job not in known:
-            reason = AfterUndone(missing)
+            reason = after_undone(missing)
         else:
             reason = known.get(one.job) or _reason(problem, arrays, routes, job, visit_of[index])
         found.append(Unassigned(one.job, reason))
     return msgspec.structs.replace(plan, unassigned=tuple(found))
 
 
-def _reason(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, job: Job, visit: int) -> LeftOut:
+def _reason(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, job: Job, visit: int) -> PlanReason:
     if not problem.workers:
-        return NoRobots()
+        return plain("no_robots", "there are no robots")
     nearest = int(_nearest_to_it(arrays.team, arrays.visits, routes, visit))
     worker = problem.workers[nearest]
     best = judge(arrays, routes, nearest, visit)
     if best.code == LACKS:
         has_plugins = any(job.needs <= other.offers for other in problem.workers)
-        return NobodyAllowed() if has_plugins else NobodyHas(tuple(sorted(job.needs)))
+        if has_plugins:
+            return plain("nobody_allowed", "no robot that has what it takes is to be given it now")
+        needs = tuple(sorted(job.needs))
+        return plain("nobody_has", f"no robot has {' and '.join(needs)}", plugins=needs)
     out = why_not(best, worker, job, problem.horizon_s)
     if out is not None:
         return NearestOut(worker.name, out)
     if job.robots > 1:
-        return NotTogetherForIt(job.robots)
-    return NotWorthIt(_figure(job.prize_j), worker.name, _figure(best.more_j))
+        text = f"no {job.robots} robots can be at it at once for what it is worth"
+        return plain("not_together_for_it", text, count=job.robots)
+    worth_j, needed_j = _figure(job.prize_j), _figure(best.more_j)
+    text = f"it is worth {worth_j:.0f} J and would take {worker.name}, the cheapest, {needed_j:.0f} J"
+    return plain("not_worth_it", text, worth_j=worth_j, robot=worker.name, needed_j=needed_j)
 
 
 def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> RouteBatch:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
-from robrain.protocol.reasons.plans import LeftOut
+from robrain.protocol.reasons import PlanReason
 
 
 class Stop(msgspec.Struct, frozen=True):
@@ -47,7 +47,7 @@ class Unassigned(msgspec.Struct, frozen=True):
     """A job that no robot does, and why."""
 
     job: str
-    reason: LeftOut | None = None
+    reason: PlanReason | None = None
     """None until `explain.reasons` fills it."""
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.tasks.objective import Objective as Objective
-from robrain.protocol.reasons.plans import HolderLacks, HolderLacksEnergy, HolderLate
+from robrain.protocol.reasons import HolderLacksEnergy, PlainReason, plain
 
 LARGEST = 1e25
 """Upper bound of joules and of seconds; sums and products of them stay finite."""
@@ -231,7 +231,7 @@ class ProblemArrays(NamedTuple):
     visits: VisitArrays
     pinned: tuple[tuple[int, ...], ...]
     """For each worker, the jobs that it is doing."""
-    refused: dict[int, HolderLacks | HolderLacksEnergy | HolderLate]
+    refused: dict[int, HolderLacksEnergy | PlainReason]
     """Jobs without a visit because their robot cannot finish them, with the reason."""
 
 
@@ -289,10 +289,10 @@ def nearest_ends(problem: Problem, worker_index: int) -> tuple[Floats, Floats, I
 
 def _finish_running(
     problem: Problem, team: TeamArrays
-) -> tuple[tuple[tuple[int, ...], ...], dict[int, HolderLacks | HolderLacksEnergy | HolderLate]]:
+) -> tuple[tuple[tuple[int, ...], ...], dict[int, HolderLacksEnergy | PlainReason]]:
     """Advance each worker to the end of its pinned jobs; changes `team` in place."""
     pinned: list[list[int]] = [[] for _ in problem.workers]
-    refused: dict[int, HolderLacks | HolderLacksEnergy | HolderLate] = {}
+    refused: dict[int, HolderLacksEnergy | PlainReason] = {}
     for index, job in enumerate(problem.jobs):
         if not job.pinned_to:
             continue
@@ -304,9 +304,12 @@ def _finish_running(
         wait_j = team.wait_w[at] * (start_s - arrive_s) if math.isfinite(arrive_s) else 0.0
         left_j = team.usable_j[at] - team.energy_j[way] - wait_j - job.service_j
         if not job.needs <= problem.workers[at].offers:
-            refused[index] = HolderLacks(job.pinned_to, tuple(sorted(job.needs)))
+            needs = tuple(sorted(job.needs))
+            text = f"{job.pinned_to} is at it and lacks {', '.join(needs)}"
+            refused[index] = plain("holder_lacks", text, robot=job.pinned_to, plugins=needs)
         elif end_s > job.latest_s or end_s + team.end_s[at, job.place] > problem.horizon_s:
-            refused[index] = HolderLate(job.pinned_to)
+            text = f"{job.pinned_to} is at it and cannot end it in time"
+            refused[index] = plain("holder_late", text, robot=job.pinned_to)
         elif not left_j >= team.end_j[at, job.place]:
             refused[index] = HolderLacksEnergy(job.pinned_to)
         else:

@@ -24,16 +24,7 @@ from robrain.algorithms.exploration.strategies import Strategy
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_gap_cells
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.reasons.idle import (
-    IdleReason,
-    LacksRange,
-    NothingUnknown,
-    NoWay,
-    OthersExplore,
-    PlaceUnknown,
-    TooNarrow,
-    TriedInVain,
-)
+from robrain.protocol.reasons import IdleReason, LacksRange, NothingUnknown, borders_text, plain
 
 if TYPE_CHECKING:
     from robrain.algorithms.exploration.map_look import MapLook
@@ -299,7 +290,11 @@ class Explorer:
         if question == self._vain:
             return []
         self.idle = {name: why for name, why in self.idle.items() if any(name == seeker.name for seeker in seekers)}
-        self.idle |= {scout.name: PlaceUnknown() for scout in scouts if scout.place is None}
+        self.idle |= {
+            scout.name: plain("place_unknown", "idle because its position is unknown")
+            for scout in scouts
+            if scout.place is None
+        }
         grid, navigation = self._map.grid, self._look(needed_m)
         if grid is None or navigation is None:
             return []
@@ -414,16 +409,25 @@ class Explorer:
             return NothingUnknown()
         tried = [one for one in within if is_avoided(one, seeker) or self._narrow.is_given_up(one.place)]
         if len(tried) < len(within):
-            return OthersExplore(frontiers=len(within) - len(tried))
-        needed_m = round(least_gap_m(radius_m), 3)
+            borders = len(within) - len(tried)
+            text = f"idle because other robots go to {borders_text(borders)}"
+            return plain("others_explore", text, frontiers=borders)
+        needed_m, borders = round(least_gap_m(radius_m), 3), len(tried or candidates)
+        named = borders_text(borders)
         if self._narrow.gaps:
             gap = min(self._narrow.gaps, key=lambda gap: gap.place.distance_m(seeker.place))
-            return TooNarrow(
-                frontiers=len(tried or candidates), needed_m=needed_m, gap_m=round(gap.gap_m, 3), place=gap.place
+            gap_m, place = round(gap.gap_m, 3), gap.place
+            text = (
+                f"idle because the way to {named} is {gap_m:.2f} m wide at x {place.x_m:.1f}, y {place.y_m:.1f} and "
+                f"the robot needs {needed_m:.2f} m"
             )
+            values = {"needed_m": needed_m, "gap_m": gap_m, "x_m": place.x_m, "y_m": place.y_m}
+            return plain("too_narrow", text, frontiers=borders, **values)
         if tried:
-            return TriedInVain(frontiers=len(tried))
-        return NoWay(frontiers=len(candidates), needed_m=needed_m)
+            text = f"idle because it has just tried without success to get to {named}"
+            return plain("tried_in_vain", text, frontiers=borders)
+        text = f"idle because no way of at least {needed_m:.2f} m leads to {named}"
+        return plain("no_way", text, frontiers=borders, needed_m=needed_m)
 
     def _look(self, needed_m: float) -> "NavigationGrid | None":
         grid = self._map.grid

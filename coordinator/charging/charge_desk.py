@@ -33,10 +33,17 @@ from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import TaskState, parameters_of
-from robrain.protocol.reasons.plans import ChargerWait, HolderLacksEnergy, LeftOut, NearestOut, WaitsForCharger
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.robots import BelowReserve, LacksEnergy
-from robrain.protocol.reasons.tasks import ChargedEnough, ChargedForTasks, TaskReason, WaitsForCharge
+from robrain.protocol.reasons import (
+    BelowReserve,
+    HolderLacksEnergy,
+    LacksEnergy,
+    NearestOut,
+    PlainReason,
+    PlanReason,
+    WaitsForCharge,
+    plain,
+    told,
+)
 from robrain.protocol.table.topics import COORDINATOR_CHARGES
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -247,7 +254,7 @@ class ChargePublisher:
 
     def schedule(
         self, turns: tuple[ChargerSlot, ...], seekers: dict[str, ChargeSeeker], has_set_out: set[str], now_ns: int
-    ) -> dict[str, WaitsForCharger | None]:
+    ) -> dict[str, PlainReason | None]:
         """Publish the schedule if it has changed; returns why each robot that has not set out waits, if known."""
         charges = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
         self._planning.charges = charges
@@ -274,7 +281,9 @@ class ChargePublisher:
 def _planned(turn: ChargerSlot, one: ChargeSeeker, has_set_out: bool, now_ns: int) -> PlannedCharge:
     reason = None
     if turn.behind and not one.is_there:
-        reason = WaitsForCharger(turn.charger, round(turn.free_s, 3), turn.behind)
+        at, free_s = f"({turn.charger.x_m:.1f}, {turn.charger.y_m:.1f})", round(turn.free_s, 3)
+        text = f"waits for the charger at {at}, free in {free_s:.0f} s: {turn.behind} has it before"
+        reason = plain("waits_for_charger", text, free_s=free_s, behind=turn.behind)
     return PlannedCharge(
         robot=turn.robot,
         charger=turn.charger,
@@ -323,7 +332,7 @@ class ChargeDesk:
     """
 
     def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook, roster: Roster) -> None:
-        self.waiting: Mapping[str, ChargerWait | None] = {}
+        self.waiting: Mapping[str, PlainReason | None] = {}
         """Robots that should charge and have not set out, with the reason if it is known."""
         self.lack_range: set[str] = set()
         """Idle robots that lack only the energy to explore what is left."""
@@ -414,9 +423,11 @@ class ChargeDesk:
                 self._watch.cut_short.add(turn.robot)
                 behind = next_one.get(turn.robot)
                 if behind is None or (one.needs_soc is not None and one.soc >= one.needs_soc):
-                    reason: TaskReason = ChargedForTasks(turn.robot, one.soc)
+                    text = f"{turn.robot} has charged to {one.soc:.0%}, enough for the tasks that wait for it"
+                    reason = plain("charged_for_tasks", text, robot=turn.robot, soc=one.soc)
                 else:
-                    reason = ChargedEnough(turn.robot, one.soc, behind)
+                    text = f"{turn.robot} has charged to {one.soc:.0%}, enough for now: {behind} waits"
+                    reason = plain("charged_enough", text, robot=turn.robot, soc=one.soc, waiting=behind)
                 self._book.move(at.task.id, TaskState.CANCELLED, reason)
 
     # -- in turns, for comparison -------------------------------------------------------------------------------
@@ -450,7 +461,7 @@ class ChargeDesk:
         return taken
 
 
-def is_for_energy(reason: LeftOut) -> bool:
+def is_for_energy(reason: PlanReason) -> bool:
     """Whether a task is left out because robots have too little energy for it.
 
     >>> is_for_energy(NearestOut("r1", LacksEnergy(missing_j=12.0)))

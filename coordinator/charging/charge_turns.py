@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from robrain.coordinator.planning.chargers import Charger
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.reasons.plans import ChargersTaken
+from robrain.protocol.reasons import PlainReason, plain
 
 SAME_M = 0.6
 """Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""
@@ -41,7 +41,7 @@ class Charge(NamedTuple):
 
 def assign_chargers(
     idle: Sequence[Idle], taken: Iterable[Point2D], below: float
-) -> tuple[list[Charge], dict[str, ChargersTaken]]:
+) -> tuple[list[Charge], dict[str, PlainReason]]:
     """Send robots to chargers.
 
     Args:
@@ -55,13 +55,15 @@ def assign_chargers(
     """
     used = list(taken)
     charges: list[Charge] = []
-    waiting: dict[str, ChargersTaken] = {}
+    waiting: dict[str, PlainReason] = {}
     for robot in sorted(idle, key=lambda one: (one.soc, one.name)):
         if robot.soc >= below or not robot.chargers:
             continue
         free = [charger for charger in robot.chargers if not any(_near(charger.place, place) for place in used)]
         if not free:
-            waiting[robot.name] = ChargersTaken(len(robot.chargers))
+            count = len(robot.chargers)
+            text = f"waits for a charger: {count} of {count} are taken"
+            waiting[robot.name] = plain("chargers_taken", text, count=count)
             continue
         chosen = min(free, key=lambda charger: _order(robot.place, charger.place))
         used.append(chosen.place)

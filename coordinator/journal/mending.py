@@ -12,7 +12,7 @@ import msgspec
 
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.old_form import upgraded
-from robrain.protocol.reasons.tasks import TaskReason
+from robrain.protocol.reasons import TaskReason
 
 FIELDS_MAX = 16
 """Maximum number of invalid fields per task."""

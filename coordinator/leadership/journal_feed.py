@@ -24,7 +24,7 @@ from robrain.protocol.messages.team.standing_messages import (
     StandByState,
 )
 from robrain.protocol.messages.team.team_messages import StandByStatus
-from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.reasons import MinorityHeard
 from robrain.protocol.table.standing_topics import COORDINATOR_COPY, COORDINATOR_JOURNAL
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 

@@ -15,8 +15,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.team.standing_messages import LeadReply, LeadRequest
 from robrain.protocol.messages.team.team_messages import StandByStatus
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.tasks import MinorityHeard, NotLeading, TakesOver, TaskReason
+from robrain.protocol.reasons import MinorityHeard, PlainReason, TaskReason, told
 from robrain.protocol.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_STAND_BY
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
@@ -81,7 +80,7 @@ class Leadership:
         """The tokens of robots have gone."""
         self.fence.record_gone(gone, now_ns)
 
-    def offer_refusal(self) -> MinorityHeard | NotLeading | TakesOver | None:
+    def offer_refusal(self) -> MinorityHeard | PlainReason | None:
         """Why no task is offered; None if tasks may be offered."""
         refusal = None if self.mandate is None else self.mandate.refusal(self._clock.now_ns())
         return refusal or self.fence.reason
@@ -91,7 +90,7 @@ class Leadership:
         now_ns = self._clock.now_ns()
         if self.mandate is None or self.mandate.leads(now_ns):
             return ""
-        return told(NotLeading(self.mandate.heard(now_ns), len(self.mandate.witnesses)))
+        return told(self.mandate.not_leading_reason(now_ns))
 
     def when_kept(self, on_kept: OnKept, on_lost: OnLost) -> None:
         """Call `on_kept` once all changes so far are in each journal from which another may lead; see JournalFeed."""

@@ -20,7 +20,7 @@ from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
-from robrain.protocol.reasons.tasks import NotLeading, TakesOver
+from robrain.protocol.reasons import PlainReason, plain
 from robrain.protocol.table.topics import COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -107,15 +107,21 @@ class Mandate:
         """Number of witnesses that report a recent summary of this coordinator."""
         return sum(self._is_heard_by(name, now_ns) for name in self.witnesses)
 
-    def refusal(self, now_ns: int) -> NotLeading | TakesOver | None:
+    def refusal(self, now_ns: int) -> PlainReason | None:
         """Why no task is offered; None if tasks may be offered."""
         if not self.leads(now_ns):
-            return NotLeading(self.heard(now_ns), len(self.witnesses))
+            return self.not_leading_reason(now_ns)
         # No task may be done by a decision that is lost with this machine.
         is_held = bool(self._held) and self.journal in self._held
         if is_held and not 0 < self._listen_until_ns - now_ns <= LISTEN_NS:
             return None
-        return TakesOver()
+        return plain("takes_over", "the coordinator has just taken over and listens first")
+
+    def not_leading_reason(self, now_ns: int) -> PlainReason:
+        """How many witnesses hear this coordinator, as the reason why it does not lead."""
+        heard, witnesses = self.heard(now_ns), len(self.witnesses)
+        text = f"{heard} of {witnesses} witnesses hear the coordinator, and another one may lead"
+        return plain("not_leading", text, heard=heard, witnesses=witnesses)
 
     def may_acknowledge(self, copy: str) -> bool:
         """Whether a change may be acknowledged that is in this journal and in one other.

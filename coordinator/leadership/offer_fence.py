@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns
-from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.reasons import MinorityHeard
 
 logger = logging.getLogger(__name__)
 

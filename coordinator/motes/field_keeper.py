@@ -28,7 +28,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import COLLECT, RELAY, REPLACE, Collect, Relay, Replace, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard, TaskReason
+from robrain.protocol.reasons import TaskReason, plain
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.payloads import PERIOD_MAX_S
 from robrain.protocol.wire.endpoint import Endpoint
@@ -430,7 +430,9 @@ class FieldKeeper:
             elif kind == COLLECT and mote is not None and record.state is TaskState.QUEUED:
                 age_s = mote.age_s(now_ns)
                 if age_s < HEARD_SHARE * self._policy.collect_age_s:
-                    self._book.move(task_id, TaskState.CANCELLED, MoteHeard(name, round(age_s, 3)))
+                    text = f"{name} was heard without it, {age_s:.0f} s ago"
+                    reason = plain("mote_heard", text, mote=name, age_s=round(age_s, 3))
+                    self._book.move(task_id, TaskState.CANCELLED, reason)
                     del self._made[task_id]
 
     def _end(self, task_id: str, record: TaskRecord | None, mote: MoteLife | None, now_ns: int) -> None:
@@ -464,7 +466,12 @@ class FieldKeeper:
                 COLLECT,
                 mote,
                 Collect(mote=mote.name, timeout_s=timeout_s),
-                DataOld(mote.name, round(age_s, 3)),
+                plain(
+                    "data_old",
+                    f"the newest reading of {mote.name} is {age_s:.0f} s old",
+                    mote=mote.name,
+                    age_s=round(age_s, 3),
+                ),
                 priority=round(min(WEIGHTS[1], max(WEIGHTS[0], weight)), 3),
             )
 
@@ -490,7 +497,9 @@ class FieldKeeper:
             mote = placed[best]
             wanted = Replace(mote=mote.name, duration_s=self._policy.stand_in_s, period_s=mote.usual_period_s)
             left_s = max(0.0, mote.left_s(now_ns)) if not mote.is_dead(now_ns) else 0.0
-            self._make(REPLACE, mote, wanted, MoteEnds(mote.name, round(left_s, 3)))
+            cells = f"the cells of {mote.name} {f'last for {left_s:.0f} s' if left_s else 'are empty'}"
+            reason = plain("mote_ends", cells, mote=mote.name, left_s=round(left_s, 3))
+            self._make(REPLACE, mote, wanted, reason)
 
     def _relay(self, now_ns: int) -> None:
         """Stand where most motes are heard that nobody hears."""
@@ -513,7 +522,9 @@ class FieldKeeper:
         for stop in stops_for(places, silent, self._policy.relay_reach_m)[:room]:
             mote = next(placed[number] for number in stop.motes if places[number] == stop.place)
             wanted = Relay(mote=mote.name, duration_s=self._policy.relay_s)
-            self._make(RELAY, mote, wanted, MoteCutOff(mote.name, len(stop.motes) - 1))
+            others = len(stop.motes) - 1
+            text = f"nobody hears {mote.name}{f' and {others} others' if others else ''}"
+            self._make(RELAY, mote, wanted, plain("mote_cut_off", text, mote=mote.name, others=others))
 
     def _place_of(self, name: str) -> Point2D | None:
         mote = self.ledger.motes.get(name)

@@ -44,17 +44,7 @@ from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.reasons.robots import (
-    BatteryTooSmall,
-    Dearer,
-    FarFromPlace,
-    LacksPlugins,
-    RobotReason,
-    SensesOther,
-    SpeaksSeldom,
-    ToldNothing,
-)
-from robrain.protocol.reasons.tasks import DeadlinePassed, MoteUnknown, RobotOut
+from robrain.protocol.reasons import DeadlinePassed, PlainReason, RobotOut, RobotReason, lacks_plugins, plain
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -223,7 +213,8 @@ class MoteDesk:
     def _follow(self, record: TaskRecord, now_ns: int) -> bool:
         errand = self._errands.get(record.task.id)
         if errand is None:  # of a coordinator before this one
-            self._book.give_back(record.task.id, MoteUnknown())
+            unknown = plain("mote_unknown", "the coordinator started again, and no mote is at it")
+            self._book.give_back(record.task.id, unknown)
             return True
         if errand.values and now_ns >= errand.until_ns:
             self._book.move(record.task.id, TaskState.DONE, result=errand.result)
@@ -235,7 +226,7 @@ class MoteDesk:
         silent_s = to_seconds(now_ns - errand.last_ns)
         if silent_s <= errand.patience_s:
             return False
-        reason = ToldNothing(round(silent_s, 3))
+        reason = plain("told_nothing", f"told nothing in {silent_s:.0f} s", silent_s=round(silent_s, 3))
         self._reasons.avoid(record.task.id, record.robot, reason, now_ns)
         self._book.give_back(record.task.id, RobotOut(errand.mote.name, reason))
         return True
@@ -285,10 +276,10 @@ class MoteDesk:
         for name, reason in sorted(motes.items(), key=lambda one: one[0]):
             energy_j = None if reason is not None else _readings(wanted, self.table.motes[name]) * reading_j()
             if reason is None and winner is not None and name != winner:
-                reason = Dearer(shares[name], winner, least)
+                reason = _dearer(shares[name], winner, least)
             told.append(RobotVerdict.judged(name, reason, chosen=name == winner, energy_j=energy_j))
         for name, (share, cost_j) in sorted(robots.items()):
-            dearer = None if winner is None or name == winner else Dearer(share, winner, least)
+            dearer = None if winner is None or name == winner else _dearer(share, winner, least)
             told.append(RobotVerdict.judged(name, dearer, energy_j=cost_j))
         return told, self.table.motes[best] if is_mote and best is not None else None
 
@@ -306,18 +297,20 @@ class MoteDesk:
     def _why_not(self, record: TaskRecord, wanted: Sense | Monitor, mote: KnownMote, now_ns: int) -> RobotReason | None:
         task = record.task
         if task.needs:
-            return LacksPlugins(task.needs)
+            return lacks_plugins(task.needs)
         away_m = 0.0 if mote.place is None else _away_m(task, mote)
         if away_m > NEAR_M and not getattr(wanted, "mote", ""):
-            return FarFromPlace(round(away_m, 3))
+            return plain("far_from_place", f"is {away_m:.1f} m from the place", away_m=round(away_m, 3))
         if mote.latest.quantity != wanted.quantity:
-            return SensesOther(mote.latest.quantity, wanted.quantity)
+            text = f"senses {mote.latest.quantity}, not {wanted.quantity}"
+            return plain("senses_other", text, quantity=mote.latest.quantity, wanted=wanted.quantity)
         if isinstance(wanted, Sense) and mote.period_s > wanted.timeout_s:
-            return SpeaksSeldom(mote.period_s, wanted.timeout_s)
+            text = f"speaks each {mote.period_s:g} s, and {wanted.timeout_s:g} s is all that is waited"
+            return plain("speaks_seldom", text, period_s=mote.period_s, timeout_s=wanted.timeout_s)
         if (out := mote.out_of_reach_reason(self._roster, now_ns)) is not None:
             return out
         if mote_share(_readings(wanted, mote), mote.latest.voltage_v) >= 1.0:
-            return BatteryTooSmall()
+            return plain("battery_too_small", "its battery does not last for it")
         return self._reasons.avoided(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
 
     def _robots(
@@ -373,3 +366,16 @@ def _away_m(task: Task, mote: KnownMote) -> float:
     place = mote.place
     assert place is not None
     return float(((place.x_m - task.place.x_m) ** 2 + (place.y_m - task.place.y_m) ** 2) ** 0.5)
+
+
+def _dearer(share: float, cheapest: str, least_share: float) -> PlainReason:
+    """The task takes a greater share of its energy than of another's.
+
+    Args:
+        share: share of its remaining energy that the task takes.
+        cheapest: the robot or mote that takes the smallest share.
+        least_share: that share.
+
+    """
+    text = f"would take {100 * share:.2g} % of its energy; {cheapest} takes {100 * least_share:.2g} % of its own"
+    return plain("dearer", text, share=share, robot=cheapest, least_share=least_share)

@@ -5,7 +5,7 @@ from robrain.protocol.border.reading_sieve import taken_at_ns
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.reasons.robots import CarrierOut, MoteSilent, RobotReason
+from robrain.protocol.reasons import RobotReason, plain
 
 MOTES_MAX = 4096
 PERIODS = 3.0
@@ -51,11 +51,14 @@ class KnownMote:
         """Why it cannot be counted on to be heard; None if it can."""
         silent_s = self.silent_s(now_ns)
         if silent_s > max(SILENT_S, PERIODS * self.period_s):
-            return MoteSilent(round(silent_s, 3))
+            return plain("mote_silent", f"was last heard {silent_s:.0f} s ago", silent_s=round(silent_s, 3))
         via = roster.robots.get(self.latest.via)
         # Who is no robot is a gateway: its readings are its sign of life.
         out = via.down_reason(now_ns) if via is not None else None
-        return None if via is None or out is None else CarrierOut(via.name, out)
+        if via is None or out is None:
+            return None
+        text = f"{via.name}, which heard it, is not there: {out}"
+        return plain("carrier_out", text, robot=via.name, because=out.code)
 
 
 class MoteTable:

@@ -23,8 +23,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.robots import PartFailed, PartUndone, Refused, RobotReason, WithOthers
-from robrain.protocol.reasons.tasks import Gather, NeededFor, PartsUntold, RobotOut, TaskReason, WholeIs
+from robrain.protocol.reasons import Refused, RobotOut, RobotReason, TaskReason, needed_for, plain
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
@@ -103,10 +102,11 @@ class Coalitions:
         for robot in robots:
             at = self._book.of_robot(robot)
             if at is not None and at.task.kind == EXPLORE:
-                self._book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
+                self._book.move(at.task.id, TaskState.CANCELLED, needed_for(robot, task_id))
         self._lifecycle.record_decision(task_id, robots, now_ns)
         spots = self._spots(record.task, robots)
-        self._book.begin_together(task_id, Gather(tuple(robots)))
+        gather = plain("gather", f"{' and '.join(robots)} gather for it", robots=tuple(robots))
+        self._book.begin_together(task_id, gather)
         gathering = tuple(
             self._add(Task(id=self._new_id(GATHER), kind=VISIT, place=spot, priority=record.task.priority), task_id)
             for spot in spots
@@ -117,18 +117,21 @@ class Coalitions:
     def _go_on(self, task_id: str, now_ns: int) -> None:
         group, record = self._groups[task_id], self._book.find(task_id)
         if record is None or record.state is not TaskState.RUNNING:  # it was cancelled, or is too late
-            self._call_off(task_id, None if record is None else WholeIs(task_id, record.state))
+            whole = None if record is None else plain("whole_is", f"{task_id} is {record.state}", state=record.state)
+            self._call_off(task_id, whole)
             return
         if not group.robots:
             del self._groups[task_id]
-            self._book.give_back(task_id, PartsUntold())
+            untold = plain("parts_untold", "the coordinator started again before all had been told")
+            self._book.give_back(task_id, untold)
             return
         parts = [self._book.find(part) for part in group.doing or group.gathering]
         for robot, part in zip(group.robots, parts, strict=True):
             if part is None or (part.state.ended and part.state is not TaskState.DONE):
                 has_failed = part is not None and part.state is TaskState.FAILED
                 told = part.why if part is not None else "nothing is known of it"
-                reason = PartFailed(cut(told)) if has_failed else PartUndone(cut(told))
+                text = f"{'failed at its part' if has_failed else 'does not do its part'}: {cut(told)}"
+                reason = plain("part_failed" if has_failed else "part_undone", text)
                 self._fail(task_id, robot, reason, now_ns, failed=has_failed)
                 return
         done = [part for part in parts if part is not None and part.state is TaskState.DONE]
@@ -211,7 +214,9 @@ class Coalitions:
         held = {}
         for task_id, group in self._groups.items():
             for robot in group.robots:
-                held[robot] = WithOthers(task_id, tuple(name for name in group.robots if name != robot))
+                others = tuple(name for name in group.robots if name != robot)
+                text = f"is at {task_id} with {' and '.join(others)}"
+                held[robot] = plain("with_others", text, task=task_id, others=others)
         self._planning.held = held
 
 

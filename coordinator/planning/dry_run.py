@@ -11,7 +11,7 @@ from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryR
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons import told
 
 
 class DryRuns:

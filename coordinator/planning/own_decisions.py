@@ -10,8 +10,7 @@ from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, parameters_of
-from robrain.protocol.reasons.plans import NothingElse, ToCharge
-from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons import plain, told
 
 DETOUR = 1.5
 """Assumed ratio of path length to straight line where the length is unknown (chosen; robots assume the same)."""
@@ -40,7 +39,11 @@ def own_decision(
     found = estimate(state.energy, Work(path_m=way_m, wait_s=DOCK_S if task.kind == RECHARGE else 0.0))
     time_s = policy.time_margin * found.duration_s
     verdict = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), time_s=round(time_s, 3))
-    reason = ToCharge(parameters_of(task, Recharge).until_soc) if task.kind == RECHARGE else NothingElse()
+    if task.kind == RECHARGE:
+        to_soc = parameters_of(task, Recharge).until_soc
+        reason = plain("to_charge", f"it is to charge to {to_soc:.0%}", to_soc=to_soc)
+    else:
+        reason = plain("nothing_else", "it has nothing else to do")
     return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=told(reason),
                         reason=reason, bids=(verdict,))  # fmt: skip
 

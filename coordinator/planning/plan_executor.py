@@ -6,8 +6,7 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons.plans import LeftOut, NearestOut
-from robrain.protocol.reasons.tasks import GaveUp, NeededFor, TaskReason
+from robrain.protocol.reasons import NearestOut, PlanReason, TaskReason, needed_for, plain
 
 if TYPE_CHECKING:
     from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
@@ -52,7 +51,7 @@ class PlanExecutor:
                     continue
                 at = book.of_robot(robot)
                 if at is not None and not after:
-                    book.move(at.task.id, TaskState.CANCELLED, NeededFor(robot, task_id))
+                    book.move(at.task.id, TaskState.CANCELLED, needed_for(robot, task_id))
                 lifecycle.record_decision(task_id, [robot], now_ns)
                 lifecycle.offer(task_id, robot, now_ns, after=after)
                 record = book.find(task_id)
@@ -77,13 +76,14 @@ class PlanExecutor:
             if is_anybody_out and reasons.able_but_out(record, now_ns):
                 continue  # it may still be done
             if record.task.deadline_ns is None and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
-                self._book.move(task_id, TaskState.FAILED, GaveUp(left.reason))
+                gave_up = plain("gave_up", f"nobody can do it: {left.reason}", because=left.reason.code)
+                self._book.move(task_id, TaskState.FAILED, gave_up)
             elif not _is_alike(record.reason, left.reason):
                 self._book.move(task_id, TaskState.QUEUED, left.reason)
 
 
-def _is_alike(told: TaskReason | None, reason: LeftOut) -> bool:
+def _is_alike(told: TaskReason | None, reason: PlanReason) -> bool:
     """Whether two reasons, and those within them, have the same codes; figures and names may differ."""
     if isinstance(told, NearestOut) and isinstance(reason, NearestOut):
-        return type(told.because) is type(reason.because)
-    return type(told) is type(reason)
+        return told.because.code == reason.because.code
+    return told is not None and told.code == reason.code

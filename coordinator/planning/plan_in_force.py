@@ -12,9 +12,7 @@ from robrain.coordinator.planning.plan_passes import PlanFailure
 from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem, TaskDecision
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.reasons.plans import LeftOut
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.tasks import TaskReason
+from robrain.protocol.reasons import PlanReason, TaskReason, told
 
 if TYPE_CHECKING:
     from robrain.algorithms.allocation.explain import Decision
@@ -44,7 +42,7 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     problem: PlanProblem
     steps: dict[str, tuple[PlannedStep, ...]]
     """Of each robot, without the tasks that it was doing."""
-    left_out: dict[str, LeftOut]
+    left_out: dict[str, PlanReason]
     """Tasks that no robot does, and why."""
     waiting: dict[str, TaskReason]
     """Tasks that could not be part of the plan, and why."""
@@ -92,7 +90,7 @@ def planned(
         steps[route.worker] = tuple(found)
         if found:
             takes_j[route.worker] = route.energy_j
-    left_out: dict[str, LeftOut] = {}
+    left_out: dict[str, PlanReason] = {}
     for one in plan.unassigned:
         if one.job not in pinned:
             assert one.reason is not None  # allocators give one for each

@@ -38,7 +38,7 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.tasks import CannotBePlanned, TaskReason
+from robrain.protocol.reasons import TaskReason, plain
 
 logger = logging.getLogger(__name__)
 
@@ -268,7 +268,8 @@ class PlanSearch:
                 self._draft(alone, policy)
             except Exception as error:  # see `draft`
                 logger.exception("task %s cannot be planned", record.task.id)
-                wrong[record.task.id] = CannotBePlanned(cut(f"{type(error).__name__}: {error}"))
+                text = cut(f"it cannot be planned: {type(error).__name__}: {error}")
+                wrong[record.task.id] = plain("cannot_be_planned", text)
         return wrong
 
     def _draft(self, snapshot: Snapshot, policy: PlanningPolicy) -> "Draft":

@@ -39,9 +39,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons.plans import LeftOut
-from robrain.protocol.reasons.robots import RobotReason, WithOthers
-from robrain.protocol.reasons.tasks import NoPlan, PlanLeavesOut, TaskReason, ToBegin
+from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain
 from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
@@ -172,7 +170,7 @@ class Due(NamedTuple):
 class Unplanned(NamedTuple):
     """A task that the plan leaves out."""
 
-    reason: LeftOut
+    reason: PlanReason
     since_ns: int
 
 
@@ -208,7 +206,7 @@ class Planning:
         """Predicted state of charging robots after their charge; maintained by `ChargeDesk`."""
         self.charges: tuple[PlannedCharge, ...] = ()
         """Which robots charge where and when; maintained by `ChargePublisher`."""
-        self.held: dict[str, WithOthers] = {}
+        self.held: dict[str, PlainReason] = {}
         """Robots that work on a task with others."""
         self.left_out: dict[str, Unplanned] = {}
         """Tasks that the plan leaves out, why, and since when."""
@@ -482,9 +480,13 @@ class Planning:
                 if step.task == task_id:
                     after = self.after_charge.get(robot)
                     in_s = max(0.0, to_seconds(step.start_ns - now_ns))
-                    return ToBegin(robot, in_s, None if after is None else after.soc)
+                    text = f"{robot} is to begin it in {in_s:.0f} s"
+                    if after is None:
+                        return plain("to_begin", text, robot=robot, in_s=in_s)
+                    text += f", when it has charged to {after.soc:.0%}"
+                    return plain("to_begin", text, robot=robot, in_s=in_s, to_soc=after.soc)
         why = self._planner.failure_reason
-        return NoPlan(cut(why)) if why else None
+        return plain("no_plan", f"no plan can be made: {cut(why)}") if why else None
 
     def anybody_out(self, now_ns: int) -> bool:
         """Whether plans exclude a robot of the team now."""

@@ -17,8 +17,7 @@ from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import Said
-from robrain.protocol.reasons.tasks import AfterUnplanned, HolderOut, Outranked, TaskReason
+from robrain.protocol.reasons import PlainReason, TaskReason, holder_out, plain
 
 
 class BuiltProblem(NamedTuple):
@@ -128,13 +127,14 @@ def _chosen(snapshot: Snapshot, policy: PlanningPolicy) -> tuple[list[TaskRecord
     free = [record for record in snapshot.records if not record.robot]
     queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
     waiting: dict[str, TaskReason] = {
-        record.task.id: HolderOut(record.robot) for record in at_work if record.robot not in there
+        record.task.id: holder_out(record.robot) for record in at_work if record.robot not in there
     }
     for record in free:
         if record.state is not TaskState.QUEUED:
-            waiting[record.task.id] = record.reason or Said(cut(record.why))
+            waiting[record.task.id] = record.reason or PlainReason(cut(record.why))
     for record in queued[policy.tasks_max :]:
-        waiting[record.task.id] = Outranked(policy.tasks_max)
+        text = f"there are {policy.tasks_max} tasks that are more urgent"
+        waiting[record.task.id] = plain("outranked", text, count=policy.tasks_max)
     queued = queued[: policy.tasks_max]
     known = {record.task.id for record in [*running, *queued]}
     while True:
@@ -149,7 +149,7 @@ def _chosen(snapshot: Snapshot, policy: PlanningPolicy) -> tuple[list[TaskRecord
             return running + [record for record in queued if record.task.id in known], waiting
         for task_id, other in late.items():
             known.discard(task_id)
-            waiting[task_id] = AfterUnplanned(other)
+            waiting[task_id] = plain("after_unplanned", f"{other}, which it waits for, is not planned", task=other)
 
 
 def _at_place(task: Task, snapshot: Snapshot, models: Sequence[EnergyModel | None]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.reasons.robots import RobotReason
+from robrain.protocol.reasons import RobotReason
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.protocol.model.grid_geometry import GridGeometry

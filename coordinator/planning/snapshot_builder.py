@@ -19,7 +19,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons.robots import Charging, Halted, HeadsHome, PositionUnknown, RobotReason, SentToCharge
+from robrain.protocol.reasons import RobotReason, halted, plain, position_unknown
 
 AT_PLACE_M = 1.0
 """A robot this close to the place of its task counts as being there."""
@@ -185,16 +185,17 @@ def exclusion(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason |
         return unavailable
     state = robot.state
     if state is None or state.pose is None:
-        return PositionUnknown()
+        return position_unknown()
     if state.halted:
-        return Halted()
+        return halted()
     if at is not None and at.task.kind == RECHARGE:
-        return SentToCharge(at.task.id)
+        return plain("sent_to_charge", f"is to charge: {at.task.id}", task=at.task.id)
     is_busy = state.task is not None and not state.task.state.ended
     if state.behavior in HOMEWARD and not is_busy:
-        return Charging() if state.battery is not None and state.battery.charging else HeadsHome()
+        is_charging = state.battery is not None and state.battery.charging
+        return plain("charging", "charges") if is_charging else plain("heads_home", "goes home to charge")
     if at is None and state.lost:
-        return PositionUnknown(state.lost)
+        return position_unknown(state.lost)
     return None
 
 

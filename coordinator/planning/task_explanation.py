@@ -15,27 +15,24 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord, TaskWhy
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, TaskState
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.robots import AtTask, Halted, LacksPlugins, RobotReason
-from robrain.protocol.reasons.tasks import (
-    AfterOpen,
-    AfterUnknown,
-    HolderOut,
+from robrain.protocol.reasons import (
     IsNext,
-    IsOwn,
-    IsState,
-    NobodyDoes,
-    NobodyThere,
-    NotBefore,
+    PlainReason,
     PlanLeavesOut,
     RobotOut,
+    RobotReason,
     TaskReason,
-    WaitsForRobot,
+    halted,
+    holder_out,
+    lacks_plugins,
+    plain,
+    told,
 )
 
 KEPT_VERDICTS = 1000
 TOLD_MAX = 8
 """Most robots that a reason names."""
+NOBODY_THERE = plain("nobody_there", "no robot is there")
 
 
 class TaskExplanation:
@@ -134,7 +131,7 @@ class TaskExplanation:
     def _ruled_out(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
         """As `not_for`, except that a robot that does another task is not excluded: it may do this one next."""
         if missing := self._lacks(record, robot):
-            return LacksPlugins(missing)
+            return lacks_plugins(missing)
         if self.planning is not None and (out := self.planning.exclusion(robot, now_ns)) is not None:
             return out
         return self._backoff.why(record.task.id, robot.name, now_ns)
@@ -143,7 +140,7 @@ class TaskExplanation:
         """Why no robot of the team can do the task; None if one can, or may."""
         return capability_refusal(record.task, self._capabilities.plugins)
 
-    def hopeless(self, record: TaskRecord, now_ns: int) -> NobodyDoes | None:
+    def hopeless(self, record: TaskRecord, now_ns: int) -> PlainReason | None:
         """The answers of all present and able robots, if none of them will be asked again; else None.
 
         A task with a deadline is kept until then.
@@ -158,7 +155,11 @@ class TaskExplanation:
             if reason is None:
                 return None
             outs.append(RobotOut(robot.name, reason))
-        return NobodyDoes(tuple(outs[:TOLD_MAX]), len(outs[TOLD_MAX:])) if outs else None
+        if not outs:
+            return None
+        listed, more = outs[:TOLD_MAX], len(outs[TOLD_MAX:])
+        text = f"nobody does it: {'; '.join(map(str, listed))}{f' and {more} more' if more else ''}"
+        return plain("nobody_does", text, robots=tuple(one.robot for one in listed), more=more)
 
     def waits(self, record: TaskRecord, now_ns: int, way_s: float = 0.0) -> TaskReason | None:
         """Why a task cannot be offered to any robot yet; None if it can.
@@ -171,27 +172,29 @@ class TaskExplanation:
         """
         task = record.task
         if record.state is not TaskState.QUEUED:
-            return IsState(record.state)
+            return plain("is_state", f"it is {record.state}", state=record.state)
         if record.own:
-            return IsOwn()
+            return plain("is_own", "it is one of the coordinator itself")
         if (held_back := self.held_back()) is not None:
             return held_back
         if holder := self.held_by(task.id, now_ns):
-            return HolderOut(holder)
+            return holder_out(holder)
         if now_ns + to_ns(way_s) < task.earliest_ns:
-            return NotBefore(to_seconds(task.earliest_ns - now_ns))
+            in_s = to_seconds(task.earliest_ns - now_ns)
+            return plain("not_before", f"it may begin in {in_s:.1f} s", in_s=in_s)
         for name in task.after:
             other = self._book.find(name)
             if other is None:
-                return AfterUnknown(name)
+                return plain("after_unknown", f"{name}, which it waits for, is not known yet", task=name)
             if other.state is not TaskState.DONE:
-                return AfterOpen(name, other.state)
+                text = f"{name}, which it waits for, is {other.state}"
+                return plain("after_open", text, task=name, state=other.state)
         return None
 
     def new_task_state(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
         """What a task that is not in the book would wait for before any robot could begin it; None if for nothing."""
         reason = self.waits(record, now_ns) or self.nobody_can(record)
-        return reason or (None if self._roster.up(now_ns) else NobodyThere())
+        return reason or (None if self._roster.up(now_ns) else NOBODY_THERE)
 
     def avoid(self, task_id: str, member: str, reason: RobotReason, now_ns: int) -> None:
         """Exclude a member that did a task from it for a while."""
@@ -204,13 +207,13 @@ class TaskExplanation:
     def not_for(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
         """Why a task is not offered to a robot; None if it may be."""
         if missing := self._lacks(record, robot):
-            return LacksPlugins(missing)
+            return lacks_plugins(missing)
         if (out := robot.down_reason(now_ns)) is not None:
             return out
         if robot.state is not None and robot.state.halted:
-            return Halted()
+            return halted()
         if other := self._book.of_robot(robot.name):
-            return AtTask(other.task.id)
+            return plain("at_task", f"is at {other.task.id}", task=other.task.id)
         return self._backoff.why(record.task.id, robot.name, now_ns)
 
     def _lacks(self, record: TaskRecord, robot: Robot) -> tuple[str, ...]:
@@ -224,7 +227,9 @@ class TaskExplanation:
         is_planned = planning is not None and bool(planning.waits_for_charge(task_id))
         if reason is None and planning is not None and (is_planned or not self.able_but_out(record, now_ns)):
             reason = planning.standing(task_id, now_ns)
-        return reason or (WaitsForRobot() if self._roster.up(now_ns) else NobodyThere())
+        return reason or (
+            plain("waits_for_robot", "it waits for a robot to be free") if self._roster.up(now_ns) else NOBODY_THERE
+        )
 
     def _now(self, record: TaskRecord, reason: TaskReason | None) -> str:
         """The same in one sentence, for people."""

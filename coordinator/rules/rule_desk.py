@@ -31,7 +31,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons.tasks import RuleEvent, RuleReading
+from robrain.protocol.reasons import PlainReason, plain
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import MOTE_READING, ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
@@ -57,7 +57,7 @@ class TaskCause(NamedTuple):
     place: Point2D | None
     values: Values
     """For the parameters of the task."""
-    reason: RuleReading | RuleEvent
+    reason: PlainReason
 
 
 class RuleDesk:
@@ -178,18 +178,28 @@ class RuleDesk:
             return
         place = reading.place
         where = {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
-        reason = RuleReading(
-            watch.rule.name,
-            reading.mote,
-            reading.quantity,
-            track.value,
-            track.newest_ns,
-            reading.via,
-            condition.comparison,
-            condition.threshold,
-            round(held_s, 3),
-            round(track.rate_per_min, 6) if condition.is_rate else None,
-            round(to_seconds(max(age_ns, 0)), 3),
+        if condition.is_rate:
+            verb = condition.comparison.removesuffix("_per_min")
+            how = f"{verb} by {abs(track.rate_per_min):.4g} per minute, more than {condition.threshold:g}"
+        else:
+            how = f"{condition.comparison} {condition.threshold:g}"
+        held = f" for {held_s:.0f} s" if held_s > 0 else ""
+        age_s = to_seconds(max(age_ns, 0))
+        reason = plain(
+            "rule_reading",
+            f"rule {watch.rule.name}: {reading.mote} sensed {reading.quantity} {track.value:g}, {how}{held}, "
+            f"{age_s:.1f} s before",
+            rule=watch.rule.name,
+            mote=reading.mote,
+            quantity=reading.quantity,
+            value=track.value,
+            taken_ns=track.newest_ns,
+            via=reading.via,
+            comparison=condition.comparison,
+            threshold=condition.threshold,
+            held_s=round(held_s, 3),
+            age_s=round(age_s, 3),
+            **({"rate_per_min": round(track.rate_per_min, 6)} if condition.is_rate else {}),
         )
         values = {
             "quantity": reading.quantity,
@@ -217,7 +227,17 @@ class RuleDesk:
             where = {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
             values = {"robot": event.robot, "plugin": event.plugin, "event": event.event, "value": value, **where}
             number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-            reason = RuleEvent(watch.rule.name, event.robot, event.plugin, event.event, event.stamp_ns, number)
+            shown = "" if number is None else f" {number:g}"
+            reason = plain(
+                "rule_event",
+                f"rule {watch.rule.name}: {event.plugin} of {event.robot} notified of {event.event}{shown}",
+                rule=watch.rule.name,
+                robot=event.robot,
+                plugin=event.plugin,
+                event=event.event,
+                stamp_ns=event.stamp_ns,
+                **({} if number is None else {"value": number}),
+            )
             self._make(watch, TaskCause(source, event.stamp_ns, place, values, reason))
 
     # -- making tasks ---------------------------------------------------------------------------------------

@@ -26,8 +26,7 @@ from robrain.protocol.model.tasks.stock_kinds import (
     check_parameters,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
-from robrain.protocol.reasons.reason import said, told
-from robrain.protocol.reasons.tasks import AfterEnded, DeadlinePassed, NobodyHasAll, Standing, TeamLacks, TooFewRobots
+from robrain.protocol.reasons import AfterEnded, DeadlinePassed, DirectReason, PlainReason, plain, said, told
 from robrain.protocol.schema.announced_parameters import check_announced
 from robrain.protocol.tinyos.payloads import Quantity
 
@@ -118,9 +117,7 @@ def needed_plugins(task: Task) -> tuple[str, ...]:
     return (task.kind, *task.needs)
 
 
-def capability_refusal(
-    task: Task, plugins: Mapping[str, Iterable[str] | None]
-) -> TeamLacks | NobodyHasAll | TooFewRobots | None:
+def capability_refusal(task: Task, plugins: Mapping[str, Iterable[str] | None]) -> PlainReason | None:
     """Why no robot of the team can do the task; None if one can, or may."""
     if not plugins or any(names is None for names in plugins.values()):
         return None
@@ -129,11 +126,15 @@ def capability_refusal(
         needed = tuple(dict.fromkeys((*needed, GATHERING)))
         able = sum(names is not None and set(needed) <= set(names) for names in plugins.values())
         if 0 < able < task.robots or len(plugins) < task.robots:
-            return TooFewRobots(task.robots, needed, able)
+            listed = ", ".join(needed)
+            text = f"it needs {task.robots} robots at once that have {listed}, and the team has {able}"
+            return plain("too_few_robots", text, count=task.robots, plugins=needed, able=able)
     if any(names is not None and set(needed) <= set(names) for names in plugins.values()):
         return None
     missing = [name for name in needed if not any(name in (names or ()) for names in plugins.values())]
-    return TeamLacks(tuple(missing)) if missing else NobodyHasAll(needed)
+    if missing:
+        return plain("team_lacks", f"no robot of the team has {' or '.join(missing)}", plugins=tuple(missing))
+    return plain("nobody_has_all", f"no robot of the team has all of {', '.join(needed)}", plugins=needed)
 
 
 def dependency_refusal(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnded | None:
@@ -146,7 +147,7 @@ def dependency_refusal(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnd
     return None
 
 
-def reason_of(record: TaskRecord) -> Standing | None:
+def reason_of(record: TaskRecord) -> DirectReason | None:
     """A record's reason, or its words if it has only these; None if it has none, or one about another task."""
     return said(record.why) if isinstance(record.reason, AfterEnded | DeadlinePassed | None) else record.reason
 

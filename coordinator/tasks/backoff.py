@@ -9,16 +9,20 @@ from typing import NamedTuple
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState
-from robrain.protocol.reasons.offers import (
+from robrain.protocol.reasons import (
     DoneJustNow,
     NeedsEnergy,
     Occupied,
     OfferRefusal,
+    OutOfReach,
+    PlainReason,
     PositionLost,
+    Refused,
     RobotHalted,
+    RobotReason,
     StoodStill,
+    plain,
 )
-from robrain.protocol.reasons.robots import OutOfReach, Refused, RefusedOften, RobotReason, Unreachable
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
@@ -122,7 +126,7 @@ class RobotPauses:
         self._tired: dict[str, _Pause] = {}
         self._refusals: dict[str, int] = {}
 
-    def unreached(self, robot: str, reason: Unreachable, now_ns: int) -> None:
+    def unreached(self, robot: str, reason: PlainReason, now_ns: int) -> None:
         """Record that an offer did not reach a robot."""
         _lengthen(self._unreached, robot, reason, now_ns)
 
@@ -131,7 +135,9 @@ class RobotPauses:
         self._unreached.pop(robot, None)
         self._refusals[robot] = self._refusals.get(robot, 0) + 1
         if self._refusals[robot] > REFUSALS_FREE:
-            _lengthen(self._tired, robot, RefusedOften(self._refusals[robot], refusal), now_ns)
+            times = self._refusals[robot]
+            reason = plain("refused_often", f"refused {times} times: {refusal}", times=times, because=refusal.code)
+            _lengthen(self._tired, robot, reason, now_ns)
 
     def answered(self, robot: str) -> None:
         """Record that a robot refused a submitted task: it can be reached."""

@@ -15,7 +15,7 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons.robots import AnotherNearer, PositionUnknown, RobotReason
+from robrain.protocol.reasons import RobotReason, plain, position_unknown
 from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -151,9 +151,9 @@ def verdicts(record: TaskRecord, robots: Sequence[Robot], why_not: WhyNot, chose
         is_chosen = robot.name == chosen
         reason = None if is_chosen else why_not(record, robot)
         if reason is None and distance_m is None:
-            reason = PositionUnknown()
+            reason = position_unknown()
         if reason is None and chosen and not is_chosen:
-            reason = AnotherNearer(chosen)
+            reason = plain("another_nearer", f"{chosen} is nearer", robot=chosen)
         rounded_m = None if distance_m is None else round(distance_m, 2)
         found.append(RobotVerdict.judged(robot.name, reason, chosen=is_chosen, distance_m=rounded_m))
     return found

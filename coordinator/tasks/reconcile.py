@@ -26,8 +26,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, TaskState
-from robrain.protocol.reasons.robots import NotHeard
-from robrain.protocol.reasons.tasks import ContactBack, Forgotten, LeaseRanOut, NeverTaken, TaskReason
+from robrain.protocol.reasons import LeaseRanOut, NotHeard, TaskReason, plain
 
 FORGOTTEN_S = 1.0
 """A robot that does not report its assigned task for this long has lost it, for example in a restart."""
@@ -72,8 +71,10 @@ def reconcile(
             return None if status.state.ended or status.state is TaskState.OFFERED else _confirmed(record)
         if record.state is TaskState.OFFERED:
             waits = held_ns <= to_ns(FREE_AFTER_S)
-            return None if waits else StateChange(TaskState.QUEUED, NeverTaken(name))
-        return StateChange(TaskState.QUEUED, Forgotten(name)) if held_ns > to_ns(FORGOTTEN_S) else None
+            never_taken = plain("never_taken", f"{name} never said that it took it", robot=name)
+            return None if waits else StateChange(TaskState.QUEUED, never_taken)
+        forgotten = plain("forgotten", f"{name} knows nothing of it", robot=name)
+        return StateChange(TaskState.QUEUED, forgotten) if held_ns > to_ns(FORGOTTEN_S) else None
     if silent_ns > to_ns(free_after_s) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):
         return StateChange(TaskState.QUEUED, LeaseRanOut(name))
     # A restarted coordinator must have listened for a while before silence counts.
@@ -85,7 +86,9 @@ def reconcile(
 def _confirmed(record: TaskRecord) -> StateChange | None:
     if record.state is TaskState.OFFERED:
         return StateChange(TaskState.RUNNING)
-    return StateChange(TaskState.RUNNING, ContactBack()) if record.state is TaskState.LOST_CONTACT else None
+    if record.state is TaskState.LOST_CONTACT:
+        return StateChange(TaskState.RUNNING, plain("contact_back", "it is back"))
+    return None
 
 
 def strays(robot: Robot, records: Sequence[TaskRecord], now_ns: int) -> list[TaskStatus]:

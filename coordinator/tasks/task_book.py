@@ -18,9 +18,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import said, told
-from robrain.protocol.reasons.robots import Failed, Refused
-from robrain.protocol.reasons.tasks import DoneBefore, RobotOut, TaskReason, Unreadable
+from robrain.protocol.reasons import Refused, RobotOut, TaskReason, plain, said, told
 
 ATTEMPTS = 3
 """Robots that must fail at a submitted task before it counts as failed (chosen)."""
@@ -109,7 +107,9 @@ class TaskBook:
         """Fail the open tasks that the journal could only read in part."""
         for task_id, why in self.journal.wrong.items():
             if task_id in self._open:
-                self.move(task_id, TaskState.FAILED, Unreadable(cut(why)))
+                self.move(
+                    task_id, TaskState.FAILED, plain("unreadable", f"it cannot be carried out as requested: {cut(why)}")
+                )
         self.journal.wrong.clear()
 
     def republish(self, count: int) -> None:
@@ -206,7 +206,11 @@ class TaskBook:
             state = TaskState.FAILED if failed else TaskState.CANCELLED
             return self._change(record, state, reason, robot=record.robot, attempts=attempts)
         if failed:
-            out = reason if isinstance(reason, RobotOut) else RobotOut(record.robot, Failed(cut(told(reason))))
+            out = (
+                reason
+                if isinstance(reason, RobotOut)
+                else RobotOut(record.robot, plain("failed", f"failed: {cut(told(reason))}"))
+            )
             reason = msgspec.structs.replace(out, attempt=attempts, attempts=ATTEMPTS)
         return self._change(record, TaskState.QUEUED, reason, attempts=attempts)
 
@@ -226,7 +230,11 @@ class TaskBook:
             done = status.state is TaskState.DONE
             if not done or not self.journal.was_offered(status.id, robot, status.epoch):
                 return None
-            reason = DoneBefore(robot) if record.robot else said(status.why)
+            reason = (
+                plain("done_before", f"{robot} had done it before it was given to another", robot=robot)
+                if record.robot
+                else said(status.why)
+            )
             self._change(record, TaskState.DONE, reason, robot=robot, epoch=status.epoch, result=status.result)
         elif status.state is TaskState.DONE:
             self.move(status.id, TaskState.DONE, said(status.why), status.result)

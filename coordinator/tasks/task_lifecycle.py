@@ -29,17 +29,18 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import LEASE_S, MEMBER_PREFIX, TaskState
-from robrain.protocol.reasons.offers import OfferRefusal
-from robrain.protocol.reasons.reason import Said
-from robrain.protocol.reasons.robots import Failed, OutOfReach, Refused, RobotReason, Unreachable
-from robrain.protocol.reasons.tasks import (
+from robrain.protocol.reasons import (
     DeadlinePassed,
     IsNext,
     LeaseRanOut,
-    NotOffered,
-    Replaced,
+    OfferRefusal,
+    OutOfReach,
+    PlainReason,
+    Refused,
     RobotOut,
+    RobotReason,
     TaskReason,
+    plain,
 )
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import ROBOT_OFFER
@@ -135,10 +136,10 @@ class TaskLifecycle:
             self._written.note(error, now_ns)
             return None
         if record is not None and status.state is TaskState.FAILED:
-            self._backoff.note(record.task.id, robot, Failed(cut(status.why)), now_ns)
+            self._backoff.note(record.task.id, robot, plain("failed", f"failed: {cut(status.why)}"), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
             # It was refused when it was to begin.
-            self._avoid_refuser(status.id, robot, status.reason or Said(cut(status.why)), now_ns)
+            self._avoid_refuser(status.id, robot, status.reason or PlainReason(cut(status.why)), now_ns)
         return record
 
     def _was_held(self, record: TaskRecord) -> bool:
@@ -172,11 +173,11 @@ class TaskLifecycle:
                 self._book.move(task_id, TaskState.RUNNING)
             return False
         if not is_reached:
-            unreachable = Unreachable(cut(answer.why))
+            unreachable = plain("unreachable", f"could not be asked: {cut(answer.why)}")
             pauses.unreached(robot, unreachable, now_ns)
             self._book.give_back(task_id, RobotOut(robot, unreachable))
             return True
-        refusal = answer.reason or Said(cut(answer.why))
+        refusal = answer.reason or PlainReason(cut(answer.why))
         self._book.give_back(task_id, RobotOut(robot, Refused(refusal)))
         if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
             return True  # the epoch was refused, not the task
@@ -194,7 +195,8 @@ class TaskLifecycle:
         """End the coordinator's own task that a robot was at when it accepted another in its place."""
         for record in self._book.bound_to(robot):
             if record.own and record.task.id != task_id:
-                self._book.move(record.task.id, TaskState.CANCELLED, Replaced(task_id))
+                replaced = plain("replaced", f"its robot was sent on to {task_id} instead", by=task_id)
+                self._book.move(record.task.id, TaskState.CANCELLED, replaced)
 
     def _catch_up(self, robot: str, epoch: int, now_ns: int) -> bool:
         """Handle a robot that has accepted an epoch greater than this coordinator's; True if it is now outbid.
@@ -296,7 +298,7 @@ class TaskLifecycle:
     ) -> tuple[TaskState, TaskReason] | None:
         task = record.task
         if record.own:  # it is offered in the step that makes it, or never
-            return TaskState.CANCELLED, record.reason or NotOffered()
+            return TaskState.CANCELLED, record.reason or plain("not_offered", "it was offered to nobody")
         if task.deadline_ns is not None and now_ns > task.deadline_ns:
             return TaskState.FAILED, DeadlinePassed(reason_of(record))
         if not others_changed or not task.after:
@@ -373,7 +375,7 @@ class TaskLifecycle:
         refusal: OfferRefusal | None = None
         for answered in self._offers.answered():
             if self._handle_answer(answered, now_ns) and answered.record is record:
-                refusal = answered.answer.reason or Said(cut(answered.answer.why) or "it does not say why")
+                refusal = answered.answer.reason or PlainReason(cut(answered.answer.why) or "it does not say why")
         return refusal
 
     def take_back(self, known: int, reason: TaskReason, now_ns: int) -> None:

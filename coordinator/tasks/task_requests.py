@@ -26,7 +26,7 @@ from robrain.protocol.messages.tasks.task_messages import (
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.tasks import Cancelled, TaskReason
+from robrain.protocol.reasons import TaskReason, cancelled
 from robrain.protocol.table.topics import (
     TASK_CANCEL,
     TASK_DRY_RUN,
@@ -216,7 +216,7 @@ class TaskRequests:
             text = f"task {asked.id} is not cancelled: it is {record.by or 'somebody'}'s, and {by} is no operator"
             raise CallError(ErrorCode.FORBIDDEN, text)
         try:
-            record = self._book.move(asked.id, TaskState.CANCELLED, Cancelled(by, asked.why))
+            record = self._book.move(asked.id, TaskState.CANCELLED, cancelled(by, asked.why))
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
         self.has_changed = True  # its robot is told to stop in the same step

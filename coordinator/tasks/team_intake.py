@@ -8,8 +8,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TeamBallot
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import Said
-from robrain.protocol.reasons.tasks import Cancelled
+from robrain.protocol.reasons import PlainReason, cancelled
 
 
 def take_in(
@@ -47,13 +46,15 @@ def take_in(
             continue
         book.know(done.epoch)
         book.record_done_by_team(
-            done.id, done.robot, done.epoch, Said(f"{done.robot} did it while it heard no coordinator")
+            done.id, done.robot, done.epoch, PlainReason(f"{done.robot} did it while it heard no coordinator")
         )
     for held in said.held:
         record = book.find(held.id)
         if record is not None and record.state is TaskState.QUEUED and book.is_possible(held.epoch):
             book.know(held.epoch)
-            book.adopt(held.id, said.robot, held.epoch, Said(f"{said.robot} began it while it heard no coordinator"))
+            book.adopt(
+                held.id, said.robot, held.epoch, PlainReason(f"{said.robot} began it while it heard no coordinator")
+            )
     for dropped in said.dropped:
         record = book.find(dropped.id)
         if record is None:
@@ -64,12 +65,12 @@ def take_in(
             book.move(
                 dropped.id,
                 TaskState.CANCELLED,
-                Cancelled(_by(said.robot, dropped.by, is_secured=is_secured), dropped.why),
+                cancelled(_by(said.robot, dropped.by, is_secured=is_secured), dropped.why),
             )
     for task in new:
         record = book.find(task.id)
         if record is not None and record.state is TaskState.QUEUED and (why := impossibility(task)):
-            book.move(task.id, TaskState.FAILED, Said(cut(why)))
+            book.move(task.id, TaskState.FAILED, PlainReason(cut(why)))
     return book.version != version
 
 
@@ -89,6 +90,6 @@ def _accept(book: TaskBook, robot: str, asked: TaskAsked, ahead_ns: int, *, is_s
         task = submission.task_at(asked.at_ns - ahead_ns)
     except (ValueError, msgspec.ValidationError):
         return None  # no robot has accepted that
-    reason = Said(f"{robot} had no coordinator and accepted it")
+    reason = PlainReason(f"{robot} had no coordinator and accepted it")
     book.add(task, by=_by(robot, submission.by, is_secured=is_secured), asked=submission.word, reason=reason)
     return task

@@ -14,9 +14,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.reasons.idle import IdleReason
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.robots import Gone, LostContact, NotHeard, Unavailable
+from robrain.protocol.reasons import Gone, IdleReason, NotHeard, Unavailable, plain, told
 from robrain.protocol.wire.presence import Change
 
 logger = logging.getLogger(__name__)
@@ -93,7 +91,10 @@ class Robot:
             return None
         if self.heard_ns is None and (self.has_token or self.before is None):
             return NotHeard()
-        return LostContact(round(self.age_s(now_ns), 3)) if self.has_token else Gone()
+        if not self.has_token:
+            return Gone()
+        silent_s = round(self.age_s(now_ns), 3)
+        return plain("lost_contact", f"lost contact {silent_s:.1f} s ago", silent_s=silent_s)
 
 
 class Roster:

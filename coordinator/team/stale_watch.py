@@ -4,7 +4,7 @@ import logging
 
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns
-from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.reasons import TopicStale
 from robrain.protocol.table.topics import ROBOT_STATE
 
 logger = logging.getLogger(__name__)

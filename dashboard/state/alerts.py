@@ -6,7 +6,7 @@ from typing import NamedTuple
 from robrain.dashboard.state.robot_view import RecorderView, RobotContact, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.reasons import TopicStale
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import COORDINATOR_STATE
 

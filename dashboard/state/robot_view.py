@@ -13,7 +13,7 @@ from robrain.protocol.messages.team.arena_messages import RobotTruth, Scan
 from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.reasons import Gone
 from robrain.recording.drawing.robot_history import RobotHistory
 
 SILENT_AFTER_S = 3.0

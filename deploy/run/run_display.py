@@ -20,7 +20,7 @@ from robrain.deploy.command_line.terminal import (
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.reasons.idle import NothingUnknown
+from robrain.protocol.reasons import NothingUnknown
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.world.floor_left import GapTooNarrow

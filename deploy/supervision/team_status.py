@@ -23,8 +23,7 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.reasons import Gone, told
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.safe_text import safe_lines
 from robrain.protocol.table.topics import (

@@ -20,7 +20,7 @@ from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Job, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
 from robrain.deploy.errors import InstanceError
-from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons import told
 
 DECIMALS = {"solomon": 1, "vrplib": 0}
 """How published values count a way: cut after the first decimal (Solomon's set, as in Kohl and others, 2-Path Cuts for

@@ -17,8 +17,7 @@ from robrain.plugins.skill.home import ChargerPlace, HomeInterface
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.teammates import Mate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.reasons.offers import NeedsEnergy
-from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons import NeedsEnergy, told
 
 CONFIDENCE = 0.95
 NEAREST = 3

@@ -39,8 +39,7 @@ from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.reasons.offers import NeedsTime, NoPath, OfferRefusal, Unexplored
-from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons import OfferRefusal, PlainReason, needs_time, no_path, plain
 
 STEP_S = 0.25
 MEASURED_S = 300.0
@@ -57,6 +56,7 @@ Script = Generator[None, None, dict[str, Any]]
 Part = Generator[None, None, None]
 """A piece of a script, for `yield from`."""
 
+UNEXPLORED = plain("unexplored", "no way there, as its place is not explored yet")
 TROUBLE = {
     TravelState.BLOCKED: "the way is blocked",
     TravelState.TOO_NARROW: "the way is too narrow",
@@ -300,13 +300,13 @@ class Errand(Behavior, ABC, Generic[P]):
         try:
             parameters = cast(P, parameters_of(task, self.task_parameters))
         except BadParameters as error:
-            return TaskAnswer.refused(Said(str(error)))
+            return TaskAnswer.refused(PlainReason(str(error)))
         if (lost := self.travel.position_lost) is not None:
             return TaskAnswer.refused(lost)
         goal = task.place
         path = self.travel.plan(goal)
         if path is None:
-            return TaskAnswer.refused(Unexplored() if self.travel.view().is_unexplored(goal) else NoPath())
+            return TaskAnswer.refused(UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path())
         pose = self.travel.pose()
         way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
@@ -325,8 +325,7 @@ class Errand(Behavior, ABC, Generic[P]):
             return verdict.reason
         deadline_ns = run.task.deadline_ns
         if deadline_ns is not None and self._now_ns() + to_ns(verdict.duration_s) > deadline_ns:
-            left_s = to_seconds(deadline_ns - self._now_ns())
-            return NeedsTime(round(verdict.duration_s, 3), round(left_s, 3))
+            return needs_time(verdict.duration_s, to_seconds(deadline_ns - self._now_ns()))
         return None
 
     def ended_own(self, state: TaskState, why: str) -> None:

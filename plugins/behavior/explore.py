@@ -37,7 +37,7 @@ from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Name, Share
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import NoPath, PositionLost
+from robrain.protocol.reasons import PositionLost, no_path
 
 CONFIDENCE = 0.95
 """One-sided, of the energy that a path takes: that of plans."""
@@ -388,7 +388,7 @@ class ExploreBehavior(Behavior):
             return TaskAnswer.refused(lost)
         self._travel.roams = False
         if not self._aim(task.place, round(min(task.priority, PRIORITY_MAX))):
-            return TaskAnswer.refused(NoPath())
+            return TaskAnswer.refused(no_path())
         self._look_for(task.place)
         self._task, self._is_own = task, False
         self.env.board.behavior = "explore"

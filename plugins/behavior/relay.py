@@ -17,8 +17,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons.offers import OfferRefusal
-from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons import OfferRefusal, PlainReason
 
 BALANCE_DB = 3.0
 """A step towards the weaker of two links must be worth more than this; about what a step of the usual size changes."""
@@ -105,7 +104,7 @@ class RelayBehavior(Errand[Relay]):
     def why_not(self, run: Run[Relay]) -> OfferRefusal | None:
         """Nobody is the link to itself."""
         if run.parameters.robot == self.env.robot:
-            return Said("a robot is no relay to itself")
+            return PlainReason("a robot is no relay to itself")
         return super().why_not(run)
 
     def do(self, task: Task, relay: Relay) -> Script:

@@ -22,8 +22,7 @@ from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import check_positive
-from robrain.protocol.reasons.offers import PositionLost
-from robrain.protocol.reasons.reason import told
+from robrain.protocol.reasons import PositionLost, told
 from robrain.protocol.table.topics import ROBOT_PATH
 
 FIND_ITSELF = "find itself"

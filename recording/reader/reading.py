@@ -37,7 +37,6 @@ from robrain.recording.provenance import (
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
 """What mcap raises over bytes that are not what they should be; a wrong checksum is a ValueError."""
 
-TASKS = "/task/"
 """In the keys of messages that hold tasks."""
 
 PROGRESS_RECORDS = 1000
@@ -68,8 +67,8 @@ def topic_named_by(key: str) -> Topic[Any] | None:
 
 
 def recorded_message(channel: Channel, message: Message) -> RecordedMessage:
-    """A message of a file; tasks of older recordings get today's form."""
-    payload = upgraded_json(message.data) if TASKS in channel.topic else message.data
+    """A message of a file; tasks and reasons of older recordings get today's form."""
+    payload = upgraded_json(message.data) if channel.message_encoding == "json" else message.data
     return RecordedMessage(
         channel.topic, message.log_time, payload, channel.message_encoding, message.publish_time, message.sequence
     )

@@ -31,7 +31,7 @@ from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.reasons.idle import IdleReason
+from robrain.protocol.reasons import IdleReason
 from robrain.protocol.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_lockstep_session

@@ -3,10 +3,10 @@
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons import PlainReason
 
 GOAL = Point2D(1.0, 2.0)
-YES, NO = TaskAnswer(accepted=True), TaskAnswer.refused(Said("no way there"))
+YES, NO = TaskAnswer(accepted=True), TaskAnswer.refused(PlainReason("no way there"))
 
 
 def offer(task_id="t1", epoch=1, after="", lease_s=5.0):

@@ -9,13 +9,13 @@ from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import DoneJustNow, EpochOld, NoBehavior, NotAtTask
-from robrain.protocol.reasons.reason import Said
+from robrain.protocol.reasons import DoneJustNow, PlainReason
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
+from tests.plain_reason import Plain
 
 
 @pytest.fixture
@@ -84,15 +84,15 @@ def test_what_comes_when_the_one_before_has_just_ended_is_begun(desk, explorer):
 
 
 def test_what_is_for_after_a_task_that_the_robot_is_not_at_is_refused(desk, explorer):
-    assert hold(desk, after="t0") == TaskAnswer.refused(NotAtTask("t0"))
+    assert hold(desk, after="t0").reason == Plain("not_at_task", task="t0")
     desk.halted()
-    assert hold(desk) == TaskAnswer.refused(NotAtTask("t1"))
-    assert TaskDesk().offer(offer(after="t0"), 0) == TaskAnswer.refused(NotAtTask("t0"))
+    assert hold(desk).reason == Plain("not_at_task", task="t1")
+    assert TaskDesk().offer(offer(after="t0"), 0).reason == Plain("not_at_task", task="t0")
 
 
 def test_what_no_behavior_does_is_not_held(desk, explorer):
     visit = TaskOffer(task=Task(id="v", kind="visit", place=GOAL), epoch=2, lease_s=5.0, after="t1")
-    assert desk.offer(visit, 0) == TaskAnswer.refused(NoBehavior("visit"))
+    assert desk.offer(visit, 0).reason == Plain("no_behavior", kind="visit")
 
 
 @pytest.mark.parametrize("answer", [NO, RuntimeError("no way there")])
@@ -103,7 +103,7 @@ def test_a_held_task_that_is_refused_when_its_turn_comes_is_cancelled_with_why(d
     assert not desk.go_on(0)
     task, held, before = desk.facts
     assert task == TaskStatus(
-        id="t2", epoch=2, state=TaskState.CANCELLED, why="no way there", reason=Said("no way there")
+        id="t2", epoch=2, state=TaskState.CANCELLED, why="no way there", reason=PlainReason("no way there")
     )
     assert (held, before.id, before.state) == (None, "t1", TaskState.DONE)
     explorer.answer = YES
@@ -121,7 +121,7 @@ def test_the_running_task_can_be_withdrawn_with_its_own_epoch_and_the_next_is_be
 def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explorer):
     hold(desk)
     stale = desk.withdraw(TaskWithdrawal(id="t2", epoch=1))
-    assert stale == TaskAnswer.refused(EpochOld(1, 2), epoch=2)
+    assert (stale.reason, stale.epoch) == (Plain("epoch_old", epoch=1, newest=2), 2)
     assert desk.withdraw(TaskWithdrawal(id="t2", epoch=2)) == YES
     assert desk.facts.next_task is None
     assert desk.facts.task.state is TaskState.RUNNING
@@ -131,7 +131,8 @@ def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explor
 
 def test_a_newer_task_takes_the_place_of_the_one_that_is_held_and_an_older_does_not(desk, explorer):
     hold(desk, "t2", 4)
-    assert hold(desk, "t3", 3) == TaskAnswer.refused(EpochOld(3, 4), epoch=4)
+    answer = hold(desk, "t3", 3)
+    assert (answer.reason, answer.epoch) == (Plain("epoch_old", epoch=3, newest=4), 4)
     assert hold(desk, "t3", 5) == YES
     assert desk.facts.next_task.id == "t3"
 
@@ -226,7 +227,7 @@ class DeskWithNext(RuleBasedStateMachine):
         elif task_id in self.done_ns and self.now_ns - self.done_ns[task_id] <= to_ns(DONE_TOLD_S):
             assert answered.reason == DoneJustNow()
         elif after and (self.task is None or self.task[0] != after or self.task[2] is TaskState.CANCELLED):
-            assert answered.reason == NotAtTask(after)
+            assert answered.reason == Plain("not_at_task", task=after)
         elif after and self.runs:
             assert answered.accepted
             self.held, self.heard_ns = (task_id, epoch), self.now_ns

@@ -7,9 +7,9 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import EpochOld, Occupied
-from robrain.protocol.reasons.robots import NotHeard
+from robrain.protocol.reasons import NotHeard, Occupied
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
+from tests.plain_reason import Plain
 
 SILENT = "the coordinator is silent, the lease ran out"
 
@@ -143,7 +143,8 @@ def test_epoch_as_new_as_the_last_one_is_new_enough(desk, explorer, epoch, is_ta
 def test_epoch_of_what_is_held_fences_offers_but_not_the_withdrawal_of_what_runs(desk, explorer):
     desk.offer(offer(epoch=3), 0)
     desk.offer(held(epoch=7), 0)
-    assert desk.offer(offer("t3", epoch=6), 0) == TaskAnswer.refused(EpochOld(6, 7), epoch=7)
+    answer = desk.offer(offer("t3", epoch=6), 0)
+    assert (answer.reason, answer.epoch) == (Plain("epoch_old", epoch=6, newest=7), 7)
     assert not desk.withdraw(TaskWithdrawal(id="t2", epoch=6)).accepted
     assert desk.withdraw(TaskWithdrawal(id="t1", epoch=3)).accepted
     assert desk.withdraw(TaskWithdrawal(id="t2", epoch=7)) == YES

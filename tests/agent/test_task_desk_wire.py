@@ -8,7 +8,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons.offers import StoodStill
+from robrain.protocol.reasons import StoodStill
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 from tests.agent.desk_of_one import offer
 

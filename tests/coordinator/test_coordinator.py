@@ -19,13 +19,13 @@ from robrain.protocol.messages.team.standing_messages import RobotRemoval
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
-from robrain.protocol.reasons.idle import PlanPending, TaskSoon
-from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.reasons import Gone
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.standing_topics import COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_STATE, TASK_CANCEL, TASK_WHY
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.coordinator.conftest import TICK_S
+from tests.plain_reason import Plain
 
 # -- handing out --------------------------------------------------------------------------------------------
 
@@ -83,12 +83,15 @@ def test_an_idle_robot_says_whether_its_task_begins_soon_or_a_plan_is_awaited(te
     team.run(2.0)
     team.submit(Task(id="t1", kind="visit", place=Point2D(6.0, 4.0), needs=("only-r1",)), earliest_in_s=25.0)
     team.run(1.0)
-    assert {one.name: one.idle for one in team.summary.robots}["r1"] == TaskSoon()
+    assert {one.name: one.idle for one in team.summary.robots}["r1"] == Plain("task_soon")
     team.submit(Task(id="t2", kind="visit", place=Point2D(6.0, 4.0), needs=("only-r2",)), earliest_in_s=25.0)
     team.run(1.0)
-    assert {one.name: one.idle for one in team.summary.robots} == {"r1": PlanPending(), "r2": PlanPending()}
+    assert {one.name: one.idle for one in team.summary.robots} == {
+        "r1": Plain("plan_pending"),
+        "r2": Plain("plan_pending"),
+    }
     team.run(3.0)
-    assert {one.name: one.idle for one in team.summary.robots} == {"r1": TaskSoon(), "r2": TaskSoon()}
+    assert {one.name: one.idle for one in team.summary.robots} == {"r1": Plain("task_soon"), "r2": Plain("task_soon")}
 
 
 def test_each_idle_robot_is_handed_a_frontier_of_its_own(team):

@@ -15,9 +15,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import NeedsEnergy
-from robrain.protocol.reasons.plans import HolderLacksEnergy, HolderLate, NearestOut, NoRobots
-from robrain.protocol.reasons.robots import BelowReserve, Crowded, LacksEnergy, NoWayAndBack
+from robrain.protocol.reasons import BelowReserve, HolderLacksEnergy, LacksEnergy, NearestOut, NeedsEnergy, plain
 from robrain.protocol.table.topics import COORDINATOR_CHARGES, TASK_DECISION, TASK_EVENT, TASK_PROBLEM
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.algorithms.allocation.test_allocators import ITERATIONS, allocators, problems
@@ -105,7 +103,7 @@ def random_words(seed: int, vocabulary: tuple[str, ...] = MISLEADING) -> Iterato
 
 
 def codes(team: Team) -> set[str]:
-    return {str(event.reason.__struct_config__.tag) for event in team.heard if event.reason is not None}
+    return {event.reason.code for event in team.heard if event.reason is not None}
 
 
 def test_the_days_have_what_decisions_could_be_read_from(tired, fresh) -> None:
@@ -148,10 +146,10 @@ def test_allocators_plan_the_same_whatever_the_reasons_are_called(problem, objec
         (NearestOut("r1", LacksEnergy(7.0)), True),
         (NearestOut("r1", BelowReserve(0.03, 0.1)), True),
         (HolderLacksEnergy("r1"), True),
-        (NearestOut("reserve", Crowded()), False),
-        (NearestOut("lacks 7 J", NoWayAndBack()), False),
-        (HolderLate("not the energy"), False),
-        (NoRobots(), False),
+        (NearestOut("reserve", plain("crowded", "words")), False),
+        (NearestOut("lacks 7 J", plain("no_way_and_back", "words")), False),
+        (plain("holder_late", "words"), False),
+        (plain("no_robots", "words"), False),
     ],
 )
 def test_whether_energy_is_what_a_task_wants_is_no_matter_of_names(reason, is_so) -> None:

@@ -25,8 +25,7 @@ from robrain.protocol.messages.team.team_messages import StandByStatus, TeamStat
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import TopicStale
-from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.reasons import MinorityHeard, TopicStale
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.table.topics import RECORDER_STATE
 from robrain.recording.drawing.robot_history import RobotHistory

@@ -17,7 +17,7 @@ from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth
 from robrain.protocol.messages.team.team_messages import Halt, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.robots import Gone
+from robrain.protocol.reasons import Gone
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import (
     ARENA_CLOCK,

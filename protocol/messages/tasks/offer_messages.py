@@ -8,8 +8,7 @@ from msgspec import Meta
 from robrain.protocol.messages.message import Message, Result
 from robrain.protocol.model.ranges import Count, Epoch, Name, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import OfferRefusal, told
-from robrain.protocol.reasons.tasks import TaskReason
+from robrain.protocol.reasons import OfferRefusal, TaskReason, told
 
 Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 """Lease of a task, seconds."""

@@ -13,7 +13,7 @@ from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.reasons.plans import Chosen, LeftOut, WaitsForCharger
+from robrain.protocol.reasons import PlainReason, PlanReason
 
 Most = Meta(max_length=100_000)
 """Of lists with an entry for each robot, charger or task."""
@@ -32,7 +32,7 @@ class TaskDecision(Message, frozen=True, kw_only=True):
     """Planned start, seconds after the plan was made."""
     why: Text = ""
     """Why these robots, or why none, in words."""
-    reason: Chosen | LeftOut | None = None
+    reason: PlanReason | None = None
     """The same as a value."""
     bids: Annotated[tuple[RobotVerdict, ...], Most] = ()
     """What it would take each robot on top of the rest of its route, or the reason that it is out; by name."""
@@ -99,7 +99,7 @@ class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     """It stands at the charger."""
     why: Text = ""
     """What it waits for, in words; empty if it does not wait."""
-    reason: WaitsForCharger | None = None
+    reason: PlainReason | None = None
     """The same as a value."""
 
 

@@ -13,9 +13,7 @@ from robrain.protocol.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import told
-from robrain.protocol.reasons.robots import RobotReason
-from robrain.protocol.reasons.tasks import TaskReason
+from robrain.protocol.reasons import RobotReason, TaskReason, told
 
 Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
 

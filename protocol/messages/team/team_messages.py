@@ -12,9 +12,7 @@ from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.rule_messages import Rules
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Quantity, Stamp, Text
-from robrain.protocol.reasons import IdleReason, Unavailable
-from robrain.protocol.reasons.reason import TopicStale, told
-from robrain.protocol.reasons.tasks import MinorityHeard
+from robrain.protocol.reasons import IdleReason, MinorityHeard, TopicStale, Unavailable, told
 from robrain.protocol.refusals import Refused
 
 

@@ -8,7 +8,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import NeedsEnergy, NeedsTime, OfferRefusal
+from robrain.protocol.reasons import NeedsEnergy, OfferRefusal, needs_time
 from robrain.sim.stand_in.plugins.point_base.interface import PointBaseInterface
 from robrain.sim.stand_in.point_body import drive_j, drive_s
 
@@ -74,7 +74,7 @@ class PointErrand(Behavior):
         now_ns = self.env.clock.now_ns()
         takes_s = drive_s(way_m) + task.service_s
         if task.deadline_ns is not None and now_ns + to_ns(takes_s) > task.deadline_ns:
-            return NeedsTime(round(takes_s, 3), round(to_seconds(task.deadline_ns - now_ns), 3))
+            return needs_time(takes_s, to_seconds(task.deadline_ns - now_ns))
         return None
 
     def step(self) -> None:

@@ -54,7 +54,7 @@ def test_it_is_kept_once_more_than_half_of_the_team_knows_and_no_robot_begins_it
     lost.run(3.0)
     record = lost.journal.find("t1")
     assert (record.state, record.by) == (TaskState.CANCELLED, "ann")
-    assert (record.reason.by, record.reason.why) == ("ann", "not needed")
+    assert (record.reason.values["by"], record.why) == ("ann", "cancelled by ann: not needed")
     assert not any(robot.consensus.known.dropped or robot.consensus.known.open for robot in lost.robots)
     lost.run(20.0)
     assert not lost.begun

@@ -26,7 +26,7 @@ from robrain.protocol.model.ballot import Ballot, Bid
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import Occupied
+from robrain.protocol.reasons import Occupied
 from robrain.protocol.table.topics import ROBOT_BALLOT
 from tests.agent.consensus.one_robot import OneRobot, alone, free, visit
 

@@ -10,7 +10,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.offer_messages import TaskOffer, TaskWithdrawal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons.offers import Occupied
+from robrain.protocol.reasons import Occupied
 from robrain.protocol.registry import Registry
 from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 

@@ -12,9 +12,9 @@ from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.algorithms.allocation.repair import keep, repaired
 from robrain.algorithms.allocation.validate import SLACK, validate
-from robrain.protocol.reasons.plans import NotWorthIt
 from tests.algorithms.allocation.instances import team_problem
 from tests.algorithms.allocation.test_validate import job, line, worker
+from tests.plain_reason import Plain
 
 ITERATIONS = 60
 
@@ -179,7 +179,7 @@ def test_quick_robot_is_used_for_the_makespan_and_cheap_one_for_energy():
 def test_job_that_costs_more_than_its_prize_is_left_and_the_reason_says_so():
     problem = line([Job(id="a", place=5, prize_j=9.0)], [worker("r1")])
     plan = optimal().plan(problem, iterations=20)
-    assert plan.unassigned[0].reason == NotWorthIt(worth_j=9.0, robot="r1", needed_j=10.0)
+    assert plan.unassigned[0].reason == Plain("not_worth_it", worth_j=9.0, robot="r1", needed_j=10.0)
 
 
 def test_dear_first_job_is_done_for_what_follows_it():

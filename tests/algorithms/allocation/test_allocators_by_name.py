@@ -9,10 +9,10 @@ from robrain.algorithms.allocation.allocator import ALLOCATORS
 from robrain.algorithms.allocation.problem import Objective
 from robrain.coordinator.planning.plan_search import PlanSolver, solve
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.reasons.plans import NobodyHas
 from robrain.protocol.registry import Registry
 from tests.coordinator.planning.test_plan_solver import job, problem
 from tests.installed_distributions import install  # noqa: F401 - a fixture
+from tests.plain_reason import Plain
 
 IN_TURN = '''
 from robrain.algorithms.allocation.plan import make_plan
@@ -133,4 +133,4 @@ def test_a_bad_plan_of_a_search_is_dropped(in_turn):
 def test_a_job_that_is_left_out_without_a_reason_gets_one(in_turn):
     asked = problem(msgspec.structs.replace(job("photo", 1), needs=frozenset({"camera"})))
     solver = PlanSolver(asked, Objective.ENERGY, "in_turn", seed=0, iterations=5, gain_min=0.0, orders={})
-    assert [one.reason for one in solver.plan.unassigned] == [NobodyHas(("camera",))]
+    assert [one.reason for one in solver.plan.unassigned] == [Plain("nobody_has", plugins=("camera",))]

@@ -10,21 +10,11 @@ from robrain.algorithms.allocation.explain import Decision, explain
 from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
-from robrain.protocol.reasons.plans import Cheapest, IsAtIt, NearestOut, NobodyAllowed, NobodyHas, OnlyThese
-from robrain.protocol.reasons.robots import (
-    BelowReserve,
-    Crowded,
-    Forbidden,
-    LacksEnergy,
-    LacksPlugins,
-    NotReady,
-    NoWayAndBack,
-    TooLate,
-    TooLateHome,
-)
+from robrain.protocol.reasons import BelowReserve, LacksEnergy, NearestOut, lacks_plugins
 from tests.algorithms.allocation.instances import team_problem
 from tests.algorithms.allocation.test_allocators import problems
 from tests.algorithms.allocation.test_validate import job, line, worker
+from tests.plain_reason import Plain
 
 
 def only_decision(problem):
@@ -39,7 +29,7 @@ def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
     assert decision.robots == ("r2",)
     assert [option.energy_j for option in decision.options] == [4.0, 3.0, 3.0]
     assert [option.time_s for option in decision.options] == [4.0, 3.0, 3.0]
-    assert decision.reason == Cheapest(("r2",), next_j=3.0)
+    assert decision.reason == Plain("cheapest", robots=("r2",), next_j=3.0)
 
 
 def test_each_reason_to_be_out_is_told():
@@ -57,12 +47,12 @@ def test_each_reason_to_be_out_is_told():
     assert decision.robots == ("good",)
     assert [option.why_not for option in decision.options] == [
         BelowReserve(left=0.03, reserve=0.15),
-        LacksPlugins(("camera",)),
-        TooLate(start_s=120.0, latest_s=100.0),
+        lacks_plugins(("camera",)),
+        Plain("too_late", start_s=120.0, latest_s=100.0),
         LacksEnergy(missing_j=1.0),
         None,
     ]
-    assert decision.reason == OnlyThese(("good",))
+    assert decision.reason == Plain("only_these", robots=("good",))
 
 
 def test_job_that_nobody_does_says_why_for_each_robot():
@@ -76,10 +66,10 @@ def test_job_that_only_robots_may_do_that_lack_something_says_what_keeps_each_fr
     jobs = [job("a", 2, needs=frozenset({"camera"}), forbidden_workers=frozenset({"r1"}), ready_only=True)]
     camera = frozenset({"camera"})
     decision = only_decision(line(jobs, [worker("r1", offers=camera), worker("r2", ready_s=9.0, offers=camera)]))
-    assert decision.reason == NobodyAllowed()
-    assert [option.why_not for option in decision.options] == [Forbidden(), NotReady()]
+    assert decision.reason == Plain("nobody_allowed")
+    assert [option.why_not for option in decision.options] == [Plain("forbidden"), Plain("not_ready")]
     decision = only_decision(line(jobs, [worker("r1"), worker("r3")]))
-    assert decision.reason == NobodyHas(("camera",))
+    assert decision.reason == Plain("nobody_has", plugins=("camera",))
 
 
 def test_job_without_a_way_says_so():
@@ -87,7 +77,7 @@ def test_job_without_a_way_says_so():
     ways[0, :, 2] = ways[0, 2, :] = np.inf
     decision = only_decision(Problem(jobs=(job("a", 2),), workers=(worker("r1"),), energy_j=ways, time_s=ways))
     assert decision.robots == ()
-    assert [option.why_not for option in decision.options] == [NoWayAndBack()]
+    assert [option.why_not for option in decision.options] == [Plain("no_way_and_back")]
 
 
 def test_job_that_ends_just_when_the_plan_must_is_done():
@@ -101,9 +91,9 @@ def test_job_that_ends_just_when_the_plan_must_is_done():
     [
         # a is done at 5 and the robot back at 10; b alone would be done at 1 or later, and the robot back at 2.
         (12.0, math.inf, None),
-        (10.0, math.inf, Crowded()),
-        (10.0, 3.0, Crowded()),
-        (10.0, 2.9, TooLate(start_s=1.0, latest_s=2.9)),
+        (10.0, math.inf, Plain("crowded")),
+        (10.0, 3.0, Plain("crowded")),
+        (10.0, 2.9, Plain("too_late", start_s=1.0, latest_s=2.9)),
     ],
 )
 def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(horizon_s, latest_s, why):
@@ -118,8 +108,8 @@ def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(
 @pytest.mark.parametrize(
     ("service_s", "why"),
     [
-        (2.0, Crowded()),
-        (2.1, TooLateHome(start_s=4.0, horizon_s=10.0)),
+        (2.0, Plain("crowded")),
+        (2.1, Plain("too_late_home", start_s=4.0, horizon_s=10.0)),
     ],
 )
 def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not_too_late(service_s, why):
@@ -131,7 +121,7 @@ def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not
 
 def test_job_that_a_robot_is_at_stays_with_it():
     decision = only_decision(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)]))
-    assert (decision.robots, decision.reason) == (("r2",), IsAtIt("r2"))
+    assert (decision.robots, decision.reason) == (("r2",), Plain("is_at_it", robot="r2"))
 
 
 def test_explaining_changes_nothing_for_the_next_job():

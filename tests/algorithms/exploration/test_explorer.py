@@ -11,15 +11,8 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.reasons.idle import (
-    LacksRange,
-    NothingUnknown,
-    NoWay,
-    OthersExplore,
-    PlaceUnknown,
-    TooNarrow,
-    TriedInVain,
-)
+from robrain.protocol.reasons import LacksRange, NothingUnknown
+from tests.plain_reason import Plain
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
 
@@ -133,7 +126,7 @@ def test_asked_in_vain_it_answers_anew_when_a_robot_has_found_out_where_it_is():
     explorer = Explorer(corridor().team_map)
     lost = Scout("r1", None, 0.2)
     assert explorer.choose([lost], [], 0) == []
-    assert explorer.idle == {"r1": PlaceUnknown()}
+    assert explorer.idle == {"r1": Plain("place_unknown")}
     assert len(explorer.choose([robot("r1")], [], 1)) == 1
     assert explorer.idle == {}
 
@@ -206,7 +199,7 @@ def test_a_robot_is_sent_along_a_narrow_path_if_there_is_no_other():
 def test_no_robot_is_sent_through_a_gap_that_is_certainly_too_narrow():
     explorer = Explorer(rooms(1).team_map)
     assert explorer.choose([robot("r1")], [], 0) == []
-    assert explorer.idle == {"r1": NoWay(frontiers=1, needed_m=0.44)}
+    assert explorer.idle == {"r1": Plain("no_way", frontiers=1, needed_m=0.44)}
 
 
 def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_then_given_up():
@@ -218,7 +211,7 @@ def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_
         explorer.record_gap(before_door, 0.39, to_ns(begin_s + 5.0))
         assert explorer.choose([robot("r2")], [], to_ns(begin_s + 10.0)) == []
     assert explorer.choose([robot("r1"), robot("r2")], [], to_ns(60.0)) == []
-    assert explorer.idle["r1"] == TooNarrow(frontiers=1, needed_m=0.44, gap_m=0.39, place=before_door)
+    assert explorer.idle["r1"] == Plain("too_narrow", frontiers=1, needed_m=0.44, gap_m=0.39)
     assert not explorer.has_failures
 
 
@@ -231,7 +224,9 @@ def test_each_robot_is_told_of_the_gap_nearest_to_it():
         explorer.record_gap(west, 0.38, 0)
         explorer.record_gap(east, 0.39, 0)
     assert explorer.choose([robot("r1", 2.5, 2.7), robot("r2", 4.2, 2.7)], [], to_ns(60.0)) == []
-    assert {name: why.place for name, why in explorer.idle.items()} == {"r1": west, "r2": east}
+    assert explorer.idle == {
+        name: Plain("too_narrow", x_m=place.x_m, y_m=place.y_m) for name, place in (("r1", west), ("r2", east))
+    }
 
 
 def test_failure_at_a_goal_counts_once_for_each_time_a_robot_was_sent_there_through_a_narrow_place():
@@ -256,7 +251,7 @@ def test_a_robot_says_so_if_others_explore_all_frontiers():
     explorer = Explorer(rooms(8).team_map)
     (choice,) = explorer.choose([robot("r1"), robot("r2")], [], 0)
     (left,) = {"r1", "r2"} - {choice.robot}
-    assert explorer.idle == {left: OthersExplore(frontiers=1)}
+    assert explorer.idle == {left: Plain("others_explore", frontiers=1)}
 
 
 def test_a_robot_that_has_just_failed_everywhere_says_so():
@@ -264,7 +259,7 @@ def test_a_robot_that_has_just_failed_everywhere_says_so():
     (choice,) = explorer.choose([robot("r1")], [], 0)
     explorer.record_failure("r1", choice.place, to_ns(3.0))
     assert explorer.choose([robot("r1")], [], to_ns(4.0)) == []
-    assert explorer.idle == {"r1": TriedInVain(frontiers=1)}
+    assert explorer.idle == {"r1": Plain("tried_in_vain", frontiers=1)}
 
 
 def test_with_nothing_unknown_left_a_robot_says_so():

@@ -18,7 +18,6 @@ from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.reasons.plans import ChargersTaken
 from robrain.protocol.table.topics import (
     COORDINATOR_CHARGES,
     COORDINATOR_PLANNING,
@@ -30,6 +29,7 @@ from robrain.protocol.table.topics import (
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.conftest import Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, model, run
+from tests.plain_reason import Plain
 
 DOCKS = (Point2D(3.5, 2.5), Point2D(8.5, 2.5), Point2D(8.5, 5.5), Point2D(3.5, 5.5))
 RESERVE_SOC = 0.1
@@ -302,7 +302,7 @@ def turns(team):
     own.robot.behavior = "recharge"
     run(team, [own, low], 3.0)
     assert charges_of(low) == []
-    assert team.coordinator._charge_desk.waiting == {"r2": ChargersTaken(1)}
+    assert team.coordinator._charge_desk.waiting == {"r2": Plain("chargers_taken", count=1)}
     return own, low
 
 

@@ -10,7 +10,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.reasons.idle import LacksRange
+from robrain.protocol.reasons import LacksRange
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, model, run
 
 POLICY = PlanningPolicy()

@@ -13,9 +13,7 @@ from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import NoPath
-from robrain.protocol.reasons.robots import Halted, Refused
-from robrain.protocol.reasons.tasks import RobotOut
+from robrain.protocol.reasons import Refused, RobotOut, halted, no_path
 
 ASKED = b'{"task":{"id":"t1","kind":"visit"}}'
 
@@ -293,7 +291,7 @@ def test_on_a_full_disk_nothing_is_half_written_and_what_is_there_stays(path: Pa
 
 def test_a_reason_is_kept_with_its_words(path: Path) -> None:
     journal = Journal(path)
-    reason = RobotOut("r1", Refused(NoPath()))
+    reason = RobotOut("r1", Refused(no_path()))
     change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 refused: no way there", reason=reason)
     journal.close()
     journal = Journal(path)
@@ -303,7 +301,7 @@ def test_a_reason_is_kept_with_its_words(path: Path) -> None:
 
 def test_of_a_reason_that_only_a_newer_robrain_knows_the_words_are_read(path: Path) -> None:
     journal = Journal(path)
-    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 waits", reason=RobotOut("r1", Halted()))
+    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 waits", reason=RobotOut("r1", halted()))
     journal.close()
     connection = sqlite3.connect(path)
     connection.execute("UPDATE task SET record = replace(record, 'robot_out', 'robot_naps')")

@@ -24,8 +24,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.robots import LostContact
-from robrain.protocol.reasons.tasks import Cancelled, Forgotten, IsNext, LeaseRanOut
+from robrain.protocol.reasons import IsNext, LeaseRanOut, cancelled, plain
 
 pytestmark = pytest.mark.slow
 
@@ -198,7 +197,7 @@ class World:
             if record.state is TaskState.OFFERED and same:
                 self.book.move(record.task.id, TaskState.RUNNING)
             elif record.robot and not same:
-                self.book.give_back(record.task.id, Forgotten("r1"))
+                self.book.give_back(record.task.id, plain("forgotten", "words"))
 
     def withdraw(self, robot: str) -> None:
         """What a robot is at or holds, and the book has for another or for nobody, is taken back from it."""
@@ -212,13 +211,13 @@ class World:
     def lose(self, task_id: str) -> None:
         record = self.book.find(task_id)
         if record is not None and record.state is TaskState.RUNNING:
-            self.book.move(task_id, TaskState.LOST_CONTACT, LostContact(1.5))
+            self.book.move(task_id, TaskState.LOST_CONTACT, plain("lost_contact", "words"))
             self.book.give_back(task_id, LeaseRanOut("r1"))
 
     def cancel(self, task_id: str) -> None:
         record = self.book.find(task_id)
         if record is not None and not record.state.ended:
-            self.book.move(task_id, TaskState.CANCELLED, Cancelled("ann"))
+            self.book.move(task_id, TaskState.CANCELLED, cancelled("ann", ""))
 
     # -- what must hold --------------------------------------------------------------------------------------
 

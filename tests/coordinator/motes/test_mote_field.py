@@ -9,9 +9,9 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.tasks import DataOld, MoteCutOff, MoteEnds, MoteHeard
 from robrain.protocol.table.topics import TASK_WHY
 from tests.coordinator.motes.test_motes import Field
+from tests.plain_reason import Plain
 
 NEAR, FAR, WEST = Point2D(6.5, 4.0), Point2D(2.0, 2.0), Point2D(2.0, 6.0)
 COLLECT = MoteFieldPolicy(collect_age_s=20.0)
@@ -58,9 +58,9 @@ def test_robot_is_sent_to_collect_when_a_mote_s_data_are_old_and_not_before(fiel
     assert (record.by, record.robot, record.task.place) == ("mote field", "r1", NEAR)
     assert record.task.parameters["mote"] == "m1"
     why = field.team.ask(TASK_WHY, TaskRequest(id=record.task.id), TaskWhy)
-    assert isinstance(why.changes[0].reason, DataOld)
-    assert why.changes[0].reason.age_s >= 20.0
-    assert why.changes[0].why == f"the newest reading of m1 is {why.changes[0].reason.age_s:.0f} s old"
+    assert why.changes[0].reason.code == "data_old"
+    assert why.changes[0].reason.values["age_s"] >= 20.0
+    assert why.changes[0].why == f"the newest reading of m1 is {why.changes[0].reason.values['age_s']:.0f} s old"
 
 
 def test_task_to_collect_is_called_off_if_the_mote_is_heard_before_anybody_went(field) -> None:
@@ -75,7 +75,7 @@ def test_task_to_collect_is_called_off_if_the_mote_is_heard_before_anybody_went(
     field.run(3.0)
     (record,) = made(field, "collect")
     assert record.state is TaskState.CANCELLED
-    assert isinstance(record.reason, MoteHeard)
+    assert record.reason.code == "mote_heard"
 
 
 def test_motes_that_are_nearly_due_are_collected_on_the_same_tour_and_older_data_weigh_more(field) -> None:
@@ -158,8 +158,8 @@ def test_robot_stands_in_before_the_cells_are_empty(field) -> None:
         field.run(4.0)
     (record,) = made(field, "replace")
     assert record.task.parameters == {"mote": "m1", "duration_s": 50.0, "period_s": 4.0}
-    assert isinstance(field_reason(field, record), MoteEnds)
-    assert 0.0 < field_reason(field, record).left_s <= 30.0
+    assert field_reason(field, record).code == "mote_ends"
+    assert 0.0 < field_reason(field, record).values["left_s"] <= 30.0
 
 
 def field_reason(field, record):
@@ -202,7 +202,7 @@ def test_relay_is_sent_to_where_most_motes_are_heard_that_nobody_hears(field) ->
     field.run(20.0)
     (record,) = made(field, "relay")
     assert record.task.parameters == {"mote": "m2", "duration_s": 40.0}
-    assert field_reason(field, record) == MoteCutOff("m2", 1)
+    assert field_reason(field, record) == Plain("mote_cut_off", mote="m2", others=1)
 
 
 def test_as_few_motes_as_cover_the_floor_are_on_duty_and_the_others_rest(field) -> None:

@@ -9,9 +9,10 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.tasks import Gather, MinorityHeard, PartsUntold
+from robrain.protocol.reasons import MinorityHeard, plain
 from robrain.protocol.table.topics import TASK_CANCEL
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+from tests.plain_reason import Plain
 
 PLACE = Point2D(6.0, 4.0)
 
@@ -174,14 +175,14 @@ def test_a_coordinator_that_was_killed_before_all_had_been_told_has_it_planned_a
     team.begin(journal)
     book = team.coordinator.tasks
     book.add(together())
-    book.begin_together("lift", Gather(("r0", "r1")))
+    book.begin_together("lift", plain("gather", "words"))
     for number in range(told):
         book.add(Task(id=f"gather-{number}", kind="visit", place=PLACE), by="lift", own=True)
     assert team.coordinator.tasks.find("lift").state is TaskState.RUNNING
     team.begin(journal)
     team.run(0.1)
     assert team.states()["lift"] is TaskState.QUEUED
-    assert PartsUntold() in [event.reason for event in team.heard if event.task.id == "lift"]
+    assert Plain("parts_untold") in [event.reason for event in team.heard if event.task.id == "lift"]
     crew = [Worker(team.robot(f"r{number}", 3.6 + 2.2 * number), remaining_j=CAPACITY_J) for number in range(2)]
     team.closed_room()
     assert run(team, crew, 60.0, until=lambda: team.states()["lift"] is TaskState.DONE)

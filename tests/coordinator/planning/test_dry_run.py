@@ -6,8 +6,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TaskDryRun, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.robots import Halted
-from robrain.protocol.reasons.tasks import NobodyThere, NotBefore
+from robrain.protocol.reasons import halted
 from robrain.protocol.table.topics import TASK_DRY_RUN
 
 
@@ -60,18 +59,18 @@ def test_a_dry_run_of_a_known_task_tells_its_state_and_of_another_the_difference
 
 
 def test_a_dry_run_tells_what_the_task_would_wait_for(team):
-    assert isinstance(dry_run(team, visit()).reason, NobodyThere)
+    assert dry_run(team, visit()).reason.code == "nobody_there"
     robot = team.robot("r1")
     team.closed_room()
     team.run(1.0)
     later = dry_run(team, visit(), earliest_in_s=30.0)
-    assert isinstance(later.reason, NotBefore)
+    assert later.reason.code == "not_before"
     assert later.waits
     assert "there is none of that name" in dry_run(team, visit(after=("door",))).refused
     robot.halted = True
     team.run(1.0)
     (verdict,) = dry_run(team, visit()).robots
-    assert verdict.reason == Halted()
+    assert verdict.reason == halted()
     assert verdict.energy_j is None
 
 

@@ -25,8 +25,8 @@ from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.reasons.plans import ChargersTaken
 from tests.coordinator.planning.worlds import model
+from tests.plain_reason import Plain
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
 
@@ -188,7 +188,7 @@ def test_those_with_least_charge_first_and_never_two_at_one_charger():
     ]
     charges, waiting = assign_chargers(robots, [], 0.3)
     assert charges == [Charge("r2", here), Charge("r1", there)]
-    assert waiting == {"r3": ChargersTaken(2)}
+    assert waiting == {"r3": Plain("chargers_taken", count=2)}
     charges, waiting = assign_chargers(robots, [Point2D(0.2, 0.0)], 0.3)
     assert charges == [Charge("r2", there)]
     assert set(waiting) == {"r1", "r3"}

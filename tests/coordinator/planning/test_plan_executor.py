@@ -16,13 +16,11 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import NoPath
-from robrain.protocol.reasons.plans import NearestOut
-from robrain.protocol.reasons.robots import LacksEnergy, NoWayAndBack, Refused
-from robrain.protocol.reasons.tasks import GaveUp, NeededFor, RobotOut, TaskReason, TeamLacks
+from robrain.protocol.reasons import LacksEnergy, NearestOut, Refused, RobotOut, TaskReason, needed_for, no_path, plain
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
+from tests.plain_reason import Plain
 
 PLACE = Point2D(1.0, 1.0)
 GIVE_UP_S = 60.0
@@ -81,7 +79,7 @@ class Office:
     def _send(self, record, after: str) -> None:
         self.offered.append((record.task.id, record.robot, after))
         if record.robot in self.refuses:
-            self.book.give_back(record.task.id, RobotOut(record.robot, Refused(NoPath())))
+            self.book.give_back(record.task.id, RobotOut(record.robot, Refused(no_path())))
 
 
 @pytest.fixture
@@ -136,7 +134,7 @@ def test_what_a_robot_explores_is_called_off_for_a_task(office):
     office.plan.offers = [Due("t1", "r1", "")]
     office.following.step(0)
     assert office.state("explore-1") is TaskState.CANCELLED
-    assert ("explore-1", NeededFor("r1", "t1")) in office.told
+    assert ("explore-1", needed_for("r1", "t1")) in office.told
     assert office.state("t1") is TaskState.OFFERED
 
 
@@ -181,9 +179,9 @@ def test_why_a_task_is_left_out_is_told_once(office):
     office.following.step(3)
     assert office.told[2:] == [], "names of robots differ by figures too"
     office.plan.number = 5
-    office.plan.left_out = {"t1": Unplanned(NearestOut("r2", NoWayAndBack()), 0)}
+    office.plan.left_out = {"t1": Unplanned(NearestOut("r2", plain("no_way_and_back", "words")), 0)}
     office.following.step(4)
-    assert office.told[2:] == [("t1", NearestOut("r2", NoWayAndBack()))]
+    assert office.told[2:] == [("t1", NearestOut("r2", plain("no_way_and_back", "words")))]
 
 
 def test_while_the_plan_stays_the_same_what_is_left_out_is_looked_at_every_five_seconds(office):
@@ -203,7 +201,7 @@ def test_a_task_without_a_deadline_that_is_left_out_for_too_long_has_failed(offi
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
     office.following.step(to_ns(GIVE_UP_S) + late_ns)
     assert office.state("t1") is state
-    assert office.told[-1][1] == (GaveUp(lacks("r1", 20.0)) if late_ns else lacks("r1", 20.0))
+    assert office.told[-1][1] == (Plain("gave_up") if late_ns else lacks("r1", 20.0))
 
 
 def test_a_task_with_a_deadline_waits_for_that(office):
@@ -218,7 +216,7 @@ def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):
     office.robot("r1")
     office.add("t1", "t2")
     office.tasks.offer("t1", "r1", 0)
-    office.tasks.backoff.note("t2", "r1", Refused(NoPath()), 0)
+    office.tasks.backoff.note("t2", "r1", Refused(no_path()), 0)
     before = len(office.told)
     office.plan.left_out = {name: Unplanned(lacks("r1", 20.0), 0) for name in ("gone", "t1", "t2")}
     office.following.step(1)
@@ -239,7 +237,7 @@ def test_a_task_that_a_robot_could_do_which_is_out_now_is_not_given_up(office, i
 
 def test_a_task_that_nobody_has_the_plugins_for_is_told_elsewhere(office):
     office.add("t1")
-    office.tasks.reasons.nobody_can = lambda record: TeamLacks(("camera",))
+    office.tasks.reasons.nobody_can = lambda record: plain("team_lacks", "words")
     office.plan.left_out = {"t1": Unplanned(lacks("r2", 20.0), 0)}
     office.following.step(to_ns(2 * GIVE_UP_S))
     assert office.state("t1") is TaskState.QUEUED

@@ -10,10 +10,7 @@ from robrain.coordinator.planning import plan_in_force as planned_module
 from robrain.coordinator.planning.plan_in_force import PlannedStep, planned
 from robrain.coordinator.planning.problem_builder import BuiltProblem
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.reasons.offers import NoPath
-from robrain.protocol.reasons.plans import NoRobots
-from robrain.protocol.reasons.robots import Refused
-from robrain.protocol.reasons.tasks import AfterUnplanned
+from robrain.protocol.reasons import Refused, no_path, plain
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 NOW_S = 100.0
@@ -21,7 +18,7 @@ WRITTEN = PlanProblem(plan=7, asked_ns=0, objective=Objective.ENERGY, method="op
                       question=b"")  # fmt: skip
 
 
-LATE = AfterUnplanned("early")
+LATE = plain("after_unplanned", "words")
 
 
 def job(name, place, **fields):
@@ -37,7 +34,7 @@ def plan_of(orders, *jobs, **fields):
     problem = Problem(jobs=jobs, workers=workers, energy_j=length_m, time_s=length_m)
     plan = make_plan(problem, orders, Objective.ENERGY)
     assert plan is not None
-    unassigned = tuple(Unassigned(one.job, NoRobots()) for one in plan.unassigned)
+    unassigned = tuple(Unassigned(one.job, plain("no_robots", "words")) for one in plan.unassigned)
     plan = msgspec.structs.replace(plan, unassigned=unassigned)
     snapshot = msgspec.structs.replace(open_floor_snapshot(7, 0), now_ns=round(NOW_S * 1e9), **fields)
     asked = BuiltProblem(question=None, waiting={"late": LATE}, charger_ways={})
@@ -72,7 +69,7 @@ def test_what_a_robot_is_at_is_no_step_but_takes_its_time():
 
 def test_what_nobody_does_is_left_out_with_its_reason_but_not_what_is_begun():
     made = plan_of([[]], job("a", 1), job("b", 2, pinned_to="r0"))
-    assert made.left_out == {"a": NoRobots()}
+    assert made.left_out == {"a": plain("no_robots", "words")}
 
 
 def test_a_decision_is_told_with_every_robots_bid():
@@ -85,10 +82,10 @@ def test_a_decision_is_told_with_every_robots_bid():
 
 
 def test_a_robot_that_may_not_be_asked_says_why_and_bids_nothing():
-    made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): Refused(NoPath())})
+    made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): Refused(no_path())})
     [_, bid] = made.decisions[0].bids
     assert (bid.robot, bid.chosen, bid.energy_j, bid.time_s) == ("r1", False, None, None)
-    assert (bid.reason, bid.why_not) == (Refused(NoPath()), "refused: no way there")
+    assert (bid.reason, bid.why_not) == (Refused(no_path()), "refused: no way there")
 
 
 def test_a_decision_of_nobody_has_no_time():

@@ -14,9 +14,9 @@ from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.tasks import AfterUnplanned, CannotBePlanned
 from robrain.protocol.table.topics import TASK_SUBMIT, TASK_WHY
 from tests.coordinator.planning.snapshots import open_floor_snapshot
+from tests.plain_reason import Plain
 
 HUGE = {"priority": 1e308, "service_s": 1e308}
 
@@ -47,13 +47,13 @@ def planned_tasks(made):
 def test_a_task_that_cannot_be_planned_is_set_aside_with_its_reason(field):
     made = plan(with_tasks(queued("bad", **{field: HUGE[field]})))
     assert planned_tasks(made) == {"t0", "t1", "t2"}
-    assert isinstance(made.waiting["bad"], CannotBePlanned)
+    assert made.waiting["bad"].code == "cannot_be_planned"
 
 
 def test_what_waits_for_such_a_task_says_so_and_is_not_planned():
     made = plan(with_tasks(queued("bad", priority=1e308), queued("next", after=("bad",))))
     assert planned_tasks(made) == {"t0", "t1", "t2"}
-    assert made.waiting["next"] == AfterUnplanned("bad")
+    assert made.waiting["next"] == Plain("after_unplanned", task="bad")
 
 
 def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_again(monkeypatch):

@@ -16,7 +16,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.robots import LacksPlugins
+from robrain.protocol.reasons import lacks_plugins
 from robrain.protocol.table.topics import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
@@ -233,7 +233,7 @@ def test_a_decision_has_each_robots_bid(team, ears):
     assert near.chosen
     assert near.energy_j < far.energy_j
     assert near.time_s < far.time_s
-    assert (blind.reason, blind.why_not) == (LacksPlugins(("visit",)), "has no visit")
+    assert (blind.reason, blind.why_not) == (lacks_plugins(("visit",)), "has no visit")
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
     assert [(one.robot, one.chosen, one.energy_j) for one in found.robots] == [
         ("r1", True, near.energy_j), ("r2", False, far.energy_j), ("r3", False, None),

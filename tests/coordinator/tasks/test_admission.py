@@ -14,8 +14,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmis
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import Said
-from robrain.protocol.reasons.tasks import AfterEnded
+from robrain.protocol.reasons import AfterEnded, PlainReason
 
 NOW_NS = to_ns(1000.0)
 ALL = {"r1": frozenset({"visit", "explore"}), "r2": frozenset({"visit", "inspect", "camera"})}
@@ -83,13 +82,13 @@ def test_a_task_that_waits_for_one_that_was_not_done_is_refused(state: TaskState
     other = known("t0", state, told="the way is blocked")
     said = f"t0, which it waits for, was not done: {state}, the way is blocked"
     assert why(visit(after=("t0",)), others=[other]) == said
-    ended = AfterEnded("t0", state, Said("the way is blocked"))
+    ended = AfterEnded("t0", state, PlainReason("the way is blocked"))
     assert dependency_refusal(visit(after=("t0",)), {"t0": other}) == ended
     assert why(visit(after=("t0",)), others=[known("t0", TaskState.DONE)]) == ""
 
 
 def test_of_a_chain_of_tasks_that_wait_the_reason_of_the_first_is_kept() -> None:
-    blocked = Said("the way is blocked")
+    blocked = PlainReason("the way is blocked")
     chain = {"a": msgspec.structs.replace(known("a", TaskState.FAILED, told="the way is blocked"), reason=blocked)}
     for before, name in itertools.pairwise("abcd"):
         reason = dependency_refusal(visit(after=(before,)), chain)

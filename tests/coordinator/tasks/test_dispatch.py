@@ -8,8 +8,8 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import NoPath
-from robrain.protocol.reasons.robots import AnotherNearer, Halted, LacksPlugins, PositionUnknown, Refused, RobotReason
+from robrain.protocol.reasons import Refused, RobotReason, halted, lacks_plugins, no_path, position_unknown
+from tests.plain_reason import Plain
 
 
 def task(name: str, x_m: float, submitted_ns: int = 0, **fields) -> TaskRecord:
@@ -32,17 +32,17 @@ def test_the_nearest_robot_gets_the_task_and_the_others_hear_why_not() -> None:
     wanted = task("t1", 5.0)
 
     def why_not(_task: TaskRecord, one: Robot) -> RobotReason | None:
-        return LacksPlugins(("camera",)) if one.name == "r4" else None
+        return lacks_plugins(("camera",)) if one.name == "r4" else None
 
     assert dispatch([wanted], robots, why_not) == [("t1", "r2")]
     assert verdicts(wanted, robots, why_not, "r2") == [
-        RobotVerdict(robot="r1", why_not="r2 is nearer", reason=AnotherNearer("r2"), distance_m=5.0),
+        RobotVerdict(robot="r1", why_not="r2 is nearer", reason=Plain("another_nearer", robot="r2"), distance_m=5.0),
         RobotVerdict(robot="r2", chosen=True, distance_m=1.0),
-        RobotVerdict(robot="r3", why_not="does not know where it is", reason=PositionUnknown()),
-        RobotVerdict(robot="r4", why_not="has no camera", reason=LacksPlugins(("camera",)), distance_m=0.5),
+        RobotVerdict(robot="r3", why_not="does not know where it is", reason=position_unknown()),
+        RobotVerdict(robot="r4", why_not="has no camera", reason=lacks_plugins(("camera",)), distance_m=0.5),
     ]
     assert [verdict.reason for verdict in verdicts(wanted, robots, why_not)] == [
-        None, None, PositionUnknown(), LacksPlugins(("camera",)),
+        None, None, position_unknown(), lacks_plugins(('camera',)),
     ]  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def test_no_robot_gets_two_tasks_and_no_task_two_robots() -> None:
 
 def test_a_task_that_nobody_idle_can_do_does_not_hold_up_the_next() -> None:
     ready = [task("dear", 0.0, priority=9.0), task("plain", 0.0)]
-    found = dispatch(ready, [robot("r1", 0.0)], lambda one, _robot: Halted() if one.task.id == "dear" else None)
+    found = dispatch(ready, [robot("r1", 0.0)], lambda one, _robot: halted() if one.task.id == "dear" else None)
     assert found == [("plain", "r1")]
 
 
@@ -78,7 +78,7 @@ def test_who_refused_is_asked_again_after_growing_pauses() -> None:
     backoff = TaskBackoff()
     now_ns, pauses = 0, []
     for _ in range(8):
-        backoff.note("t1", "r1", Refused(NoPath()), now_ns)
+        backoff.note("t1", "r1", Refused(no_path()), now_ns)
         pause_s = FIRST_PAUSE_S
         while backoff.why("t1", "r1", now_ns + to_ns(pause_s)):
             pause_s += 1.0
@@ -92,6 +92,6 @@ def test_who_refused_is_asked_again_after_growing_pauses() -> None:
 def test_refusals_are_not_remembered_without_end() -> None:
     backoff = TaskBackoff()
     for number in range(KEPT + 10):
-        backoff.note(f"t{number}", "r1", Refused(NoPath()), 0)
+        backoff.note(f"t{number}", "r1", Refused(no_path()), 0)
     assert len(backoff._avoided) == KEPT
-    assert backoff.why(f"t{KEPT + 9}", "r1", 0) == Refused(NoPath())
+    assert backoff.why(f"t{KEPT + 9}", "r1", 0) == Refused(no_path())

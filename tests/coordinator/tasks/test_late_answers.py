@@ -18,13 +18,22 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithd
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import DoneJustNow, NeedsEnergy, Occupied, OfferRefusal, PositionLost, RobotHalted
-from robrain.protocol.reasons.reason import Said
-from robrain.protocol.reasons.robots import Failed, Refused
-from robrain.protocol.reasons.tasks import LeaseRanOut, NeverTaken, NobodyDoes, RobotOut
+from robrain.protocol.reasons import (
+    DoneJustNow,
+    LeaseRanOut,
+    NeedsEnergy,
+    Occupied,
+    OfferRefusal,
+    PlainReason,
+    PositionLost,
+    Refused,
+    RobotHalted,
+    plain,
+)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session
+from tests.plain_reason import Plain
 
 YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
 NOW_NS = to_ns(5.0)
@@ -116,7 +125,7 @@ def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) 
     assert desk.tasks.process_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.RUNNING, "r1"), (TaskState.QUEUED, ""))
     assert desk.book.find("t2").why == "r2 refused: no way there"
-    assert desk.tasks.backoff.why("t2", "r2", NOW_NS) == Refused(Said("no way there"))
+    assert desk.tasks.backoff.why("t2", "r2", NOW_NS) == Refused(PlainReason("no way there"))
 
 
 @pytest.mark.parametrize("answer", [YES, NO])
@@ -124,7 +133,7 @@ def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) 
 def test_late_answer_to_an_old_offer_changes_nothing_of_the_new_one(desk: Desk, answer: TaskAnswer, robot: str) -> None:
     desk.add()
     desk.tasks.offer("t1", "r1", NOW_NS)
-    desk.book.give_back("t1", NeverTaken("r1"))
+    desk.book.give_back("t1", plain("never_taken", "words"))
     desk.tasks.offer("t1", robot, NOW_NS)
     old, new = (record.epoch for record, _ in desk.mail.asked)
     assert old < new
@@ -200,8 +209,7 @@ def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> No
             desk.mail.answer(-1, NO)
             desk.tasks.process_answers(now_ns)
     assert desk.stands()[0] is TaskState.FAILED
-    out = Refused(Said("no way there"))
-    assert desk.book.find("t1").reason == NobodyDoes((RobotOut("r1", out), RobotOut("r2", out)))
+    assert desk.book.find("t1").reason == Plain("nobody_does", robots=("r1", "r2"), more=0)
 
 
 @pytest.mark.parametrize(
@@ -276,7 +284,7 @@ def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> N
             desk.mail.answer(-1, TaskAnswer(accepted=False, why=why))
 
         desk.mail.offer = refuse
-        assert desk.tasks.offer("t1", "r1", NOW_NS) == Said(told)
+        assert desk.tasks.offer("t1", "r1", NOW_NS) == PlainReason(told)
 
 
 def test_task_of_the_coordinators_own_that_is_refused_ends_and_is_told_and_anothers_is_not(desk: Desk) -> None:
@@ -338,7 +346,7 @@ def test_held_task_that_was_called_off_is_withdrawn_with_the_reason(desk: Desk) 
     desk.add("t2")
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
     epoch = desk.mail.asked[0][0].epoch
-    desk.book.move("t2", TaskState.CANCELLED, Said("ann does not want it"))
+    desk.book.move("t2", TaskState.CANCELLED, PlainReason("ann does not want it"))
     desk.say("r1", None, at("t2", epoch, TaskState.OFFERED))
     desk.tasks.withdraw_strays(NOW_NS)
     assert desk.mail.withdrawn == [("r1", TaskWithdrawal(id="t2", epoch=epoch, why="ann does not want it"))]
@@ -374,7 +382,7 @@ def test_task_whose_dependency_has_ended_otherwise_is_called_off(desk: Desk) -> 
     desk.book.add(Task(id="t2", kind="visit", place=Point2D(0.0, 0.0), after=["t1"]))
     desk.tasks.settle(NOW_NS)
     assert desk.stands("t2")[0] is TaskState.QUEUED
-    desk.book.move("t1", TaskState.FAILED, Said("blocked"))
+    desk.book.move("t1", TaskState.FAILED, PlainReason("blocked"))
     desk.tasks.settle(NOW_NS)
     assert desk.stands("t2")[0] is TaskState.CANCELLED
 
@@ -393,7 +401,7 @@ def test_silent_robot_gives_its_task_back_and_settle_says_that_one_came_free(des
 
 
 def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_stop_is(desk: Desk) -> None:
-    for index, (state, why) in enumerate(((TaskState.FAILED, Failed("blocked")), (TaskState.CANCELLED, None))):
+    for index, (state, why) in enumerate(((TaskState.FAILED, Plain("failed")), (TaskState.CANCELLED, None))):
         task_id = f"t{index}"
         desk.add(task_id)
         desk.tasks.offer(task_id, "r1", NOW_NS)
@@ -410,7 +418,7 @@ def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_onc
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
     status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
     desk.tasks.hear("r1", status, NOW_NS)
-    assert desk.tasks.backoff.why("t2", "r1", NOW_NS) == Refused(Said("no way"))
+    assert desk.tasks.backoff.why("t2", "r1", NOW_NS) == Refused(PlainReason("no way"))
 
 
 def test_journal_that_cannot_be_written_is_complained_of_every_ten_seconds(

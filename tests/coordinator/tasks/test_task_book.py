@@ -12,9 +12,7 @@ from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import Said
-from robrain.protocol.reasons.robots import LostContact
-from robrain.protocol.reasons.tasks import Cancelled, LeaseRanOut
+from robrain.protocol.reasons import LeaseRanOut, PlainReason, cancelled, plain
 
 GOAL = Point2D(1.0, 2.0)
 ROBOTS = st.sampled_from(["r1", "r2"])
@@ -70,7 +68,7 @@ class BookMachine(RuleBasedStateMachine):
         if record is not None and record.state in (TaskState.OFFERED, TaskState.LOST_CONTACT):
             self.book.move(task_id, TaskState.RUNNING)
         elif record is not None and record.state is TaskState.RUNNING and lost:
-            self.book.move(task_id, TaskState.LOST_CONTACT, LostContact(1.5))
+            self.book.move(task_id, TaskState.LOST_CONTACT, plain("lost_contact", "words"))
 
     @rule(task_id=tasks)
     def lease_runs_out(self, task_id):
@@ -81,7 +79,7 @@ class BookMachine(RuleBasedStateMachine):
     @rule(task_id=consumes(tasks))
     def cancel(self, task_id):
         if self.state_of(task_id) is not None:
-            self.book.move(task_id, TaskState.CANCELLED, Cancelled("ann"))
+            self.book.move(task_id, TaskState.CANCELLED, cancelled("ann", ""))
 
     @precondition(lambda self: self.count)
     @rule(
@@ -159,7 +157,7 @@ TestBookMachine.settings = settings(max_examples=15, stateful_step_count=30, dea
 def test_each_change_is_told_with_robot_epoch_and_why():
     one, told = book()
     running(one, own=True)
-    one.move("t1", TaskState.FAILED, Said("the way is blocked"))
+    one.move("t1", TaskState.FAILED, PlainReason("the way is blocked"))
     assert [(event.state, event.robot, event.epoch, event.why, event.change) for event in told] == [
         (TaskState.QUEUED, "", 0, "", 1),
         (TaskState.OFFERED, "r1", 101, "", 2),
@@ -228,7 +226,7 @@ def test_what_a_robot_has_done_counts_though_its_task_was_given_back(taken):
 def test_a_robot_cannot_bring_its_task_into_any_other_state_than_an_end(said):
     one, told = book()
     record = running(one)
-    one.move("t1", TaskState.LOST_CONTACT, LostContact(1.5))
+    one.move("t1", TaskState.LOST_CONTACT, plain("lost_contact", "words"))
     before = len(told)
     assert one.record_status("r1", TaskStatus(id="t1", epoch=record.epoch, state=said)) is None
     assert (len(told), one.open[0].state) == (before, TaskState.LOST_CONTACT)

@@ -10,7 +10,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.tasks import Cancelled
+from robrain.protocol.reasons import cancelled
 
 TASK = Task(id="t4", kind="visit", place=Point2D(1.0, 2.0))
 
@@ -32,7 +32,7 @@ def test_a_robot_speaks_in_nobodys_name_where_names_are_vouched_for(is_secured, 
     assert take_in(book, ballot(dropped=[dropped]), lambda _: "", is_secured=is_secured)
     record = book.find("t4")
     assert record.state is TaskState.CANCELLED
-    assert record.reason == Cancelled(canceller, "not needed")
+    assert record.reason == cancelled(canceller, "not needed")
 
 
 def test_epochs_of_another_coordinator_are_outbid_and_those_that_none_gives_out_are_passed_over(tmp_path):

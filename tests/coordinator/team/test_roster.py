@@ -4,8 +4,9 @@ from robrain.coordinator.team.roster import FORGET_UNSEEN_NS, ROBOTS_MAX, ROBOTS
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.model.tasks.task import LOST_AFTER_S, TaskState
-from robrain.protocol.reasons.robots import Gone, LostContact, NotHeard
+from robrain.protocol.reasons import Gone, NotHeard
 from robrain.protocol.wire.presence import Change
+from tests.plain_reason import Plain
 
 BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=100.0)
 
@@ -85,7 +86,7 @@ def test_a_robot_that_falls_silent_is_not_counted_on_though_its_token_is_there()
     says(roster, "r1", 1.0)
     assert names_up(roster, 1.0 + LOST_AFTER_S) == ["r1"]
     assert names_up(roster, 1.1 + LOST_AFTER_S) == []
-    assert roster.robots["r1"].down_reason(to_ns(3.5)) == LostContact(2.5)
+    assert roster.robots["r1"].down_reason(to_ns(3.5)) == Plain("lost_contact", silent_s=2.5)
     says(roster, "r1", 4.0)
     assert names_up(roster, 4.0) == ["r1"]
 

@@ -7,7 +7,7 @@ import pytest
 from robrain.coordinator.team.roster import Roster
 from robrain.coordinator.team.stale_watch import StaleWatch
 from robrain.protocol.clock import to_ns
-from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.reasons import TopicStale
 from robrain.protocol.table.topics import COORDINATOR_STATE, RECORDER_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.coordinator.team.test_roster import comes, goes, says
 

@@ -17,7 +17,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.reason import TopicStale
+from robrain.protocol.reasons import TopicStale
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.table.topics import (
     COORDINATOR_ALIVE,

@@ -8,8 +8,9 @@ from robrain.agent.lifecycle.plugin_info import plugin_info
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons.offers import NeedsEnergy, NeedsTime, NoPath, Unexplored
+from robrain.protocol.reasons import NeedsEnergy, no_path
 from robrain.protocol.table.topics import HALT, ROBOT_PATH
+from tests.plain_reason import Plain
 from tests.plugins.behavior.errands import START, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)
@@ -124,14 +125,14 @@ def test_a_visit_to_where_the_robot_is_takes_no_way(errands):
 
 def test_a_place_that_cannot_be_reached_is_refused(errands):
     run = errands("visit")
-    assert run.offer(Task(id="v", kind="visit", place=WALLED)).reason == NoPath()
+    assert run.offer(Task(id="v", kind="visit", place=WALLED)).reason == no_path()
     assert run.hosts["r1"].desk.status is None
 
 
 def test_a_place_that_is_not_on_the_map_yet_is_refused_as_unexplored(errands):
     run = errands("visit", parameters={"mapper": {"width_m": 20.0}})
     answer = run.offer(Task(id="v", kind="visit", place=NEXT_ROOM))
-    assert (answer.reason, answer.why) == (Unexplored(), "no way there, as its place is not explored yet")
+    assert (answer.reason, answer.why) == (Plain("unexplored"), "no way there, as its place is not explored yet")
 
 
 def test_a_robot_that_nobody_talks_to_sleeps(errands):
@@ -209,8 +210,8 @@ def test_a_deadline_that_cannot_be_kept_is_refused_with_the_seconds(errands):
         Task(id="v", kind="visit", place=FAR, service_s=30.0, deadline_ns=run.clock.now_ns() + 20_000_000_000)
     )
     assert not answer.accepted
-    assert 34.0 < answer.reason.needed_s < 45.0
-    assert answer.reason == NeedsTime(answer.reason.needed_s, left_s=20.0)
+    assert answer.reason == Plain("needs_time", left_s=20.0)
+    assert 34.0 < answer.reason.values["needed_s"] < 45.0
 
 
 # -- energy ---------------------------------------------------------------------------------------------------------

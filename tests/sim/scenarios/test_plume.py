@@ -6,7 +6,6 @@ import pytest
 
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons.tasks import RuleReading
 from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow
@@ -34,7 +33,7 @@ def test_one_task_is_made_and_the_run_goes_on_until_the_source_is_found():
     source = runs[0].arena.sensors._field._plumes[0]
     assert math.hypot(record.result["x_m"] - source.x_m, record.result["y_m"] - source.y_m) < NEAR_M
     first = told["histories"][0][0]
-    assert isinstance(first.reason, RuleReading)
+    assert first.reason.code == "rule_reading"
     assert first.reason.value > 23.0
     assert first.reason.held_s >= 6.0
     assert (told["rule"].name, told["rule"].made, told["rule"].alarms) == ("heat", 1, 1)

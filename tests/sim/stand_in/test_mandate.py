@@ -19,7 +19,6 @@ from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.messages.team.standing_messages import JournalChanges, LeadRequest, StandByState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons.tasks import NotLeading
 from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
 from robrain.protocol.table.topics import TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -29,6 +28,7 @@ from robrain.sim.stand_in.operator import OPERATOR
 from robrain.sim.stand_in.point_body import CAPACITY_J
 from robrain.sim.stand_in.stand_in_run import shared_session
 from robrain.sim.stand_in.trial import quiet
+from tests.plain_reason import Plain
 from tests.sim.stand_in.elected_team import OTHER, ElectedRun
 
 ROBOTS = ("r1", "r2", "r3")
@@ -131,7 +131,7 @@ def test_one_that_is_cut_off_acknowledges_nothing_and_the_other_leads(team: Team
         assert team.run.leading() == [OTHER]
         site = team.run.site(COORDINATOR)
         now_ns = team.run.now_ns
-        assert team.mandate(COORDINATOR).refusal(now_ns) == NotLeading(0, 3)
+        assert team.mandate(COORDINATOR).refusal(now_ns) == Plain("not_leading", heard=0, witnesses=3)
         assert team.mandate(OTHER).refusal(now_ns) is None
     team.pass_s(4.0)
     assert site.coordinator is None  # it stands by, and copies the other's journal

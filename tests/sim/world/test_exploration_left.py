@@ -11,7 +11,6 @@ from robrain.client.team import Team
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.reasons.idle import TooNarrow
 from robrain.protocol.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 from robrain.recording.reader.reading import read_messages
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
@@ -169,7 +168,7 @@ def test_a_room_behind_a_gap_in_which_robots_failed_is_told_once_with_the_width_
         assert run.arena.collisions == 0
         assert set(run.idle) == {"r1", "r2"}
         for reason in run.idle.values():
-            assert isinstance(reason, TooNarrow)
+            assert reason.code == "too_narrow"
             assert reason.gap_m == pytest.approx(0.4, abs=0.04)
             assert reason.place.x_m < 4.2
         for _ in range(round(6.0 / TICK_S)):

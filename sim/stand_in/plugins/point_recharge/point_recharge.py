@@ -5,7 +5,7 @@ from typing import ClassVar
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.reasons.offers import OfferRefusal
+from robrain.protocol.reasons import OfferRefusal
 from robrain.sim.stand_in.plugins.point_errand import PointErrand, home_j
 
 GUARD_S = 0.5
