@@ -16,25 +16,21 @@ from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec
 from robrain.algorithms.localization.mote_relocalisation import Signals, find_robot
 from robrain.algorithms.localization.pose_filter import DriftModel, PoseFilter
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.algorithms.localization.scan_agreement import agreement
 from robrain.algorithms.localization.scan_match import (
     beam_ends,
-    match_scan,
+    match_walls,
     points_in_view,
     search_scan,
     without_dropouts,
 )
-from robrain.algorithms.localization.surface_match import match_surface
+from robrain.algorithms.localization.surface_match import agreement, match_surface
 from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
-from robrain.algorithms.navigation.clearance_kernels import clearance_m
-from robrain.algorithms.navigation.escape import escape_cells
 from robrain.algorithms.navigation.frontier import find_frontiers
-from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone, clearance_m
 from robrain.algorithms.navigation.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 from robrain.algorithms.navigation.path_planning import (
-    descend,
     distance_field,
     nearest_traversable,
     plan_path,
@@ -46,6 +42,7 @@ from robrain.algorithms.navigation.right_of_way import (
     Margins,
     Track,
     any_within,
+    escape_cells,
     meet,
     pass_on,
     release,
@@ -54,9 +51,8 @@ from robrain.algorithms.navigation.right_of_way import (
 from robrain.algorithms.numeric.elementary_functions import arctan2, exp, log, log10
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
-from robrain.algorithms.slam.map_overlap import MapMatcher
+from robrain.algorithms.slam.map_overlap import MapMatcher, search_places
 from robrain.algorithms.slam.mates_in_scan import robot_circles, wall_ends
-from robrain.algorithms.slam.place_search import search_places
 from robrain.algorithms.slam.pose_graph import Edge, solve
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
@@ -132,7 +128,7 @@ def _paths() -> None:
     path = plan_path(traversable, cost, start, (3, 0))
     if path is not None:
         shorten_path(path, traversable)
-    descend(distance_field(traversable, cost, np.array([[3, 0]])), traversable, start)
+    distance_field(traversable, cost, np.array([[3, 0]]))
 
 
 def _navigation_grid() -> None:
@@ -187,7 +183,7 @@ def _scans_on_map() -> None:
 
 def _scan_matches() -> None:
     grid, ends = _matched()
-    match_scan(grid.log_odds, grid.geometry, SENSOR, ends)
+    match_walls(grid.log_odds, grid.geometry, SENSOR, ends)
     search_scan(grid.log_odds, grid.geometry, SENSOR, ends, within_m=0.1, within_rad=0.05)
 
 

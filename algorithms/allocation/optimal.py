@@ -39,12 +39,11 @@ from pyvrp.search import (
 )
 
 from robrain.algorithms.allocation.allocator import Effort, Monotonic
-from robrain.algorithms.allocation.auction import ROUNDS, AuctionAllocator
+from robrain.algorithms.allocation.auction import ROUNDS, AuctionAllocator, repaired
 from robrain.algorithms.allocation.coupling import HORIZON_SHARE, Windows, windows_of
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Objective, Problem, ProblemArrays, make_arrays
-from robrain.algorithms.allocation.repair import repaired
 from robrain.algorithms.allocation.vrp_model import J_UNITS, MAX_PENALTY, S_UNITS, VrpModel
 
 NEIGHBOURS = 20

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.map_look import FrontierFields, FrontierPaths
 from robrain.algorithms.exploration.regions_left import NarrowWays
 from robrain.algorithms.exploration.situation import (
@@ -20,7 +19,7 @@ from robrain.algorithms.exploration.situation import (
     Situation,
     is_avoided,
 )
-from robrain.algorithms.exploration.strategies import Strategy
+from robrain.algorithms.exploration.strategies import Strategy, joint
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_gap_cells
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D

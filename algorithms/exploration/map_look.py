@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.exploration.situation import FrontierCandidate, PathCosts
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.navigation.clearance_kernels import clearance_m
+from robrain.algorithms.navigation.navigation_grid import clearance_m
 from robrain.algorithms.numeric.kernel_array import INT8, kernel_array
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_gap_m, mapped_clearance_m
-from robrain.algorithms.navigation.clearance_kernels import clearance_m
 from robrain.algorithms.navigation.frontier import Frontier, find_frontiers, frontier_mask, touching
-from robrain.algorithms.navigation.navigation_grid import NavigationGrid
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, clearance_m
 from robrain.algorithms.navigation.path_planning import nearest_traversable
 from robrain.protocol.messages.maps.left_messages import REGIONS_MAX, ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.model.geometry import Point2D

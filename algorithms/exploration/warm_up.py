@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.map_look import FrontierPaths, MapLook
 from robrain.algorithms.exploration.situation import FrontierCandidate, Seeker, Situation
+from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.exploration.tours import rooms, tours
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.frontier import find_frontiers

@@ -12,9 +12,8 @@ from robrain.algorithms.localization.mote_relocalisation import RecentSignals, b
 from robrain.algorithms.localization.pose_filter import GATE, DriftModel, PoseFilter
 from robrain.algorithms.localization.pose_mixture import PoseMixture
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.algorithms.localization.scan_agreement import COMPARED_MIN, agreement
 from robrain.algorithms.localization.scan_match import ScanFit, search_scan
-from robrain.algorithms.localization.surface_match import match_surface
+from robrain.algorithms.localization.surface_match import COMPARED_MIN, agreement, match_surface
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import innovation_squared

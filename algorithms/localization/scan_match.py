@@ -378,21 +378,14 @@ class ScanFit(msgspec.Struct, frozen=True):
     """Beams that end where the map is known."""
 
 
-def match_scan(
-    log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, points: Floats, reach_m: float = REACH_M
-) -> ScanFit:
-    """Refine a guess that is wrong by less than `reach_m`; beams that end farther from all walls are ignored.
-
-    `log_odds` (H, W) is an `OccupancyGrid`'s; `guess` is T_arena_sensor; `points` are a scan's, see `beam_ends`. Raises
-    ValueError for a map that does not fit its geometry.
-    """
-    return match_walls(log_odds, geometry, guess, _in_walls(points, geometry), reach_m)
-
-
 def match_walls(
     log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, walls: Floats, reach_m: float = REACH_M
 ) -> ScanFit:
-    """As `match_scan`, with the middles (K, 2) of a map's occupied cells in place of the ends of beams."""
+    """Refine a guess that is wrong by less than `reach_m`; walls farther from all walls of the map are ignored.
+
+    `log_odds` (H, W) is an `OccupancyGrid`'s; `guess` is T_arena_sensor; `walls` (K, 2) are the middles of another
+    map's occupied cells, sensor's frame. Raises ValueError for a map that does not fit its geometry.
+    """
     _check(log_odds, geometry)
     found, held, fit, beams = refine(
         log_odds,
@@ -423,7 +416,8 @@ def search_scan(
 ) -> Pose2D | None:
     """Look for the scan's place all around a guess; None if nothing fits well, or more than one place does.
 
-    Arguments are as for `match_scan`. The answer is right to a cell and `SEARCH_STEP_RAD`: refine it.
+    `points` are a scan's, see `beam_ends`; the others are as for `match_walls`. The answer is right to a
+    cell and `SEARCH_STEP_RAD`: refine it.
     """
     _check(log_odds, geometry)
     if len(points) < BEAMS_MIN:
@@ -457,7 +451,7 @@ def points_in_view(log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: P
     """The points just behind free floor of the map: those at walls that the map shows from the same side.
 
     Other beams ended at something that the map does not have, or at the far side of a wall. Arguments are as for
-    `match_scan`.
+    `search_scan`.
     """
     per_m = 1.0 / geometry.resolution_m
     x, y = (sensor.x_m - geometry.origin_x_m) * per_m, (sensor.y_m - geometry.origin_y_m) * per_m

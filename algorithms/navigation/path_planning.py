@@ -202,22 +202,6 @@ def distance_field(
     return spread(mask, cost, cells).astype(np.float32)
 
 
-def descend(
-    field: NDArray[np.float32], traversable: NDArray[np.bool_], from_cell: tuple[int, int]
-) -> NDArray[np.int32] | None:
-    """The path (N, 2) from a cell down a distance field to a source, both included; None where the field is inf.
-
-    Every step goes where the field falls most per length. In a field of uniform cost this is a cheapest path.
-    """
-    mask = kernel_array(traversable, BOOL)
-    if field.shape != mask.shape:
-        raise ValueError(f"expected field and traversable of one shape, got {field.shape} and {mask.shape}")
-    row, column = from_cell
-    if not _is_traversable(mask, from_cell) or not np.isfinite(field[row, column]):
-        return None
-    return _descend(kernel_array(field, FLOAT32), mask, int(row), int(column))
-
-
 def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray[np.int32]:
     """The cells (M, 2) of a path at which it has to turn, its first and last included.
 
@@ -381,34 +365,6 @@ def _trace_back(parent: NDArray[np.int32], goal: int, width: int) -> NDArray[np.
         path[k, 1] = cell % width
         cell = parent[cell]
     return path
-
-
-@njit(cache=True, nogil=True)
-def _descend(field: NDArray[np.float32], traversable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.int32]:
-    height, width = field.shape
-    path = np.empty((height * width, 2), np.int32)
-    count = 0
-    while True:
-        path[count, 0] = row
-        path[count, 1] = column
-        count += 1
-        steepest = 0.0
-        next_row, next_column = -1, -1
-        for k in range(8):
-            near_row, near_column = row + _ROW_STEPS[k], column + _COLUMN_STEPS[k]
-            if not (0 <= near_row < height and 0 <= near_column < width and traversable[near_row, near_column]):
-                continue
-            if k >= 4 and not (traversable[row, near_column] and traversable[near_row, column]):
-                continue
-            fall = float(field[row, column]) - float(field[near_row, near_column])
-            if k >= 4:
-                fall /= _DIAGONAL
-            if fall > steepest:
-                steepest = fall
-                next_row, next_column = near_row, near_column
-        if next_row < 0:
-            return path[:count].copy()
-        row, column = next_row, next_column
 
 
 @njit(cache=True, nogil=True)

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robrain.algorithms.localization.scan_agreement import agreement
 from robrain.algorithms.localization.scan_match import BEAMS_MIN, ScanFit, points_in_view, search_scan
-from robrain.algorithms.localization.surface_match import match_surface
+from robrain.algorithms.localization.surface_match import agreement, match_surface
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import least_solution
 from robrain.algorithms.slam.submap import Submap

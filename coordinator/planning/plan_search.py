@@ -15,11 +15,11 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.allocation.allocator import Allocator, Searching
+from robrain.algorithms.allocation.auction import keep, repaired
 from robrain.algorithms.allocation.checked_allocator import CheckedAllocator, allocator_of
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.plan import Plan, Route, Stop, Unassigned, make_plan
 from robrain.algorithms.allocation.problem import Problem, make_arrays
-from robrain.algorithms.allocation.repair import keep, repaired
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m

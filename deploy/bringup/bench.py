@@ -15,7 +15,7 @@ from robrain.agent.errors import AccessDenied, PluginError
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, folder_of
 from robrain.agent.plugin import PluginState, Unit
-from robrain.plugins.device.imu.interface import ImuInterface, ImuSample
+from robrain.plugins.device.imu import ImuInterface, ImuSample
 from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterface, WheelCounts, WheelsInterface
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface

@@ -45,7 +45,7 @@ from robrain.deploy.bringup.wheel_checks import (
     check_wheels,
 )
 from robrain.deploy.errors import UsageError
-from robrain.plugins.device.imu.interface import ImuSample
+from robrain.plugins.device.imu import ImuSample
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.scan.interface import LaserScan
 

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
+from robrain.plugins.device.range_sensors import Bump, RangeRing, RangeSensorsInterface
 from robrain.protocol.model.ranges import check_finite, check_within
 
 LineName = Annotated[int, Meta(ge=0, le=1023)] | Annotated[str, Meta(min_length=1, max_length=64)]

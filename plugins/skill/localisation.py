@@ -17,7 +17,7 @@ from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec, 
 from robrain.algorithms.localization.odometry import chord
 from robrain.algorithms.localization.pose_filter import DriftModel
 from robrain.algorithms.localization.rssi_ranging import PathLoss
-from robrain.algorithms.localization.scan_agreement import COMPARED_MIN, agreement
+from robrain.algorithms.localization.surface_match import COMPARED_MIN, agreement
 from robrain.algorithms.mapping.local_map import ArenaFix, LocalPose
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import Floats

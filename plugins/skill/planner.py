@@ -7,10 +7,9 @@ import msgspec
 
 from robrain.agent.plugin import Skill
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
-from robrain.algorithms.navigation.escape import escape_cells
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
 from robrain.algorithms.navigation.path_planning import standpoint
-from robrain.algorithms.navigation.right_of_way import Track
+from robrain.algorithms.navigation.right_of_way import Track, escape_cells
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.mapper.mapper import MapView
 from robrain.plugins.unit.driver.interface import DriverInterface

@@ -5,19 +5,225 @@ named in the answer. The robot's own motion since the measurement (some centimet
 """
 
 import math
+from collections.abc import Callable, Sequence
 from functools import reduce
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
 from robrain.agent.plugin import Unit, external
-from robrain.algorithms.navigation.obstacles import joined, sector_distances_m
-from robrain.plugins.device.range_sensors.interface import RangeSensorsInterface
-from robrain.plugins.device.scan.interface import ScanInterface
-from robrain.plugins.unit.lookout import RING_FRESH_NS, SCAN_FRESH_NS, ring_points_m, scan_points_m
+from robrain.algorithms.navigation.obstacles import (
+    Passage,
+    contact_distance_m,
+    has_arrays,
+    hold_off,
+    joined,
+    passage,
+    points_of,
+    sector_distances_m,
+)
+from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
+from robrain.plugins.device.range_sensors import Bump, RangeRing, RangeSensorsInterface
+from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
+from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import check_positive
+
+if TYPE_CHECKING:
+    from robrain.algorithms.navigation.obstacles import Points
+
+
+SCAN_FRESH_NS = to_ns(0.6)
+"""Three turns of a lidar at 5 Hz."""
+RING_FRESH_NS = to_ns(0.3)
+FROZEN_M, FROZEN_RAD = 0.08, 0.08
+"""A robot that has moved so far cannot see the very same ranges, to the millimetre."""
+BUMPED_RAD = math.radians(80.0)
+"""The robot does not drive within this angle of a touched direction."""
+SQUEEZED_GAP_M = 0.03
+"""In a narrow place the robot's edge stays this far from what is ahead."""
+
+
+def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> "Points":
+    """What a scan has hit (2, N), in the frame of the pose that it was taken from."""
+    x_m, y_m, yaw_rad = seen_from.x_m, seen_from.y_m, seen_from.yaw_rad
+    if not has_arrays():
+        hits = [
+            (range_m, yaw_rad + angle_rad)
+            for angle_rad, range_m in zip(scan.beam_angles_rad, scan.beam_ranges_m, strict=True)
+            if range_m < scan.range_max_m
+        ]
+        xs_m = [x_m + range_m * math.cos(angle_rad) for range_m, angle_rad in hits]
+        return xs_m, [y_m + range_m * math.sin(angle_rad) for range_m, angle_rad in hits]
+    import numpy as np
+
+    hit = scan.ranges_m < scan.range_max_m
+    angles_rad, ranges_m = scan.angles_rad[hit] + yaw_rad, scan.ranges_m[hit]
+    return np.stack((x_m + ranges_m * np.cos(angles_rad), y_m + ranges_m * np.sin(angles_rad)))
+
+
+def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> "Points":
+    """What the range sensors hear (2, N), on their axes, in the frame of the pose that they heard it from.
+
+    `before` is the measurement before: an echo that is missing once does not open the way.
+    """
+    xs_m: list[float] = []
+    ys_m: list[float] = []
+    for sensor, (angle_rad, range_m) in enumerate(zip(ring.angles_rad, ring.ranges_m, strict=True)):
+        nearest_m = range_m
+        if before is not None and nearest_m >= ring.range_max_m:
+            nearest_m = before.ranges_m[sensor]
+        if nearest_m < ring.range_max_m:
+            direction_rad = seen_from.yaw_rad + angle_rad
+            reach_m = ring.mounted_m + nearest_m
+            xs_m.append(seen_from.x_m + reach_m * math.cos(direction_rad))
+            ys_m.append(seen_from.y_m + reach_m * math.sin(direction_rad))
+    return points_of(xs_m, ys_m)
+
+
+class LidarWatch:
+    """Sees that a lidar is frozen: its ranges stay equal to the millimetre while the robot moves."""
+
+    def __init__(self) -> None:
+        self._ranges_m: Sequence[float] = ()
+        self._before: Pose2D | None = None
+        self._moved_m = self._turned_rad = 0.0
+        """Since the first scan with these ranges."""
+
+    def is_frozen(self, scan: LaserScan, seen_from: Pose2D) -> bool:
+        """Take the next scan, and where the robot was by its odometry."""
+        before, self._before = self._before, seen_from
+        ranges_m = scan.beam_ranges_m
+        has_hit = min(ranges_m, default=math.inf) < scan.range_max_m  # out of sight of everything all scans are equal
+        if before is None or not has_hit or ranges_m != self._ranges_m:
+            self._ranges_m = ranges_m
+            self._moved_m = self._turned_rad = 0.0
+            return False
+        self._moved_m += before.distance_m(seen_from)
+        self._turned_rad += abs(wrap_angle_rad(seen_from.yaw_rad - before.yaw_rad))
+        return self._moved_m > FROZEN_M or self._turned_rad > FROZEN_RAD
+
+
+class ObstaclePoints:
+    """The points of the last scan and the last ring, in the frame odom, kept up to date.
+
+    Args:
+        pose_at: T_odom_robot at a time within the last second.
+
+    """
+
+    def __init__(self, pose_at: Callable[[int], Pose2D]) -> None:
+        self.points_m = points_of([], [])
+        """(2, N), frame odom."""
+        self.scan_m = points_of([], [])
+        """Points seen by the lidar; (2, N), frame odom."""
+        self.ring_m = points_of([], [])
+        """Points heard by the range sensors, each on its sensor's axis; (2, N), frame odom."""
+        self.is_frozen = False
+        """Whether the lidar is frozen, by the last scan."""
+        self._pose_at = pose_at
+        self._watch = LidarWatch()
+        self._scan_ns = self._ring_ns = -1
+        self._before: RangeRing | None = None
+
+    def update(self, scan: LaserScan | None, ring: RangeRing | None, now_ns: int) -> str:
+        """Take what is new; why the robot is blind, nothing if it sees."""
+        has_changed = False
+        if scan is not None and scan.stamp_ns != self._scan_ns:
+            self._scan_ns = scan.stamp_ns
+            seen_from = self._pose_at(scan.stamp_ns)
+            self.scan_m = scan_points_m(scan, seen_from)
+            self.is_frozen = self._watch.is_frozen(scan, seen_from)
+            has_changed = True
+        if ring is not None and ring.stamp_ns != self._ring_ns:
+            self._ring_ns = ring.stamp_ns
+            self.ring_m = ring_points_m(ring, self._before, self._pose_at(ring.stamp_ns))
+            self._before = ring
+            has_changed = True
+        elif len(self.ring_m[0]) and now_ns - self._ring_ns > RING_FRESH_NS:
+            self.ring_m, self._before = points_of([], []), None
+            has_changed = True
+        if has_changed:
+            self.points_m = joined(self.scan_m, self.ring_m) if len(self.ring_m[0]) else self.scan_m
+        if self.is_frozen:
+            return "the lidar has been frozen"
+        if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
+            return "there has been no fresh scan"
+        if not len(scan.beam_ranges_m):
+            return "the lidar is covered: its scan has no beam"
+        return ""
+
+
+class Lookout:
+    """Keeps the latest sensor data and answers how far a direction is free.
+
+    Args:
+        moc: tells where the robot was when something was seen, and how large it is.
+        scan: the lidar; told if it is frozen.
+        ranges: the range sensors and bump contacts.
+        stop_distance_m: the robot's edge is to stay this far from what is ahead.
+
+    """
+
+    def __init__(
+        self, moc: MocDeviceInterface, scan: ScanInterface, ranges: RangeSensorsInterface, stop_distance_m: float
+    ) -> None:
+        self._scan = scan
+        self._ranges = ranges
+        self._obstacles = ObstaclePoints(moc.pose_at)
+        self._touched_rad = ranges.pressed_rad()
+        # What the swept disc, a little wider than the robot, would touch.
+        self._reach_m = moc.radius_m() + 0.25 * stop_distance_m
+        self._gap_m = 0.75 * stop_distance_m
+        self._radius_m = moc.radius_m()
+
+    def feel(self, bump: Bump) -> None:
+        """Take a change of the bump contacts."""
+        self._touched_rad = bump.directions_rad
+
+    def look(self, now_ns: int) -> str:
+        """Read the sensors; returns why the robot is blind, empty if it is not."""
+        blind_why = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
+        if self._obstacles.is_frozen:
+            self._scan.doubt("the lidar is frozen: its ranges stay equal to the millimetre while the robot moves")
+        return blind_why
+
+    def free_m(self, pose: Pose2D, heading_rad: float) -> float:
+        """How far the robot can go straight in this direction of odom, less its stop distance before an obstacle."""
+        if self._touched_rad and self._is_touched(pose, heading_rad):
+            return 0.0
+        points_m = self._obstacles.points_m
+        return contact_distance_m(points_m, pose.x_m, pose.y_m, heading_rad, self._reach_m) - self._gap_m
+
+    def passage(self, pose: Pose2D, heading_rad: float) -> Passage:
+        """The room for squeezing straight ahead through a narrow place, by the lidar.
+
+        Range sensors do not tell directions within their cone, so they count only for what is straight ahead.
+        """
+        found = passage(self._obstacles.scan_m, pose.x_m, pose.y_m, heading_rad, self._radius_m)
+        free_m = min(found.free_m, self._reach_of_lookout_m(pose, heading_rad)) - SQUEEZED_GAP_M
+        return found._replace(free_m=0.0 if self._is_touched(pose, heading_rad) else free_m)
+
+    def hold_off(
+        self, pose: Pose2D, velocity_m_s: tuple[float, float], keep_m: float, per_s: float
+    ) -> tuple[float, float]:
+        """The velocity (x, y), frame odom, less what would bring the hull within `keep_m` of what the lidar sees."""
+        x_m_s, y_m_s = velocity_m_s
+        if math.hypot(x_m_s, y_m_s) > 0.0 and self._is_touched(pose, math.atan2(y_m_s, x_m_s)):
+            return 0.0, 0.0
+        return hold_off(self._obstacles.scan_m, pose.x_m, pose.y_m, x_m_s, y_m_s, self._radius_m, keep_m, per_s)
+
+    def _is_touched(self, pose: Pose2D, heading_rad: float) -> bool:
+        return any(
+            abs(wrap_angle_rad(pose.yaw_rad + touched_rad - heading_rad)) < BUMPED_RAD
+            for touched_rad in self._touched_rad
+        )
+
+    def _reach_of_lookout_m(self, pose: Pose2D, heading_rad: float) -> float:
+        reach_m = 0.5 * self._radius_m
+        contact_m = contact_distance_m(self._obstacles.ring_m, pose.x_m, pose.y_m, heading_rad, reach_m)
+        return contact_m - (self._radius_m - reach_m)
 
 
 class ObstacleView(msgspec.Struct, frozen=True, kw_only=True):

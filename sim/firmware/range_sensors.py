@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
-from robrain.algorithms.navigation.range_ring import (
+from robrain.plugins.device.range_sensors import (
     NO_ECHO_M,
     RING_ANGLES_RAD,
     SENSORS_A_FRAME,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.localization import mote_relocalisation, surface_match
 from robrain.algorithms.mapping import occupancy_grid, ray_cast
-from robrain.algorithms.navigation import clearance_kernels, frontier, path_planning, right_of_way
+from robrain.algorithms.navigation import frontier, path_planning, right_of_way
 from robrain.algorithms.navigation import navigation_grid as navigation
 from robrain.algorithms.numeric import small_linear_algebra
 from robrain.algorithms.slam import mates_in_scan, pose_graph, submap, submap_atlas
@@ -21,7 +21,6 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 pytestmark = pytest.mark.slow
 
 MODULES: tuple[ModuleType, ...] = (
-    clearance_kernels,
     frontier,
     mates_in_scan,
     occupancy_grid,
@@ -65,7 +64,7 @@ def use_every_kernel() -> None:
     cells = np.frombuffer(bytes(6), np.int8).reshape(2, 3)
     grid.merge_patch(np.int64(1), np.int64(1), cells, np.int64(8))
     frontier.find_frontiers(grid.classes())
-    traversable = clearance_kernels.clearance_m(walls, 1, 3) > 0
+    traversable = navigation.clearance_m(walls, 1, 3) > 0
     traversable.setflags(write=False)
     cost = np.ones(geometry.shape, np.float32).T.copy().T
     start = path_planning.nearest_traversable(traversable, (np.int64(8), np.int64(3)), 2)
@@ -73,8 +72,7 @@ def use_every_kernel() -> None:
     path = path_planning.plan_path(traversable, cost, start, (np.int64(0), np.int64(0)))
     assert path is not None
     path_planning.shorten_path(path[::2], traversable)
-    field = path_planning.distance_field(traversable, cost, np.array([[0, 0]], np.int32))
-    path_planning.descend(field, traversable, start)
+    path_planning.distance_field(traversable, cost, np.array([[0, 0]], np.int32))
     use_every_kernel_of_giving_way()
     use_every_kernel_of_mapping(geometry, sensor, angles_rad, ranges_m, cells)
     square, vector = np.eye(4), np.ones(4)
@@ -137,7 +135,7 @@ def test_warming_up_calls_each_kernel_of_maps_paths_obstacles_and_motes(monkeypa
 
         return call
 
-    others = (navigation, clearance_kernels, mote_relocalisation)
+    others = (navigation, mote_relocalisation)
     needed = {kernel for module in (*MODULES, *others) for kernel in kernels_of(module)}
     models = [module for name, module in sys.modules.items() if name.startswith("robrain.algorithms.")]
     for module in models:

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation import clearance_kernels
+from robrain.algorithms.navigation import navigation_grid
 from tests.mutation.mutant import Mutant, mutants_of
 from tests.mutation.running import ROOT
 from tests.mutation.scope import draw, files_in_scope
 
-CLEARANCE = "algorithms/navigation/clearance_kernels.py"
+CLEARANCE = "algorithms/navigation/navigation_grid.py"
 SHOW_CLEARANCE = """
-from robrain.algorithms.navigation import clearance_kernels
+from robrain.algorithms.navigation import navigation_grid
 import numpy as np
-print(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist(), flush=True)
+print(navigation_grid.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist(), flush=True)
 """
 SHOW_ANGLE = """
 from robrain.protocol.model import geometry
@@ -30,7 +30,7 @@ from tests.mutation.mutant import mutants_of
 from tests.mutation.swapping import LoadedFunctions
 from robrain.protocol.model import geometry
 from robrain.algorithms.localization.scan_match import eigen
-from robrain.algorithms.navigation import clearance_kernels
+from robrain.algorithms.navigation import navigation_grid
 import numpy as np
 root = Path.cwd()
 gc.freeze()
@@ -84,7 +84,7 @@ def test_functions_and_compiled_kernels_make_the_mistake_also_in_a_child_process
     assert no_kernel == "no kernel []"
     assert angle == child_angle != "0.717"
     assert out_of_bounds == "out of bounds"
-    right = str(clearance_kernels.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())
+    right = str(navigation_grid.clearance_m(np.zeros((5, 9), bool), 0.1, 9.0).tolist())
     assert clearance == child_clearance != right
     assert _run(SHOW_CLEARANCE) == [right]
 

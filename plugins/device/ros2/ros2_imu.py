@@ -11,7 +11,7 @@ from sensor_msgs.msg import Imu
 from robrain.agent.plugin import external, unlocked
 from robrain.agent.silence import FirstWord, Silence
 from robrain.algorithms.localization.odometry import YawRate
-from robrain.plugins.device.imu.interface import (
+from robrain.plugins.device.imu import (
     RATE_MAX_RAD_S,
     ImuAbsent,
     ImuInterface,

@@ -19,15 +19,14 @@ from robrain.agent.action import Action, ActionDesk
 from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import ControllerStatus, MocDeviceInterface
-from robrain.plugins.device.range_sensors.interface import Bump, RangeSensorsInterface
+from robrain.plugins.device.range_sensors import Bump, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.driver.by_hand import ByHand
-from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
-from robrain.plugins.unit.driver.on_base import OnBase
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise, OnBase
 from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, check_range, speed_to_stop
 from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP_PER_S, is_between, squeeze
 from robrain.plugins.unit.driver.steering import SLOW_M_S, SPARE_M, Arcs, Steering
-from robrain.plugins.unit.lookout import Lookout
+from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.answers.hand_control import HandLease
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode

@@ -21,8 +21,7 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, check_topics, open_link
-from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
-from robrain.plugins.unit.driver.on_base import OnBase
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise, OnBase
 from robrain.plugins.unit.driver.path import check_range
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode

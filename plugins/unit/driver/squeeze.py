@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from robrain.algorithms.navigation.clearance import LEAST_MARGIN_M, PREFERRED_MARGIN_M, least_clearance_m, least_gap_m
 from robrain.algorithms.navigation.obstacles import Passage
-from robrain.plugins.unit.lookout import Lookout
+from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 
 BEGIN_M = 0.3

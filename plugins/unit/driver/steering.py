@@ -7,7 +7,7 @@ along its own axis, and slower the less it faces that way, so that it turns on t
 import math
 
 from robrain.plugins.unit.driver.path import Ramp, RampLimits, speed_to_stop
-from robrain.plugins.unit.lookout import Lookout
+from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 
 ARC_M_S = 0.3

@@ -6,11 +6,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.allocation.auction import AuctionAllocator, GreedyAllocator
+from robrain.algorithms.allocation.auction import AuctionAllocator, GreedyAllocator, keep, repaired
 from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
-from robrain.algorithms.allocation.repair import keep, repaired
 from robrain.algorithms.allocation.validate import SLACK, validate
 from tests.algorithms.allocation.instances import team_problem
 from tests.algorithms.allocation.test_validate import job, line, worker

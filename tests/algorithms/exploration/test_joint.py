@@ -6,9 +6,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.exploration.joint import CROWD_PENALTY_M, CROWD_RADIUS_M, GAIN_LIMIT_M, GAIN_M_PER_M2, joint
 from robrain.algorithms.exploration.map_look import FrontierPaths
 from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
+from robrain.algorithms.exploration.strategies import (
+    CROWD_PENALTY_M,
+    CROWD_RADIUS_M,
+    GAIN_LIMIT_M,
+    GAIN_M_PER_M2,
+    joint,
+)
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry

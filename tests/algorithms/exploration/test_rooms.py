@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.exploration.auto import auto
 from robrain.algorithms.exploration.explorer import Explorer, Scout
-from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.map_look import MapLook
 from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
-from robrain.algorithms.exploration.strategies import ROOMS, strategy_of
-from robrain.algorithms.exploration.tours import DOOR_M, MEET_M, meetings_m, rooms, tours
+from robrain.algorithms.exploration.strategies import ROOMS, joint, strategy_of
+from robrain.algorithms.exploration.tours import DOOR_M, MEET_M, auto, meetings_m, rooms, tours
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry

@@ -10,9 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.exploration.auto import auto
-from robrain.algorithms.exploration.baselines import burgard, minpos, nearest
-from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.situation import KEEP_M, Busy, Choice, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import (
     AUTO,
@@ -23,9 +20,13 @@ from robrain.algorithms.exploration.strategies import (
     ROOMS,
     STRATEGIES,
     TOURS,
+    burgard,
+    joint,
+    minpos,
+    nearest,
     strategy_of,
 )
-from robrain.algorithms.exploration.tours import rooms, tours
+from robrain.algorithms.exploration.tours import auto, rooms, tours
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.registry import UnknownEntry

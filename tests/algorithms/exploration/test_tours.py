@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.exploration.auto import auto
-from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.map_look import FIELD_KEPT_NS, FrontierFields, FrontierPaths
 from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
-from robrain.algorithms.exploration.tours import CONSIDERED, FAR_M, LEAST_SAVING, Places, plan_tours, tours
+from robrain.algorithms.exploration.strategies import joint
+from robrain.algorithms.exploration.tours import CONSIDERED, FAR_M, LEAST_SAVING, Places, auto, plan_tours, tours
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry

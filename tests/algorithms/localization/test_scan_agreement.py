@@ -2,8 +2,8 @@ import math
 
 import numpy as np
 
-from robrain.algorithms.localization.scan_agreement import agreement
 from robrain.algorithms.localization.scan_match import beam_ends
+from robrain.algorithms.localization.surface_match import agreement
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.protocol.model.geometry import Pose2D

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.scan_match import beam_ends, match_scan, search_scan
+from robrain.algorithms.localization.scan_match import beam_ends, search_scan
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+from tests.algorithms.localization.test_scan_match_kernels import match_scan
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
 ANGLES_RAD = np.linspace(-math.pi, math.pi, 180, endpoint=False)

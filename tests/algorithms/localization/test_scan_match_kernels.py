@@ -15,7 +15,7 @@ from robrain.algorithms.localization.scan_match import (
     REACH_M,
     SEARCH_STEP_RAD,
     beam_ends,
-    match_scan,
+    match_walls,
     points_in_view,
     search_scan,
 )
@@ -23,6 +23,13 @@ from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
+
+
+def match_scan(log_odds, geometry, guess, points, reach_m=REACH_M):
+    """A scan matched as the middles of wall cells: its beams' ends, as deep in the walls as the mapper marks them."""
+    deep = points * (1.0 + HIT_DEPTH_CELLS * geometry.resolution_m / np.hypot(*points.T))[:, None]
+    return match_walls(log_odds, geometry, guess, deep, reach_m)
+
 
 PER_M = 1.0 / GEOMETRY.resolution_m
 ROOM_MAP = ROOM.mapped(*ROOM_PLACES).log_odds

@@ -2,8 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.escape import escape_cells
-from robrain.algorithms.navigation.right_of_way import Track, sample_path
+from robrain.algorithms.navigation.right_of_way import Track, escape_cells, sample_path
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 40)

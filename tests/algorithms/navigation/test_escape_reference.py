@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation import escape
-from robrain.algorithms.navigation.escape import HEAD_START_S, escape_cells
-from robrain.algorithms.navigation.right_of_way import STEP_M, Track, sample_path
+from robrain.algorithms.navigation import right_of_way as escape
+from robrain.algorithms.navigation.right_of_way import HEAD_START_S, STEP_M, Track, escape_cells, sample_path
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 GEOMETRY = GridGeometry(0.2, -1.0, 0.5, 24, 18)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from scipy import ndimage
 
-from robrain.algorithms.navigation.clearance_kernels import clearance_m
+from robrain.algorithms.navigation.navigation_grid import clearance_m
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from robrain.algorithms.navigation.path_planning import (
     CUT_CELLS,
     _search,
-    descend,
     distance_field,
     nearest_traversable,
     plan_path,
@@ -108,28 +107,14 @@ def test_search_for_one_goal_looks_at_a_part_of_the_floor_only() -> None:
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_descent_of_an_even_field_is_a_cheapest_path(seed: int) -> None:
+def test_a_field_has_the_length_of_the_cheapest_path(seed: int) -> None:
     traversable, cost, start, goal = random_world(seed, even=True)
     field = distance_field(traversable, cost, np.array([goal]))
-    path = descend(field, traversable, start)
+    path = plan_path(traversable, cost, start, goal)
     if path is None:
         assert math.isinf(field[start])
         return
-    assert tuple(path[-1]) == goal
     assert length_cells(path, traversable, cost) == pytest.approx(float(field[start]), rel=1e-5)
-
-
-@settings(deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_descent_of_an_uneven_field_reaches_the_source_falling_all_the_way(seed: int) -> None:
-    traversable, cost, start, goal = random_world(seed)
-    field = distance_field(traversable, cost, np.array([goal]))
-    path = descend(field, traversable, start)
-    if path is None:
-        assert math.isinf(field[start])
-        return
-    assert tuple(path[-1]) == goal
-    assert (np.diff(field[path[:, 0], path[:, 1]]) < 0).all()
 
 
 @settings(deadline=None)
@@ -191,7 +176,6 @@ def test_place_that_is_cut_off_has_no_path_and_an_infinite_distance() -> None:
     field = distance_field(cut, EVEN, np.array([[0, 15]]))
     assert np.isinf(field[:, :9]).all()
     assert np.isfinite(field[:, 9:]).all()
-    assert descend(field, cut, (0, 0)) is None
 
 
 def test_field_tells_the_distance_to_the_nearest_source() -> None:
@@ -229,8 +213,6 @@ def test_path_that_leaves_the_grid_is_refused() -> None:
 def test_grids_that_differ_in_shape_are_refused() -> None:
     with pytest.raises(ValueError, match="one shape"):
         plan_path(OPEN, EVEN[:3], (0, 0), (0, 1))
-    with pytest.raises(ValueError, match="one shape"):
-        descend(EVEN[:3], OPEN, (0, 0))
     with pytest.raises(ValueError, match=r"\(K, 2\)"):
         distance_field(OPEN, EVEN, np.zeros(2, np.int64))
 

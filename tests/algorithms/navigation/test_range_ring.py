@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from robrain.algorithms.navigation.range_ring import BUMP_SECTORS, bump_directions_rad, bump_sector
+from robrain.plugins.device.range_sensors import BUMP_SECTORS, bump_directions_rad, bump_sector
 
 HALF_RAD = math.tau / BUMP_SECTORS / 2
 

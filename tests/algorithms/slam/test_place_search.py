@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
-from robrain.algorithms.slam import place_search
-from robrain.algorithms.slam.place_search import (
+from robrain.algorithms.slam import map_overlap
+from robrain.algorithms.slam.map_overlap import (
     BEST,
     LEVELS,
     NEARLY,
@@ -124,7 +124,7 @@ def test_memory_for_places_is_bounded():
     log_odds = np.full((300, 300), -50, np.int8)
     log_odds[::8, ::8] = 50
     found = search_places(log_odds, GridGeometry(0.1, 0.0, 0.0, 300, 300), np.array([(0.4, 0.0)]), 1_000_000)
-    assert len(found) == place_search.NODES_MAX
+    assert len(found) == map_overlap.NODES_MAX
 
 
 def all_scores(log_odds, points):

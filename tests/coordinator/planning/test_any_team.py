@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.allocation.repair import repaired
+from robrain.algorithms.allocation.auction import repaired
 from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode

@@ -8,7 +8,7 @@ import pytest
 
 from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, _findings
 from robrain.deploy.bringup.findings import FindingKind
-from robrain.plugins.device.imu.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
+from robrain.plugins.device.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
 
 
 def bench_with(parameters: Any) -> Any:

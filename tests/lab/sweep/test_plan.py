@@ -210,11 +210,11 @@ def test_a_sweep_keeps_rules_and_radio_of_its_scenario() -> None:
 
 def test_a_strategy_of_a_file_is_an_input_of_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text("from robrain.algorithms.exploration.joint import joint as choose\n")
+    Path("mine.py").write_text("from robrain.algorithms.exploration.strategies import joint as choose\n")
     first = make_plan(ROOM, [1], {"strategy": ["joint", "mine.py:choose"]})
     assert [setting.label for setting in first.settings] == ["strategy=joint", "strategy=mine.py:choose"]
     assert Scenario.from_toml(first.settings[1].toml).planning.exploration == f"{tmp_path}/mine.py:choose"
-    Path("mine.py").write_text("from robrain.algorithms.exploration.baselines import nearest as choose\n")
+    Path("mine.py").write_text("from robrain.algorithms.exploration.strategies import nearest as choose\n")
     assert make_plan(ROOM, [1], {"strategy": ["joint", "mine.py:choose"]}).inputs != first.inputs
     with pytest.raises(UsageError, match=r"--vary strategy=mine.py:absent: .*mine.py has no function absent"):
         make_plan(ROOM, [1], {"strategy": ["mine.py:absent"]})

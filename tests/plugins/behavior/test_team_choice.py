@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robrain.agent.board import Board
-from robrain.algorithms.exploration.joint import joint
 from robrain.algorithms.exploration.reach import reach_m
+from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.right_of_way import Track
 from robrain.plugins.behavior.explore import ALONE, CONFIDENCE, IDLE, TeamChoice

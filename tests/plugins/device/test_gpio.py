@@ -11,7 +11,7 @@ import pytest
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device import gpio
 from robrain.plugins.device.gpio import BumperContact, GpioAbsent, GpioBumpers, GpioEmergencyStop, Pull
-from robrain.plugins.device.range_sensors.interface import Bump
+from robrain.plugins.device.range_sensors import Bump
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.host_messages import ResumeRequest

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.plugins.device.imu.interface import ImuAbsent, ImuContradicted, ImuMotion
-from robrain.plugins.device.imu.serial_imu import (
+from robrain.plugins.device.imu import ImuAbsent, ImuContradicted, ImuMotion
+from robrain.plugins.device.serial_imu import (
     ANGULAR_VELOCITY_RAD_S,
     FRAME_BYTES,
     LINE_BYTES_MAX,

@@ -6,8 +6,8 @@ import math
 import can
 import pytest
 
-from robrain.algorithms.navigation.range_ring import NO_ECHO_M
 from robrain.algorithms.navigation.wheel_bases import OmniBase
+from robrain.plugins.device.range_sensors import NO_ECHO_M
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.table.topics import ROBOT_EVENT

@@ -7,8 +7,7 @@ import pytest
 
 from robrain.plugins.device.bm2.bm2 import GAP_S, Bm2
 from robrain.plugins.device.bm2.interface import BatteryMeasurement
-from robrain.plugins.device.range_sensors.interface import Bump
-from robrain.plugins.device.range_sensors.range_sensors import RangeCounters, RangeSensorFault, RangeSensorsDevice
+from robrain.plugins.device.range_sensors import Bump, RangeCounters, RangeSensorFault, RangeSensorsDevice
 from robrain.protocol.can.frames import codec
 from tests.plugins.device.bare_device import BareDevice
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from robrain.agent.event import Event, Mailbox
 from robrain.plugins.device.mocdevice.interface import Counters
-from robrain.plugins.device.range_sensors.interface import Bump, RangeRing
+from robrain.plugins.device.range_sensors import Bump, RangeRing
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.unit.driver.driver import PERIOD_S, Driver
 from robrain.protocol.clock import VirtualClock, to_ns

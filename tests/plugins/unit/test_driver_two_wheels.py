@@ -8,7 +8,7 @@ from robrain.plugins.unit.driver.driver import PERIOD_S, STEERED_M
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.path import Ramp, RampLimits
 from robrain.plugins.unit.driver.steering import Steering
-from robrain.plugins.unit.lookout import Lookout
+from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.messages.robots.action_messages import Outcome
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from tests.plugins.unit.bare_driver import BareDriver

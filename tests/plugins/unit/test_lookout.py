@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from robrain.plugins.device.range_sensors.interface import Bump, RangeRing
+from robrain.plugins.device.range_sensors import Bump, RangeRing
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.unit.lookout import BUMPED_RAD, SQUEEZED_GAP_M, Lookout
+from robrain.plugins.unit.obstacle_distance import BUMPED_RAD, SQUEEZED_GAP_M, Lookout
 from robrain.protocol.model.geometry import Pose2D
 
 RADIUS_M, STOP_M, SURE_M = 0.2, 0.08, 0.03

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.navigation import obstacles
-from robrain.plugins.device.range_sensors.interface import RangeRing
+from robrain.plugins.device.range_sensors import RangeRing
 from robrain.plugins.device.scan.interface import LaserScan
-from robrain.plugins.unit import lookout
-from robrain.plugins.unit.lookout import (
+from robrain.plugins.unit import obstacle_distance
+from robrain.plugins.unit.obstacle_distance import (
     FROZEN_M,
     FROZEN_RAD,
     RING_FRESH_NS,
@@ -156,7 +156,7 @@ def test_a_robot_without_arrays_sees_the_same_points(monkeypatch):
     seen, heard = scan(1.0, 2.0, 6.0, 5.999), ring(0.3, 2.0, 1.999)
     with_arrays = scan_points_m(seen, SEEN_FROM).tolist(), ring_points_m(heard, None, SEEN_FROM).tolist()
     both = np.concatenate([np.array(each) for each in with_arrays], axis=1).tolist()
-    monkeypatch.setattr(lookout, "has_arrays", lambda: False)
+    monkeypatch.setattr(obstacle_distance, "has_arrays", lambda: False)
     monkeypatch.setattr(obstacles, "has_arrays", lambda: False)
     without = scan_points_m(seen, SEEN_FROM), ring_points_m(heard, None, SEEN_FROM)
     assert [list(map(list, each)) for each in without] == list(with_arrays)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.plugins.device.range_sensors.interface import Bump
+from robrain.plugins.device.range_sensors import Bump
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.maps.floor_plan import FloorPlan

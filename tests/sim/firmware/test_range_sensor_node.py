@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation.range_ring import NO_ECHO_M, bump_directions_rad, bump_sector
+from robrain.plugins.device.range_sensors import NO_ECHO_M, bump_directions_rad, bump_sector
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from robrain.algorithms.exploration.joint import joint
+from robrain.algorithms.exploration.strategies import joint
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.ideal.ideal_run import IdealResult, run_ideal

@@ -21,7 +21,7 @@ PARTS = """
 import math
 
 from robrain.algorithms.allocation.auction import AuctionAllocator
-from robrain.algorithms.exploration.joint import joint
+from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.exploration.situation import Choice
 from robrain.protocol.model.geometry import Point2D
 
@@ -218,7 +218,7 @@ def test_a_part_that_cannot_be_imported_is_refused_before_the_run(parts, tmp_pat
 
 
 def test_a_part_may_import_from_its_folder(parts, tmp_path):
-    (tmp_path / "beside_it.py").write_text("from robrain.algorithms.exploration.joint import joint\n")
+    (tmp_path / "beside_it.py").write_text("from robrain.algorithms.exploration.strategies import joint\n")
     (tmp_path / "mine.py").write_text("from beside_it import joint as mine\n")
     assert parts("exploration", "mine", "mine.py").planning.import_parts() is None
 

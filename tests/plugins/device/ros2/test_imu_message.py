@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from robrain.plugins.device.imu.interface import ImuMotion
+from robrain.plugins.device.imu import ImuMotion
 from robrain.plugins.device.ros2.ros2_imu import BadImu, read_imu
 from tests.plugins.device.ros2.ros_words import imu
 

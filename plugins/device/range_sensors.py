@@ -1,10 +1,11 @@
-"""Range sensors and bump ring: a node on the robot's CAN bus.
+"""The ring of range sensors and the ring of bump contacts: how they are numbered, on both sides of the bus.
 
-A robot may be without it: as long as the node has never spoken there are no ranges and no fault. One that falls silent
-is a fault, told to the team.
+Sensors and contacts count counter-clockwise from straight ahead, in the robot's frame. Six sensors and eight contacts
+are chosen; the frames of `robertino.dbc` carry up to twelve and eight.
 """
 
-from typing import Any
+import math
+from typing import Any, Protocol
 
 import can
 import msgspec
@@ -13,14 +14,79 @@ from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
-from robrain.algorithms.navigation.range_ring import RING_ANGLES_RAD, SENSORS_A_FRAME, SENSORS_MAX, bump_directions_rad
-from robrain.plugins.device.range_sensors.interface import Bump, RangeRing, RangeSensorsInterface
 from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
 from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.ranges import check_positive
+
+RING_ANGLES_RAD = tuple(math.tau * sensor / 6 for sensor in range(6))
+SENSORS_A_FRAME = 6
+SENSORS_MAX = 12
+NO_ECHO_M = 2.55
+"""What a frame says for "nothing heard"."""
+BUMP_SECTORS = 8
+"""A contact each; the first looks straight ahead, and covers 22.5° to either side."""
+
+
+def bump_sector(direction_rad: float) -> int:
+    """The contact that a touch from this direction of the robot's frame presses.
+
+    >>> [bump_sector(angle) for angle in (0.0, 0.5, math.pi, -0.5)]
+    [0, 1, 4, 7]
+    """
+    return round(direction_rad * BUMP_SECTORS / math.tau) % BUMP_SECTORS
+
+
+def bump_directions_rad(contacts: int) -> list[float]:
+    """Where the contacts look that are pressed, in (−π, π], from the bits of a frame.
+
+    >>> bump_directions_rad(0b100) == [math.pi / 2]
+    True
+    """
+    return [
+        math.remainder(math.tau * sector / BUMP_SECTORS, math.tau)
+        for sector in range(BUMP_SECTORS)
+        if contacts >> sector & 1
+    ]
+
+
+class RangeRing(msgspec.Struct, frozen=True):
+    """One measurement of all range sensors, robot's frame.
+
+    A range is the distance from the hull, along its sensor's direction; `range_max_m` means that nothing was heard.
+    """
+
+    stamp_ns: int
+    angles_rad: tuple[float, ...]
+    ranges_m: tuple[float, ...]
+    range_max_m: float
+    mounted_m: float
+    """Distance of the sensors from the robot's centre."""
+
+
+class Bump(msgspec.Struct, frozen=True):
+    """The hull has begun to be touched, or is not touched any more."""
+
+    stamp_ns: int
+    directions_rad: tuple[float, ...]
+    """Where, robot's frame; none if nothing touches it."""
+
+
+class RangeSensorsInterface(Protocol):
+    """Ranges and bumps as they come."""
+
+    measured: Event[RangeRing]
+    bumped: Event[Bump]
+    """Whenever the contacts that are pressed change."""
+
+    def latest(self) -> RangeRing | None:
+        """The last measurement; None before the first, as on a robot without the sensors."""
+
+    def pressed_rad(self) -> tuple[float, ...]:
+        """Directions of the contacts that are pressed now, robot's frame."""
+
 
 POLL_S = 0.04
 """Period of the step where the bus does not tell of arrivals."""

@@ -15,7 +15,7 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external, unlocked
 from robrain.agent.silence import Silence
 from robrain.algorithms.localization.odometry import YawRate
-from robrain.plugins.device.imu.interface import (
+from robrain.plugins.device.imu import (
     RATE_MAX_RAD_S,
     ImuAbsent,
     ImuCodec,

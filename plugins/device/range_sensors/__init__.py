@@ -1,1 +1,0 @@
-"""The ring of range sensors and the bump ring."""
