@@ -1,20 +1,24 @@
 """Errors in plugin code, for its author: the line that raised, and the traceback from the plugin's first frame.
 
 The host's frames above the plugin are left out. Files are shown by name and folder only, since callers outside see the
-text too.
+text too. For a thread that hangs in a plugin: the line that it is at, and its end.
 """
 
+import ctypes
 import importlib.util
 import logging
+import sys
 import sysconfig
 import traceback
 from collections.abc import Iterator
 from functools import cache
 from itertools import islice
 from pathlib import Path
+from types import TracebackType
 from typing import NamedTuple, TypeVar
 
 from robrain.agent.errors import PackageMissing, short_path
+from robrain.agent.plugin import Plugin
 
 MOST_CHARACTERS = 4000
 MOST_FRAMES = 20
@@ -152,3 +156,36 @@ def _host_folders() -> tuple[str, ...]:
         for place in (spec.submodule_search_locations or ()) if spec is not None else ():
             folders += [f"{place}/", f"{Path(place).resolve()}/"]
     return tuple(folders)
+
+
+class ThreadEnded(SystemExit):
+    """Raised in a thread that is in an abandoned plugin. Not an Exception, which the plugin may catch."""
+
+
+def traceback_in(thread: int, plugin_class: type[Plugin] | None) -> TracebackType | None:
+    """Where a thread is in a plugin, from the plugin's first line on; None if it is not in it.
+
+    The line of an instruction that the compiler has added, which has none, is the first of its function.
+
+    Args:
+        thread: its identifier.
+        plugin_class: the plugin's class; None for the innermost code that is not of the host.
+
+    """
+    frame, found, inside = sys._current_frames().get(thread), None, None
+    while frame is not None:
+        found = TracebackType(found, frame, frame.f_lasti, frame.f_lineno or frame.f_code.co_firstlineno)
+        if plugin_class is None:
+            if not is_of_host(frame.f_code.co_filename):
+                inside = found
+            elif inside is not None:
+                break
+        elif frame.f_globals.get("__name__") == plugin_class.__module__:
+            inside = found
+        frame = frame.f_back
+    return inside
+
+
+def end_thread(thread: int) -> None:
+    """Raise ThreadEnded in a thread. It has no effect before the thread executes Python code again."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(ThreadEnded))

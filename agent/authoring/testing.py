@@ -20,9 +20,8 @@ import zenoh
 from robrain.agent.errors import PluginHung
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.agent.hung_thread import end_thread, traceback_in
 from robrain.agent.manifest import find_manifests, role_in
-from robrain.agent.plugin_traceback import where_raised
+from robrain.agent.plugin_traceback import end_thread, traceback_in, where_raised
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo

@@ -30,8 +30,7 @@ from robrain.agent.host.robot_log import RobotLog
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import NEVER_NS, ManagedPlugin
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
-from robrain.agent.lifecycle.plugin_info import plugin_faults, plugin_info
-from robrain.agent.lifecycle.registry import PluginRegistry
+from robrain.agent.lifecycle.registry import PluginRegistry, plugin_faults, plugin_info
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState

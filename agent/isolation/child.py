@@ -24,9 +24,9 @@ from robrain.agent.class_import import import_class
 from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, PluginError, PluginHung
 from robrain.agent.event import Event, Mailbox
-from robrain.agent.hung_thread import traceback_in
-from robrain.agent.isolation.contract import Contract, contract_of
+from robrain.agent.isolation.contract import Contract, contract_of, decoder, encode
 from robrain.agent.isolation.messages import (
+    BOARD_TYPES,
     OWN,
     WHERE,
     Begin,
@@ -42,13 +42,11 @@ from robrain.agent.isolation.messages import (
     Use,
     WriteBoard,
 )
-from robrain.agent.isolation.parent_desk import BOARD_TYPES
 from robrain.agent.isolation.peer import Peer, PeerLost
-from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_output import PluginLogs, PluginOutput, PluginStream
-from robrain.agent.plugin_traceback import raised
+from robrain.agent.plugin_traceback import raised, traceback_in
 from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
 from robrain.algorithms.localization.odometry import YawRate
 from robrain.protocol.clock import LiveClock

@@ -9,6 +9,7 @@ imported.
 """
 
 import functools
+import importlib
 import inspect
 import logging
 import os
@@ -18,25 +19,42 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import msgspec
 
 from robrain.agent.environment import Environment
-from robrain.agent.errors import PluginCrashed, PluginError
+from robrain.agent.errors import AccessDenied, PluginCrashed, PluginError
 from robrain.agent.event import Event
-from robrain.agent.isolation.contract import Contract, contract_of
-from robrain.agent.isolation.messages import OWN, WHERE, Begin, CallRequest, Do, Get, ObservedEvent, Request
-from robrain.agent.isolation.parent_desk import ParentDesk
+from robrain.agent.isolation.contract import Contract, contract_of, decoder, encode
+from robrain.agent.isolation.messages import (
+    BOARD_TYPES,
+    OWN,
+    WHERE,
+    Begin,
+    CallRequest,
+    Do,
+    Get,
+    Log,
+    Notify,
+    Observe,
+    ObservedEvent,
+    ReadBoard,
+    Request,
+    Use,
+    WriteBoard,
+)
 from robrain.agent.isolation.peer import Peer, PeerLate, PeerLost, Serve
-from robrain.agent.isolation.plain_data import decoder, encode
 from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_traceback import Raised, raised_elsewhere
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive
+
+logger = logging.getLogger(__name__)
 
 _PERIOD = msgspec.msgpack.Decoder(float | None)
 
@@ -53,8 +71,6 @@ from robrain.agent.class_import import import_file
 import_file(pathlib.Path(sys.argv[2])) if sys.argv[2] else importlib.import_module(sys.argv[1])
 """
 
-
-logger = logging.getLogger(__name__)
 
 END_TIMEOUT_S = 1.0
 """A process that was told to end is killed after this."""
@@ -255,7 +271,7 @@ class IsolatedPlugin(Plugin):
     def _start(self) -> None:
         self._end("is restarted")
         own_module = self._plugin_class.__module__
-        desk = ParentDesk(self.env, self, self._contract, own_module, weakref.WeakMethod(self._receive))
+        desk = ParentServer(self.env, self, self._contract, own_module, weakref.WeakMethod(self._receive))
         try:
             child = ChildProcess(self.env.plugin, desk.serve, weakref.WeakMethod(self._on_lost))
         except OSError as error:
@@ -422,3 +438,99 @@ def try_import(module: str, file: Path | None, limit_s: float) -> str:
     except subprocess.TimeoutExpired:
         return f"has not come back for {limit_s:g} s"
     return how_it_ended(ended.returncode) if ended.returncode < 0 else ""
+
+
+Hear = Callable[[int, Any], None]
+
+
+class _Held(NamedTuple):
+    handle: Any
+    contract: Contract
+
+
+class ParentServer:
+    """Answers one process, with the environment and the rights of its plugin.
+
+    Args:
+        env: the plugin's.
+        plugin: stands for it here, and has its events.
+        contract: what it offers.
+        own_module: where its class is declared.
+        hear: takes a subscription's number and the value of an event that has happened.
+
+    """
+
+    def __init__(
+        self, env: Environment, plugin: Plugin, contract: Contract, own_module: str, hear: "weakref.WeakMethod[Hear]"
+    ) -> None:
+        self._env = env
+        self._plugin = weakref.ref(plugin)
+        self._contract = contract
+        self._own_module = own_module
+        self._receive = hear
+        self._held: list[_Held] = []
+
+    def serve(self, request: Request) -> bytes:
+        """Do what was asked.
+
+        Raises:
+            Exception: whatever was raised by whom it concerns.
+
+        """
+        match request:
+            case CallRequest(number, function, arguments):
+                held = self._get(number)
+                args, kwargs = held.contract.functions[function].read_arguments(arguments)
+                return encode(getattr(held.handle, function)(*args, **kwargs))
+            case Get(number, attribute):
+                return encode(getattr(self._get(number).handle, attribute))
+            case Use(plugin, module, name):
+                interface = self._interface(plugin, module, name)
+                self._held.append(_Held(self._env.use(plugin, interface), Contract(interface)))
+                return encode(len(self._held))
+            case Observe(number, event, subscription):
+                self._observe(getattr(self._get(number).handle, event), subscription)
+            case ReadBoard(name):
+                return encode(getattr(self._env.board, name))
+            case WriteBoard(name, value):
+                self._write_board(name, value)
+            case Notify(event, value):
+                self._notify(event, value)
+            case Log(level, text):
+                plugin, number = self._env.plugin, logging.getLevelNamesMapping().get(level.upper(), logging.INFO)
+                logging.getLogger(plugin).log(number, text, extra={"plugin": plugin})
+            case _:
+                raise PluginError(self._env.plugin, f"{type(request).__name__} is not for this end")
+        return b""
+
+    def _get(self, number: int) -> _Held:
+        return self._held[number - 1]
+
+    def _observe(self, event: Any, subscription: int) -> None:
+        hear = self._receive()
+        if hear is not None:
+            self._env.observe(event, partial(hear, subscription))
+
+    def _notify(self, name: str, written: bytes) -> None:
+        plugin = self._plugin()
+        if plugin is not None:
+            getattr(plugin, name).notify(self._contract.events[name].decode(written))
+
+    def _write_board(self, name: str, written: bytes) -> None:
+        try:
+            setattr(self._env.board, name, decoder(BOARD_TYPES.get(name, Any)).decode(written))
+        except msgspec.ValidationError as error:
+            logger.error("%s: on the board, %s: %s", self._env.plugin, name, error)  # noqa: TRY400 - the message says it all, no traceback needed
+
+    def _interface(self, plugin: str, module_name: str, name: str) -> type:
+        module_name = module_name or self._own_module
+        found: Any = sys.modules.get(module_name)
+        try:
+            found = found or importlib.import_module(module_name)
+            for part in name.split("."):
+                found = getattr(found, part)
+        except (ImportError, AttributeError) as error:
+            raise AccessDenied(plugin, f"there is no interface {name} in {module_name}") from error
+        if not isinstance(found, type):
+            raise AccessDenied(plugin, f"{name} in {module_name} is no interface")
+        return found

@@ -1,6 +1,11 @@
 """What passes between a robot's process and that of an isolated plugin. MessagePack, never pickle."""
 
+from typing import Any
+
 import msgspec
+
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.model.geometry import Pose2D
 
 OWN = 0
 """The handle that stands for the isolated plugin itself."""
@@ -126,3 +131,16 @@ Request = Begin | Do | ObservedEvent | CallRequest | Get | Use | Observe | ReadB
 Frame = Request | CallReply | CallFailure
 
 UNANSWERED = (WriteBoard, Notify, Log)
+
+BOARD_TYPES: dict[str, Any] = {field.name: field.type for field in msgspec.structs.fields(RobotState)} | {
+    "T_arena_odom": Pose2D | None,
+    "T_odom_robot": Pose2D | None,
+    "wheel_ticks": tuple[int, ...] | None,
+    "odometry": tuple[tuple[int, Pose2D], ...],
+    "published_odometry": tuple[Pose2D, int] | None,
+    "wants_odometry": bool,
+    "gyro_contradiction": float | None,
+    "has_scanned": bool,
+    "doubted_scan": list[int] | None,
+}
+"""The board's facts are those of the state, the frames of dead reckoning, and what devices keep over a restart."""

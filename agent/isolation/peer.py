@@ -14,8 +14,8 @@ from contextlib import suppress
 
 import msgspec
 
+from robrain.agent.isolation.contract import error_of, failure_of
 from robrain.agent.isolation.messages import UNANSWERED, CallFailure, CallReply, Frame, Request
-from robrain.agent.isolation.plain_data import error_of, failure_of
 
 LARGEST_FRAME = 1 << 28
 RECEIVE_BYTES = 1 << 16

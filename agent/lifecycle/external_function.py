@@ -17,8 +17,8 @@ from robrain.agent.text_form import (
     parse_value,
     print_value,
     schema_of_own,
+    signature_text,
 )
-from robrain.agent.type_text import signature_text
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.action_messages import ActionId
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo

@@ -22,7 +22,6 @@ from robrain.agent.errors import (
     short_path,
 )
 from robrain.agent.event import Event, EventView, Mailbox
-from robrain.agent.hung_thread import end_thread, traceback_in
 from robrain.agent.lifecycle.access import (
     ExclusiveUse,
     Handle,
@@ -40,7 +39,7 @@ from robrain.agent.lifecycle.transitions import Effect, Trigger, transition
 from robrain.agent.lifecycle.turn import LockstepTurn, PluginLock
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
-from robrain.agent.plugin_traceback import raised
+from robrain.agent.plugin_traceback import end_thread, raised, traceback_in
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.host_messages import Lease

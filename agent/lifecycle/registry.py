@@ -1,9 +1,12 @@
-"""The plugins of one robot: which there are, who requires whom, who holds whom."""
+"""The plugins of one robot: which there are, who requires whom, who holds whom, and how they are described."""
 
-from collections import deque
+import zlib
+from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
+
+import msgspec
 
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginCrashed, PluginError, PluginInactive, PluginMissing
@@ -12,11 +15,13 @@ from robrain.agent.lifecycle.access import ExternalLeases, Handle, level_conflic
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import Manifest
-from robrain.agent.plugin import Plugin
-from robrain.agent.plugin_traceback import causes_of
+from robrain.agent.plugin import Plugin, PluginState
+from robrain.agent.plugin_traceback import causes_of, where_raised
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import Clock
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.messages.robots.robot_messages import PluginFault
+from robrain.protocol.model.ranges import cut
 
 MakeEnvironment = Callable[[PluginRequests], Environment]
 
@@ -201,3 +206,56 @@ def branch_of(name: str, requires: Requires) -> set[str]:
             branch.add(required)
             waiting += requires.get(required, ())
     return branch
+
+
+def plugin_faults(registry: PluginRegistry) -> list[PluginFault]:
+    """The causes for which plugins of a robot do not run, once each, with the plugins that each one affects."""
+    causes: dict[ManagedPlugin, list[str]] = defaultdict(list)
+    for plugin in registry.plugins.values():
+        if plugin.lacks or plugin.state is PluginState.FAULTED:
+            root = registry.root_cause(plugin)
+            causes[root] += [plugin.name] if root is not plugin else []
+    return [
+        PluginFault(plugin=root.name, why=cut(root.raised.after(root.why)), dependants=dependants)
+        for root, dependants in causes.items()
+    ]
+
+
+def plugin_info(plugin: ManagedPlugin, registry: PluginRegistry) -> PluginInfo:
+    """A plugin as `robot/ROBOT/plugins` lists it."""
+    code, root_cause = plugin.imported_code, registry.root_cause(plugin)
+    return PluginInfo(
+        name=plugin.name,
+        level=code.plugin_class.level.name.lower() if code is not None else "",
+        state=plugin.state.value,
+        why=cut(plugin.why + _still_inside(plugin)),
+        because_of=root_cause.name if root_cause is not plugin else "",
+        needs=plugin.needs,
+        where=cut(plugin.raised.where),
+        detail=plugin.raised.detail,
+        visibility=plugin.manifest.tag.visibility,
+        requires=plugin.manifest.tag.requires,
+        holder=plugin.exclusive.by,
+        period_s=plugin.period_s,
+        overruns=plugin.overruns,
+        restarts=plugin.restarts,
+        doc=(code.plugin_class.__doc__ or "").strip().partition("\n")[0] if code is not None else "",
+        functions=[info for each in code.functions.values() for info in each.infos] if code is not None else [],
+        task_kind=_announced_kind(plugin),
+    )
+
+
+def _still_inside(plugin: ManagedPlugin) -> str:
+    """A note on a thread that is still in a plugin that does not run; empty if there is none."""
+    if plugin.state not in (PluginState.FAULTED, PluginState.UNLOADED) or (stuck := plugin.stuck_at()) is None:
+        return ""
+    where = where_raised(PluginError(plugin.name, "").with_traceback(stuck))
+    return f"; its code still runs, at {where}, until the agent ends"
+
+
+def _announced_kind(plugin: ManagedPlugin) -> TaskKind | None:
+    code = plugin.imported_code
+    if code is None or code.task_kind is None:
+        return None
+    settings = zlib.crc32(msgspec.json.encode(plugin.settings, order="deterministic"))
+    return msgspec.structs.replace(code.task_kind, settings=settings)

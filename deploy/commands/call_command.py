@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.agent.host.text_command import TextCall, parse_call
+from robrain.agent.host.command_door import TextCall, parse_call
 from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.client.team import Team
 from robrain.deploy.command_line.terminal import print_line

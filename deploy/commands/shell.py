@@ -11,8 +11,7 @@ from prompt_toolkit.completion import CompleteEvent, Completer, Completion
 from prompt_toolkit.document import Document
 from prompt_toolkit.history import FileHistory, History, InMemoryHistory
 
-from robrain.agent.host.command_door import answer_question, usage, visible_to_command
-from robrain.agent.host.text_command import Question, parse_command
+from robrain.agent.host.command_door import Question, answer_question, parse_command, usage, visible_to_command
 from robrain.client.team import Team
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.processes.live_process import tell

@@ -15,7 +15,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
 from robrain.agent.host.robot_log import plugin_here
-from robrain.agent.lifecycle.plugin_info import plugin_faults
+from robrain.agent.lifecycle.registry import plugin_faults
 from robrain.agent.witness import Kept, WitnessExtension
 from robrain.deploy.processes.live_process import (
     LiveStop,

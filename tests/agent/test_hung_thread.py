@@ -4,7 +4,7 @@ import threading
 import traceback
 from types import FunctionType
 
-from robrain.agent.hung_thread import traceback_in
+from robrain.agent.plugin_traceback import traceback_in
 from tests.waiting import PATIENCE_S
 
 NO_LINE = b"\xf8"

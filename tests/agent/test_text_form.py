@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.agent.host.text_command import Question, TextCall, parse_call, parse_command
+from robrain.agent.host.command_door import Question, TextCall, parse_call, parse_command
 from robrain.agent.text_form import decode_own, encode_own, parse_argument, parse_value, print_value, register_text_form
 from robrain.protocol.errors import CallError, ErrorCode
 

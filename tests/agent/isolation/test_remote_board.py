@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from robrain.agent.isolation.child import RemoteBoard
+from robrain.agent.isolation.contract import decoder
+from robrain.agent.isolation.isolated_plugin import BOARD_TYPES
 from robrain.agent.isolation.messages import ReadBoard, WriteBoard
-from robrain.agent.isolation.parent_desk import BOARD_TYPES
-from robrain.agent.isolation.plain_data import decoder
 from robrain.algorithms.localization.odometry import YawRate
 from robrain.protocol.model.geometry import Pose2D
 

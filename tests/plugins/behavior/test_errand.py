@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.agent.lifecycle.plugin_info import plugin_info
+from robrain.agent.lifecycle.registry import plugin_info
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from robrain import Team
+from robrain.agent.host.command_door import parse_call
 from robrain.agent.host.robot_log import RobotLog
-from robrain.agent.host.text_command import parse_call
 from robrain.agent.lifecycle.external_function import external_functions
 from robrain.agent.plugin import Unit, external
 from robrain.protocol.clock import LiveClock
