@@ -8,8 +8,8 @@ from jinja2.environment import TemplateModule
 
 from robrain.dashboard.state.robot_view import RobotHealth
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.recording.drawing.labels import span_text
 from robrain.recording.drawing.palette import battery_class, css, mote_class, style_of
-from robrain.recording.drawing.time_span import span_text
 
 NONE = "–"
 """A value that is not known."""

@@ -10,8 +10,8 @@ from robrain.dashboard.html.team_html import task_text
 from robrain.dashboard.state.robot_view import RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.recording.drawing.labels import span_text
 from robrain.recording.drawing.palette import battery_class
-from robrain.recording.drawing.time_span import span_text
 
 LEVELS = ("device", "unit", "skill", "behavior")
 STATES: dict[str, tuple[str, str]] = {

@@ -9,7 +9,7 @@ from robrain.dashboard.state.task_board import PLANNED_S, Span
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.messages.tasks.task_messages import TaskWhy
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.drawing.labels import natural_key
 from robrain.recording.drawing.palette import CHARGER_PLATE, css, style_of
 
 LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")

@@ -15,8 +15,7 @@ from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
 from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
-from robrain.recording.drawing.natural_order import natural_key
-from robrain.recording.drawing.time_span import span_text
+from robrain.recording.drawing.labels import natural_key, span_text
 
 ROWS = 200
 """Maximum number of rows of a table: more would slow a browser down."""

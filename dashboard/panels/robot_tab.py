@@ -28,7 +28,7 @@ from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, Plugi
 from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
 from robrain.protocol.table.topic import Query
 from robrain.protocol.table.topics import ROBOT_CALL
-from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.drawing.labels import natural_key
 
 HOLD_HZ = 40.0
 

@@ -17,7 +17,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.recording.drawing.map_view import ComposedMap
+from robrain.recording.drawing.drawn_map import ComposedMap
 
 MERGER = "robrain.algorithms.slam.map_patch"
 HELD_PATCHES = 8192

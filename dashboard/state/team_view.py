@@ -26,8 +26,7 @@ from robrain.protocol.refusals import Refusal
 from robrain.protocol.table import topics
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.wire.presence import Change
-from robrain.recording.drawing.drawn_floor import DrawnFloor
-from robrain.recording.drawing.map_view import FAR_M, ComposedMap, checked_geometry
+from robrain.recording.drawing.drawn_map import FAR_M, ComposedMap, DrawnFloor, checked_geometry
 
 HISTORY_POINTS = 400
 HISTORY_STEP_S = 1.0

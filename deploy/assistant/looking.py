@@ -32,7 +32,7 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.recording.drawing.map_view import ComposedMap
+from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, style_of
 
 SIDE_PX = 900

@@ -212,8 +212,7 @@ def diff(
 ) -> None:
     """Print the first message in which two runs differ, and both beside each other. Exit status 1 if they differ."""
     from robrain.deploy.recordings.recording_display import progress, show_difference, show_two_runs
-    from robrain.recording.reader.comparing import first_difference
-    from robrain.recording.reader.two_runs import compare_runs
+    from robrain.recording.reader.two_runs import compare_runs, first_difference
 
     with progress("comparing", quiet=as_json) as show:
         difference, same = first_difference(first, second, show)

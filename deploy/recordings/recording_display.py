@@ -17,14 +17,12 @@ from rich.text import Text
 from robrain.deploy.command_line.terminal import console, results, text_column
 from robrain.protocol.safe_text import safe_text
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.invariants.findings import InvariantState, Ruling
+from robrain.recording.invariants.findings import INVARIANTS, InvariantState, Ruling, cases_text
 from robrain.recording.invariants.judging import broken
-from robrain.recording.invariants.words import INVARIANTS, cases_text
 from robrain.recording.reader.checking import Severity, Verdict
-from robrain.recording.reader.comparing import Difference
 from robrain.recording.reader.contents import KeyContents, RecordingContents
 from robrain.recording.reader.recovering import Recovery
-from robrain.recording.reader.two_runs import ComparedRow, TwoRuns, text_of
+from robrain.recording.reader.two_runs import ComparedRow, Difference, TwoRuns, text_of
 from robrain.recording.writer.recorder import Recorder, RecordingSummary
 
 TEXT_SHOWN = 500

@@ -36,8 +36,7 @@ from robrain.protocol.table.topics import (
 )
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
-from robrain.recording.drawing.natural_order import natural_key
-from robrain.recording.drawing.time_span import span_text
+from robrain.recording.drawing.labels import natural_key, span_text
 
 STATE_S = 1.0
 """How long to wait for the states of the members."""

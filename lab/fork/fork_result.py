@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.recording.reader.comparing import Difference
+from robrain.recording.reader.two_runs import Difference
 
 
 class ForkResult(msgspec.Struct, frozen=True, kw_only=True):

@@ -26,7 +26,7 @@ from robrain.lab.report.figure_style import (
     time_axis,
 )
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
-from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.drawing.labels import natural_key
 from robrain.recording.reader.run_data import RobotRun, RunData, TaskRun
 
 BARS_MAX = 40

@@ -31,7 +31,7 @@ from robrain.lab.report.interval_drawing import draw_groups, draw_mean_curves, l
 from robrain.lab.report.mean_interval import MeanInterval, mean_interval
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.safe_text import safe_html
-from robrain.recording.drawing.natural_order import natural_key
+from robrain.recording.drawing.labels import natural_key
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.run_data import RobotRun, RunData, read_run
 from robrain.recording.reader.two_runs import TwoRuns, outcome_of, text_of

@@ -13,7 +13,7 @@ from robrain.algorithms.slam.map_patch import merge_message, submap_message, who
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.recording.drawing.map_view import ComposedMap
+from robrain.recording.drawing.drawn_map import ComposedMap
 
 PATCHES_BETWEEN = 250
 KEPT_MAX = 400

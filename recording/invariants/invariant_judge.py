@@ -5,8 +5,16 @@ from typing import Any, ClassVar, NamedTuple
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.geometry import Point2D
-from robrain.recording.invariants.findings import AnyFinding, Breach, Invariant, InvariantState, MissingEvidence, Ruling
-from robrain.recording.invariants.words import breach_text, missing_text
+from robrain.recording.invariants.findings import (
+    AnyFinding,
+    Breach,
+    Invariant,
+    InvariantState,
+    MissingEvidence,
+    Ruling,
+    breach_text,
+    missing_text,
+)
 
 KEPT_BREACHES = 10
 """Breaches of an invariant that are kept one by one; the rest is counted."""

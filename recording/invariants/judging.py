@@ -37,9 +37,7 @@ from robrain.recording.invariants.findings import (
 )
 from robrain.recording.invariants.halts import Halts
 from robrain.recording.invariants.invariant_judge import NOWHERE, Handler, InvariantJudge, Surroundings
-from robrain.recording.invariants.task_at_one import TaskAtOne
-from robrain.recording.invariants.task_changes import TaskChanges
-from robrain.recording.invariants.task_once import TaskOnce
+from robrain.recording.invariants.task_invariants import TaskAtOne, TaskChanges, TaskOnce
 
 FORGOTTEN_AFTER_NS = to_ns(1.0)
 """A count that is too small for this long is no change on its way (chosen: two summaries)."""

@@ -24,7 +24,7 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.recording.drawing.map_view import ComposedMap
+from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.provenance import SCENARIO_ATTACHMENT
 from robrain.recording.reader.contents import RecordingContents, read_contents

@@ -20,8 +20,7 @@ from robrain.protocol.refusals import RefusalCode, Refused
 from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.recording.invariants import findings as recorded
 from robrain.recording.invariants.judging import Judging
-from robrain.recording.invariants.task_at_one import TaskAtOne
-from robrain.recording.invariants.task_once import TaskOnce
+from robrain.recording.invariants.task_invariants import TaskAtOne, TaskOnce
 from robrain.sim.faults.fault_spec import COORDINATOR
 from robrain.sim.stand_in.operator import OPERATOR
 from robrain.sim.stand_in.promises import Promises

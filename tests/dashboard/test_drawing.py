@@ -13,7 +13,7 @@ from robrain.dashboard.state.team_view import RateMeter
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D
-from robrain.recording.drawing.drawn_floor import cover_with_boxes
+from robrain.recording.drawing.drawn_map import cover_with_boxes
 
 FOV_RAD = math.radians(45)
 

@@ -16,7 +16,7 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth, BodyKind, 
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.table.topics import ARENA_TRUTH, MOTE_READING
-from robrain.recording.drawing.map_view import FAR_M
+from robrain.recording.drawing.drawn_map import FAR_M
 from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page, tell
 
 NOW_NS = to_ns(1000.0)

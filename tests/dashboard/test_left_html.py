@@ -9,7 +9,7 @@ from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKi
 from robrain.protocol.messages.team.arena_messages import ArenaClock
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.table.topics import ARENA_CLOCK, COORDINATOR_LEFT
-from robrain.recording.drawing.map_view import FAR_M
+from robrain.recording.drawing.drawn_map import FAR_M
 from tests.dashboard.test_panel_html import Page
 
 REGION = RegionLeft(

@@ -19,9 +19,8 @@ from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import RunSetup
-from robrain.recording.reader.comparing import first_difference
 from robrain.recording.reader.reading import read_messages, recording_info
-from robrain.recording.reader.two_runs import compare_runs
+from robrain.recording.reader.two_runs import compare_runs, first_difference
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.disturbance import DisturbanceSpec, PauseSpec
 from robrain.sim.lockstep.lockstep import LockstepRun

@@ -24,10 +24,10 @@ from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import SUMMARY_METADATA
 from robrain.recording.reader import recovering
 from robrain.recording.reader.checking import CheckKind, Severity, check_recording
-from robrain.recording.reader.comparing import differing_path, first_difference
 from robrain.recording.reader.contents import read_contents
 from robrain.recording.reader.reading import read_messages, read_provenance, recording_info
 from robrain.recording.reader.recovering import recover
+from robrain.recording.reader.two_runs import differing_path, first_difference
 from robrain.sim.scenarios.scenario import Scenario
 from tests.system.conftest import Commands
 

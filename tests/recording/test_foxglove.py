@@ -29,9 +29,9 @@ from robrain.protocol.table.topics import (
 )
 from robrain.recording.foxglove.channels import FoxgloveChannels
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.reader.comparing import first_difference
 from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.recording.reader.recovering import with_visual
+from robrain.recording.reader.two_runs import first_difference
 from robrain.sim.scenarios.scenario import Scenario
 
 RUN_S = 12.0

@@ -15,8 +15,8 @@ from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.maps.patch_cells import MAX_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.map_at import MapAt, Place
-from robrain.recording.drawing.map_view import ComposedMap
 from robrain.recording.reader.chunked_file import ChunkedFile
 from robrain.recording.reader.reading import RecordedMessage
 from robrain.recording.replay.player import Player

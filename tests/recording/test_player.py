@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.recording.drawing.map_view import ComposedMap
+from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.contents import read_contents
 from robrain.recording.reader.reading import RecordedMessage, read_messages, recording_info

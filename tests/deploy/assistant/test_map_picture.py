@@ -13,7 +13,7 @@ from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, map_
 from robrain.protocol.model import grid_geometry
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.recording.drawing.map_view import ComposedMap
+from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.palette import FREE, OCCUPIED, UNKNOWN
 
 WIDTH_M, HEIGHT_M = 12.0, 6.0

@@ -24,7 +24,7 @@ from robrain.recording.invariants.findings import (
     TaskAtTwo,
     TasksForgotten,
 )
-from robrain.recording.invariants.task_changes import ENDED_KEPT, TaskChanges
+from robrain.recording.invariants.task_invariants import ENDED_KEPT, TaskChanges
 from tests.recording.invariants.told import Told, at_task
 
 QUEUED, OFFERED, RUNNING = TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING

@@ -11,16 +11,20 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import ARENA_TRUTH, ROBOT_STATE
 from robrain.recording.invariants import findings
 from robrain.recording.invariants.findings import (
+    CASES,
+    INVARIANTS,
     AnyFinding,
     Breach,
     Invariant,
     InvariantState,
     MissingEvidence,
     Violation,
+    breach_text,
+    cases_text,
+    missing_text,
 )
 from robrain.recording.invariants.invariant_judge import KEPT_BREACHES
 from robrain.recording.invariants.judging import JUDGES, Judging, broken
-from robrain.recording.invariants.words import CASES, INVARIANTS, breach_text, cases_text, missing_text
 from tests.recording.invariants.told import Told, at_task, battery, truth
 
 SAMPLES = {str: "r1", int: 2, float: 1.5, bool: True, TaskState: TaskState.DONE, Point2D: Point2D(1.0, 2.0)}

@@ -1,4 +1,16 @@
-"""Durations for people."""
+"""Names and durations as people expect them."""
+
+import re
+
+
+def natural_key(name: str) -> list[tuple[int, str]]:
+    """Sorts r2 before r10.
+
+    >>> sorted(["r10", "r2"], key=natural_key)
+    ['r2', 'r10']
+    """
+    parts = re.findall(r"\d+|\D", name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def span_text(time_s: float, longest_s: float = 0.0) -> str:
