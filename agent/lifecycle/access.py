@@ -6,15 +6,16 @@ other. Who may speak to a robot at all is the router's business.
 
 import logging
 import threading
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 from robrain.agent.environment import Environment
-from robrain.agent.errors import FOREIGN_ERRORS, AccessDenied, PluginBusy, PluginError, PluginUnloaded
+from robrain.agent.errors import FOREIGN_ERRORS, AccessDenied, ForeignError, PluginBusy, PluginError, PluginUnloaded
 from robrain.agent.event import Event, EventView
 from robrain.agent.lifecycle.external_function import ExternalFunction, find_function
-from robrain.agent.manifest import ANYBODY, COMMAND
+from robrain.agent.lifecycle.turn import PluginLock
+from robrain.agent.manifest import ANYBODY, COMMAND, Manifest
 from robrain.agent.plugin import UNLOCKED_MARK, Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import log_error
 from robrain.agent.task_desk import Accept, LetGo, TaskWork
@@ -29,13 +30,43 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import plain
 from robrain.protocol.wire.endpoint import Handler, Request
 
-if TYPE_CHECKING:
-    from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-
 logger = logging.getLogger(__name__)
 
 
-def check_use(callee: "ManagedPlugin", caller: "ManagedPlugin", interface: type) -> None:
+class AccessiblePlugin(Protocol):
+    """A plugin that uses others, or is used."""
+
+    name: str
+    state: PluginState
+    why: str
+    """The reason of its state, in words; may be empty."""
+    manifest: Manifest
+    turn: PluginLock
+    exclusive: "ExclusiveUse"
+    callable: Plugin | None
+    """The instance while it may be called, else None."""
+    environment: Environment | None
+    """What its instance was given, the one that is there or is being made."""
+
+    @property
+    def plugin_class(self) -> type[Plugin]:
+        """Its class (ManifestError if it cannot be imported)."""
+
+    @property
+    def functions(self) -> Mapping[str, ExternalFunction] | None:
+        """Its external functions by name; None if its class could not be imported."""
+
+    def live_plugin(self) -> Plugin:
+        """The instance, if it may be called now (PluginInactive, PluginUnloaded if not)."""
+
+    def holds(self, environment: Environment) -> bool:
+        """Whether the instance that was given this is the one that is there now."""
+
+    def blame(self, error: ForeignError) -> None:
+        """Its code has raised this."""
+
+
+def check_use(callee: AccessiblePlugin, caller: AccessiblePlugin, interface: type) -> None:
     """Whether one plugin may use another by an interface (AccessDenied, saying what speaks against it)."""
     own = callee.plugin_class
     if own.level >= caller.plugin_class.level:
@@ -66,7 +97,7 @@ def level_conflict(name: str, plugin_class: type[Plugin], required: str, require
     return PluginError(name, level_refusal(name, plugin_class.level, required, required_class.level))
 
 
-def check_outside(callee: "ManagedPlugin") -> None:
+def check_outside(callee: AccessiblePlugin) -> None:
     """Whether a plugin is open to the outside (AccessDenied if not)."""
     if COMMAND not in callee.manifest.tag.visibility:
         raise AccessDenied(callee.name, f"{callee.name} is not open to the outside")
@@ -169,7 +200,7 @@ class ExclusiveUse:
         outside = self._leases.holder(self._plugin)
         return self.inside or (outside if outside != by else "")
 
-    def keep(self, user: "ManagedPlugin", *, granted: bool = False) -> None:
+    def keep(self, user: AccessiblePlugin, *, granted: bool = False) -> None:
         """Let a plugin that runs, or is granted a handle, have it from now on (PluginBusy if somebody else has)."""
         if self.inside == user.name:
             return
@@ -203,7 +234,7 @@ class Handle:
     __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__locks", "__user")
 
     def __init__(
-        self, callee: "ManagedPlugin", interface: type, caller: "ManagedPlugin", *, locks: bool = True
+        self, callee: AccessiblePlugin, interface: type, caller: AccessiblePlugin, *, locks: bool = True
     ) -> None:
         write = object.__setattr__
         write(self, "_Handle__callee", callee)
@@ -212,8 +243,8 @@ class Handle:
         write(self, "_Handle__interface", interface)
         write(self, "_Handle__locks", locks)
 
-    __callee: "ManagedPlugin"
-    __caller: "ManagedPlugin"
+    __callee: AccessiblePlugin
+    __caller: AccessiblePlugin
     __interface: type
     __locks: bool
     __user: Environment | None
@@ -246,7 +277,7 @@ class Handle:
 
 
 def _locked_call(
-    callee: "ManagedPlugin", caller: "ManagedPlugin", user: Environment | None, name: str
+    callee: AccessiblePlugin, caller: AccessiblePlugin, user: Environment | None, name: str
 ) -> Callable[..., Any]:
     def call(*args: Any, **kwargs: Any) -> Any:
         turn = callee.turn
@@ -267,7 +298,7 @@ def _locked_call(
 
 
 def _lockstep_call(
-    callee: "ManagedPlugin", caller: "ManagedPlugin", user: Environment | None, name: str
+    callee: AccessiblePlugin, caller: AccessiblePlugin, user: Environment | None, name: str
 ) -> Callable[..., Any]:
     """As `_locked_call`, for one thread: nobody else can be in the plugin."""
     is_gone, own_name = user.gone if user is not None else (), caller.name
@@ -292,7 +323,7 @@ def _lockstep_call(
     return call
 
 
-def _gone(caller: "ManagedPlugin") -> PluginUnloaded:
+def _gone(caller: AccessiblePlugin) -> PluginUnloaded:
     return PluginUnloaded(caller.name, f"this instance of {caller.name} has gone")
 
 
@@ -312,7 +343,7 @@ def _names_in(interface: type) -> set[str]:
     return {name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))}
 
 
-def external_function(callee: "ManagedPlugin", function: str, by: str) -> ExternalFunction:
+def external_function(callee: AccessiblePlugin, function: str, by: str) -> ExternalFunction:
     """An external function that somebody outside may call now.
 
     Args:
@@ -342,7 +373,7 @@ def external_function(callee: "ManagedPlugin", function: str, by: str) -> Extern
     return known
 
 
-def call_from_outside(callee: "ManagedPlugin", known: ExternalFunction, call: Callable[[Plugin], Any]) -> Any:
+def call_from_outside(callee: AccessiblePlugin, known: ExternalFunction, call: Callable[[Plugin], Any]) -> Any:
     """Call a plugin that is live, in its turn unless the function needs none (CallError if it refuses)."""
     try:
         if known.unlocked:
@@ -360,7 +391,7 @@ def call_from_outside(callee: "ManagedPlugin", known: ExternalFunction, call: Ca
 
 
 def task_handlers(
-    plugin: "ManagedPlugin", accept: Accept, let_go: LetGo, work: TaskWork
+    plugin: AccessiblePlugin, accept: Accept, let_go: LetGo, work: TaskWork
 ) -> tuple[Accept, LetGo, TaskWork]:
     """The same three, called with the plugin's lock held.
 
@@ -391,12 +422,12 @@ def task_handlers(
     return accept_in_turn, release_in_turn, work_in_turn
 
 
-def _refused_by_state(plugin: "ManagedPlugin", why: str = "") -> TaskAnswer:
+def _refused_by_state(plugin: AccessiblePlugin, why: str = "") -> TaskAnswer:
     text = f"{plugin.name} is {plugin.state}{why}"
     return TaskAnswer.refused(plain("plugin_out", text, plugin=plugin.name, state=plugin.state))
 
 
-def query_handler(plugin: "ManagedPlugin", environment: Environment, handler: Handler[Any, Any]) -> Handler[Any, Any]:
+def query_handler(plugin: AccessiblePlugin, environment: Environment, handler: Handler[Any, Any]) -> Handler[Any, Any]:
     """The same handler, called with the plugin's lock held and only while this instance is there."""
 
     def answer(request: Request[Any]) -> Any:

@@ -1,19 +1,83 @@
 """One instance of a plugin with all that was made for it, and what the plugin holds while it is active."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import msgspec
 
-from robrain.agent.environment import Environment
+from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.event import Event, EventView, Mailbox
+from robrain.agent.lifecycle.access import AccessiblePlugin, ExternalLeases
 from robrain.agent.lifecycle.plugin_code import PluginCode
+from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.plugin import Plugin
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
+from robrain.protocol.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
 
-if TYPE_CHECKING:
-    from robrain.agent.lifecycle.registry import PluginRegistry
+MakeEnvironment = Callable[[PluginRequests], Environment]
+
+
+class RobotContext:
+    """What each plugin of one robot uses of it.
+
+    Args:
+        robot: its name.
+        clock: the run's clock.
+        desk: where behaviors register for tasks.
+        make_environment: makes what a plugin is given.
+        parameters: for each plugin, parameters that override its manifest's.
+
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        clock: Clock,
+        desk: TaskDesk,
+        make_environment: MakeEnvironment,
+        parameters: Mapping[str, Mapping[str, Any]],
+    ) -> None:
+        self.robot = robot
+        self.clock = clock
+        self.desk = desk
+        self.make_environment = make_environment
+        self.leases = ExternalLeases(clock)
+        self.halted = False
+        self.halts = 0
+        """How often it was halted."""
+        self.has_one_thread = False
+        """Whether nothing but the lockstep runner's own thread ever calls a plugin."""
+        self.starters: WorkerPool | None = None
+        """Starts plugins, in live; one that hangs while it is started is abandoned."""
+        self.newly_running = False
+        """Whether a plugin runs that did not, since the host last started those that lacked one."""
+        self._parameters = parameters
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the drive is live. Time limits on plugins, which run on the wall clock, apply only then."""
+        return self.starters is not None
+
+    def parameters_of(self, name: str) -> Mapping[str, Any]:
+        """What the robot's own file says of a plugin's parameters."""
+        return self._parameters.get(name, {})
+
+    def request(self, caller: AccessiblePlugin, name: str, interface: type) -> object:
+        """A handle on another plugin (PluginMissing, AccessDenied, PluginBusy)."""
+        raise NotImplementedError
+
+    def release(self, name: str) -> None:
+        """A plugin holds no other any more."""
+        raise NotImplementedError
+
+    def record_fault(self, plugin: Any) -> None:
+        """A plugin has faulted; the host's own step handles it."""
+        raise NotImplementedError
+
+    def excuses(self, plugin: AccessiblePlugin, error: BaseException) -> bool:
+        """Whether an error that a plugin raised is the fault of another plugin, or of a halt."""
+        raise NotImplementedError
 
 
 class Instance(msgspec.Struct, frozen=True, eq=False):
@@ -68,7 +132,7 @@ class Holdings:
 
     """
 
-    def __init__(self, plugin: str, context: "PluginRegistry") -> None:
+    def __init__(self, plugin: str, context: RobotContext) -> None:
         self.mailbox = Mailbox()
         """Where notifications wait for the plugin; another one after each `release`."""
         self._plugin = plugin

@@ -7,7 +7,7 @@ import logging
 import threading
 from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from robrain.agent.environment import Environment
 from robrain.agent.errors import (
@@ -23,6 +23,7 @@ from robrain.agent.errors import (
 )
 from robrain.agent.event import Event, EventView, Mailbox
 from robrain.agent.lifecycle.access import (
+    AccessiblePlugin,
     ExclusiveUse,
     Handle,
     call_from_outside,
@@ -33,7 +34,7 @@ from robrain.agent.lifecycle.access import (
     task_handlers,
 )
 from robrain.agent.lifecycle.external_function import ExternalFunction
-from robrain.agent.lifecycle.instance import Holdings, Instance
+from robrain.agent.lifecycle.instance import Holdings, Instance, RobotContext
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.transitions import Effect, Trigger, transition
 from robrain.agent.lifecycle.turn import LockstepTurn, PluginLock
@@ -45,9 +46,6 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.host_messages import Lease
 from robrain.protocol.table.topic import Query
 from robrain.protocol.wire.endpoint import Handler, Serve
-
-if TYPE_CHECKING:
-    from robrain.agent.lifecycle.registry import PluginRegistry
 
 logger = logging.getLogger(__name__)
 
@@ -67,7 +65,7 @@ class ManagedPlugin:
 
     """
 
-    def __init__(self, manifest: Manifest, context: "PluginRegistry") -> None:
+    def __init__(self, manifest: Manifest, context: RobotContext) -> None:
         self.manifest = manifest
         self.name = manifest.name
         self.state = PluginState.DISCOVERED
@@ -463,7 +461,7 @@ class ManagedPlugin:
             raise PluginError(self.name, f"{self.name} cannot take tasks: its class declares no `kind`")
         self.holdings.do_tasks(desk, task_kind.kind, *task_handlers(self, accept, let_go, work))
 
-    def grant(self, caller: "ManagedPlugin", interface: type) -> Handle:
+    def grant(self, caller: AccessiblePlugin, interface: type) -> Handle:
         """A handle on this plugin for a caller.
 
         Raises:

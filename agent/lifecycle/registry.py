@@ -2,18 +2,17 @@
 
 import zlib
 from collections import defaultdict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import msgspec
 
-from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginCrashed, PluginError, PluginInactive, PluginMissing
 from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins
-from robrain.agent.lifecycle.access import ExternalLeases, Handle, level_conflict
+from robrain.agent.lifecycle.access import AccessiblePlugin, Handle, level_conflict
+from robrain.agent.lifecycle.instance import MakeEnvironment, RobotContext
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import causes_of, where_raised
@@ -23,20 +22,9 @@ from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKin
 from robrain.protocol.messages.robots.robot_messages import PluginFault
 from robrain.protocol.model.ranges import cut
 
-MakeEnvironment = Callable[[PluginRequests], Environment]
 
-
-class PluginRegistry:
-    """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock.
-
-    Args:
-        robot: its name.
-        clock: the run's clock.
-        desk: where behaviors register for tasks.
-        make_environment: makes what a plugin is given.
-        parameters: for each plugin, parameters that override its manifest's.
-
-    """
+class PluginRegistry(RobotContext):
+    """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock."""
 
     def __init__(
         self,
@@ -46,35 +34,13 @@ class PluginRegistry:
         make_environment: MakeEnvironment,
         parameters: Mapping[str, Mapping[str, Any]],
     ) -> None:
-        self.robot = robot
-        self.clock = clock
-        self.desk = desk
-        self.make_environment = make_environment
-        self.leases = ExternalLeases(clock)
+        super().__init__(robot, clock, desk, make_environment, parameters)
         self.plugins: dict[str, ManagedPlugin] = {}
         """Requirements before those that require them."""
-        self.halted = False
-        self.halts = 0
-        """How often it was halted."""
-        self.has_one_thread = False
         self.foreign: ForeignPlugins | None = None
         """Plugins that are processes of their own, in live."""
-        self.starters: WorkerPool | None = None
-        """Starts plugins, in live; one that hangs while it is started is abandoned."""
         self.new_faults: deque[ManagedPlugin] = deque()
         """Plugins that have faulted since the host's last look at them."""
-        self.newly_running = False
-        """Whether a plugin runs that did not, since the host last started those that lacked one."""
-        self._parameters = parameters
-
-    @property
-    def is_live(self) -> bool:
-        """Whether the drive is live. Time limits on plugins, which run on the wall clock, apply only then."""
-        return self.starters is not None
-
-    def parameters_of(self, name: str) -> Mapping[str, Any]:
-        """What the robot's own file says of a plugin's parameters."""
-        return self._parameters.get(name, {})
 
     def get(self, name: str) -> ManagedPlugin:
         """The plugin of a name (PluginMissing if there is none)."""
@@ -111,7 +77,7 @@ class PluginRegistry:
         """Whether a plugin of that name runs."""
         return self.is_foreign(name) or (name in self.plugins and self.plugins[name].state.is_running)
 
-    def lacked_by(self, plugin: ManagedPlugin, error: BaseException) -> str:
+    def lacked_by(self, plugin: AccessiblePlugin, error: BaseException) -> str:
         """The required plugin that raised an error because it does not run or hangs; empty if none did."""
         branch = branch_of(plugin.name, self.requirements())
         for cause in causes_of(error):
@@ -119,7 +85,7 @@ class PluginRegistry:
                 return cause.plugin
         return ""
 
-    def excuses(self, plugin: ManagedPlugin, error: BaseException) -> bool:
+    def excuses(self, plugin: AccessiblePlugin, error: BaseException) -> bool:
         """Whether an error that a plugin raised is the fault of one that it requires, or of a halt."""
         return (self.halted and isinstance(error, PluginInactive)) or bool(self.lacked_by(plugin, error))
 
@@ -148,7 +114,7 @@ class PluginRegistry:
             if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
                 raise level_conflict(user.name, user.plugin_class, manifest.name, plugin_class)
 
-    def request(self, caller: ManagedPlugin, name: str, interface: type) -> Handle | ForeignHandle:
+    def request(self, caller: AccessiblePlugin, name: str, interface: type) -> Handle | ForeignHandle:
         """Pass a plugin's request for another on to the other, or to a foreign process of that name."""
         if self.foreign is not None and self.is_foreign(name):
             return self.foreign.use(caller.name, caller.plugin_class.level, name, interface)
