@@ -2,6 +2,6 @@
 
 from robrain.dashboard.dashboard import Dashboard, run_dashboard
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 
-__all__ = ["Dashboard", "ReplaySource", "TeamView", "run_dashboard"]
+__all__ = ["Dashboard", "ReplaySource", "ShownTeam", "run_dashboard"]

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING, Any
 import viser
 
 from robrain.dashboard.layers.scene import Scene
-from robrain.dashboard.panels.halt_control import HaltControl
 from robrain.dashboard.panels.page import ClientPage, set_theme
-from robrain.dashboard.panels.page_context import Inquiries, PageContext
-from robrain.dashboard.panels.replay_bar import ReplayBar
+from robrain.dashboard.panels.page_context import Inquiries, PageContext, Panel, PanelContext
+from robrain.dashboard.parts import parts_of, topics_of_parts
 from robrain.dashboard.replay.replay_source import ReplaySource
 from robrain.dashboard.server.asker import Asker
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.live_source import LiveSource
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.wire.endpoint import Endpoint
 
 if TYPE_CHECKING:  # loads what compares recordings
-    from robrain.dashboard.panels.what_if import ForkRunner, WhatIfTab
+    from robrain.dashboard.panels.what_if import ForkRunner
 
 logger = logging.getLogger(__name__)
 
@@ -31,9 +30,9 @@ UNWATCHED_PERIOD_S = 1.0
 PANEL_PX = 440
 PageAction = Callable[[ClientPage], None]
 COMMANDS: tuple[tuple[str, Any, PageAction], ...] = (
-    ("Camera: overview", "O", lambda page: page.looks.overview()),
-    ("Camera: from above", "T", lambda page: page.looks.top()),
-    ("Camera: follow the selected robot", "F", lambda page: page.looks.set_follow(not page.follows)),
+    ("Camera: overview", "O", lambda page: page.show_overview()),
+    ("Camera: from above", "T", lambda page: page.show_top()),
+    ("Camera: follow the selected robot", "F", lambda page: page.set_follow(not page.follows)),
     ("Select the next robot", "N", lambda page: page.select_next(1)),
     ("Select the previous robot", "P", lambda page: page.select_next(-1)),
     ("Dark or light", "L", lambda page: page.set_dark(not page.dark)),
@@ -71,23 +70,13 @@ class Dashboard:
         self._server.gui.set_panel_label("robrain")
         self._server.gui.main_panel.set_width(PANEL_PX)
         self._scene = Scene(self._server)
-        halt: HaltControl | None = None
-        replay: ReplayBar | None = None
-        self._what_if: WhatIfTab | None = None
-        if isinstance(team, Endpoint):
-            self._source: LiveSource | ReplaySource = LiveSource(team)
-            halt = HaltControl(self._server, team)
-            asker = Asker(team)
-        else:
-            self._source = team
-            replay = ReplayBar(self._server, team)
-            if forks is not None:
-                from robrain.dashboard.panels import what_if
-
-                self._what_if = what_if.WhatIfTab(self._server, replay.panel, team, forks)
-            asker = Asker(None)
-        wire, inquiries = team if isinstance(team, Endpoint) else None, Inquiries(self.view, asker)
-        self._context = PageContext(self.view, self._scene, asker, inquiries, replay, halt, wire)
+        wire = team if isinstance(team, Endpoint) else None
+        recording = team if isinstance(team, ReplaySource) else None
+        self._source = LiveSource(team, topics_of_parts()) if isinstance(team, Endpoint) else team
+        made = (panel.make(PanelContext(self._server, wire, recording, forks)) for panel in parts_of(Panel))
+        panels = [panel for panel in made if panel is not None]
+        asker = Asker(wire)
+        self._context = PageContext(self.view, self._scene, asker, Inquiries(self.view, asker), panels, wire)
         self._pages: dict[int, ClientPage] = {}
         self._connected: deque[viser.ClientHandle] = deque()
         self._drawn_s: float | None = None
@@ -97,7 +86,7 @@ class Dashboard:
             self._server.gui.add_command(label, hotkey=key).on_trigger(self._trigger(act))
 
     @property
-    def view(self) -> TeamView:
+    def view(self) -> ShownTeam:
         """The known state of the team."""
         return self._source.view
 
@@ -127,12 +116,8 @@ class Dashboard:
             self._find_needed_layers()
             with self._server.atomic():
                 self._scene.draw(view, now_s)
-                if context.halt is not None:
-                    context.halt.draw(view, now_s)
-                if context.replay is not None:
-                    context.replay.draw(now_s)
-                if self._what_if is not None:
-                    self._what_if.draw()
+                for panel in context.panels:
+                    panel.draw(view, now_s)
             for page in self._pages.values():
                 self._step_page(page, now_s)
 
@@ -142,8 +127,8 @@ class Dashboard:
             page.close()
         self._context.asker.close()
         self._source.close()
-        if self._what_if is not None:
-            self._what_if.close()
+        for panel in self._context.panels:
+            panel.close()
         close_server(self._server)
 
     def _find_needed_layers(self) -> None:
@@ -162,7 +147,7 @@ class Dashboard:
         except Exception:  # viser may raise anything; other browsers must not notice
             pause_s = page.retry.fail(now_s)
             logger.exception("a browser's page cannot be updated; next try in %.0f s", pause_s)
-            page.robot.drive.let_go()
+            page.release()
         else:
             if failures := page.retry.succeed():
                 logger.warning("the browser's page is updated again after %d failures", failures)

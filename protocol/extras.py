@@ -17,6 +17,7 @@ EXTRAS = {
     "google": "team",
     "zstandard": "team",
     "viser": "team",
+    "jinja2": "team",
     "websockets": "team",
     "pyvrp": "team",
     "matplotlib": "report",

@@ -6,7 +6,7 @@ from functools import cache
 import jinja2
 from jinja2.environment import TemplateModule
 
-from robrain.dashboard.state.robot_view import RobotHealth
+from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import span_text
 from robrain.recording.drawing.palette import battery_class, css, mote_class, style_of

@@ -7,8 +7,8 @@ import msgspec
 from robrain.algorithms.localization.pose_accuracy import position_sigma_m
 from robrain.dashboard.html.elements import NONE, Tile, cut, figure, note, render, tile
 from robrain.dashboard.html.team_html import task_text
-from robrain.dashboard.state.robot_view import RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.recording.drawing.labels import span_text
 from robrain.recording.drawing.palette import battery_class
@@ -29,7 +29,7 @@ WHY = 8000
 """Number of characters of an error that are shown."""
 
 
-def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
+def robot_card_html(view: ShownTeam, robot: ShownRobot, now_s: float) -> str:
     """A robot's state in figures."""
     state, pose = robot.state, robot.pose
     battery = state.battery if state is not None else None
@@ -58,7 +58,7 @@ def robot_card_html(view: TeamView, robot: RobotView, now_s: float) -> str:
     )
 
 
-def _accuracy_tiles(robot: RobotView) -> list[Tile]:
+def _accuracy_tiles(robot: ShownRobot) -> list[Tile]:
     """Accuracy of its position: by its own scans, and by the ground truth if there is one."""
     agreement = robot.state.map_agreement if robot.state is not None else None
     percent = None if agreement is None else 100 * agreement
@@ -124,7 +124,7 @@ def first_line(doc: str) -> str:
     return doc.strip().partition("\n")[0]
 
 
-def events_html(robot: RobotView) -> str:
+def events_html(robot: ShownRobot) -> str:
     """The robot's last events, the newest first."""
     events = [(event, msgspec.json.encode(event.value).decode()) for event in list(robot.events)[-EVENTS:][::-1]]
     return render("robot", "events", events=events) if events else note("No event has left this robot yet.")

@@ -4,9 +4,9 @@ import re
 from typing import NamedTuple
 
 from robrain.dashboard.html.elements import note, render
-from robrain.dashboard.state.robot_view import RobotView
+from robrain.dashboard.state.shown_robot import ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.dashboard.state.task_board import PLANNED_S, Span
-from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.messages.tasks.task_messages import TaskWhy
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import natural_key
@@ -30,7 +30,7 @@ def short_id(task_id: str) -> str:
     return LONG_ID.sub(r"\1", task_id)
 
 
-def queue_html(view: TeamView, *, is_live: bool, done: int = 0) -> str:
+def queue_html(view: ShownTeam, *, is_live: bool, done: int = 0) -> str:
     """Open tasks, then those that ended last; `done` is the number that the team reports as done."""
     open_tasks = list(view.tasks.values())[-OPEN_ROWS:][::-1]
     open_tasks.sort(key=lambda event: (event.task.kind == "explore", event.state is not TaskState.RUNNING))
@@ -71,7 +71,7 @@ class Bar(NamedTuple):
     is_charge: bool = False
 
 
-def gantt_html(view: TeamView) -> str:
+def gantt_html(view: ShownTeam) -> str:
     """A row for each robot, over the run's time."""
     robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))[:GANTT_ROBOTS]
     if not robots or not view.board.spans:
@@ -114,7 +114,7 @@ def gantt_html(view: TeamView) -> str:
     )
 
 
-def foreseen(view: TeamView, robot: RobotView, now_ns: int) -> list[Foreseen]:
+def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
     """The rest of a robot's current task, its next task, its planned tasks, and its charges."""
     found: list[Foreseen] = []
     state = robot.state

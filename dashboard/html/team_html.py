@@ -11,8 +11,8 @@ from robrain.dashboard.html.elements import CONDITIONS, NONE, Tile, clock_text, 
 from robrain.dashboard.html.task_html import short_id
 from robrain.dashboard.state import headline
 from robrain.dashboard.state.alerts import Alert, alerts_of
-from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import RobotHealth, ShownMote, ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
 from robrain.recording.drawing.labels import natural_key, span_text
@@ -35,7 +35,7 @@ GRADES: dict[headline.Grade, tuple[str, str]] = {
 }
 """Symbol and CSS class of the headline's dot."""
 
-NamedT = TypeVar("NamedT", RobotView, MoteView)
+NamedT = TypeVar("NamedT", ShownRobot, ShownMote)
 
 
 def by_name(named: Iterable[NamedT]) -> list[NamedT]:
@@ -43,7 +43,7 @@ def by_name(named: Iterable[NamedT]) -> list[NamedT]:
     return sorted(named, key=lambda one: natural_key(one.name))
 
 
-def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
+def acknowledgements(view: ShownTeam) -> tuple[list[str], list[str]]:
     """Names of the robots that have stopped, and of those that have not confirmed it, lost ones included; sorted."""
     robots = by_name(view.robots.values())
     stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
@@ -51,7 +51,7 @@ def acknowledgements(view: TeamView) -> tuple[list[str], list[str]]:
     return stopped, missing
 
 
-def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> str:
+def strip_html(view: ShownTeam, now_s: float, troubles: Sequence[Alert] = ()) -> str:
     """The strip above all tabs: banners, the team's condition in one sentence, and alerts."""
     vitals = headline.vitals_of(view, now_s)
     overall, counts = headline.headline_of(vitals), vitals.conditions
@@ -83,7 +83,7 @@ def strip_html(view: TeamView, now_s: float, troubles: Sequence[Alert] = ()) -> 
     )
 
 
-def summary_html(view: TeamView, now_s: float) -> str:
+def summary_html(view: ShownTeam, now_s: float) -> str:
     """The team's figures."""
     explored = view.explored_fraction
     floor = f"{view.known_area_m2:.0f} m²"
@@ -106,7 +106,7 @@ def summary_html(view: TeamView, now_s: float) -> str:
     return render("team", "figures", all_tiles=tiles)
 
 
-def _accuracy_tiles(view: TeamView, now_s: float) -> list[Tile]:
+def _accuracy_tiles(view: ShownTeam, now_s: float) -> list[Tile]:
     """Accuracy of map and positions: by the ground truth if there is one, else by the robots' reports."""
     kind = ""
     if view.truth is None:
@@ -138,7 +138,7 @@ def _accuracy_tiles(view: TeamView, now_s: float) -> list[Tile]:
     ]
 
 
-def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:
+def robots_html(view: ShownTeam, now_s: float, selected: str = "") -> str:
     """The table of robots, in order of their names; a click on a row selects."""
     robots = by_name(view.robots.values())
     if not robots:
@@ -157,7 +157,7 @@ def robots_html(view: TeamView, now_s: float, selected: str = "") -> str:
     )
 
 
-def motes_html(view: TeamView) -> str:
+def motes_html(view: ShownTeam) -> str:
     """The table of motes, in order of their names."""
     motes = by_name(view.motes.values())
     if not motes:
@@ -166,13 +166,13 @@ def motes_html(view: TeamView) -> str:
     return render("team", "motes", motes=motes[:ROWS], total=len(motes), about=field.words if field else "")
 
 
-def log_html(view: TeamView) -> str:
+def log_html(view: ShownTeam) -> str:
     """The latest log records of all robots, the newest first."""
     lines = list(view.log)[-LOG_LINES:][::-1]
     return render("team", "log", lines=lines) if lines else note("Nothing has been told yet.")
 
 
-def left_html(view: TeamView) -> str:
+def left_html(view: ShownTeam) -> str:
     """The regions that exploration has left, with reasons, largest first; empty before it has ended."""
     left = view.left
     if left is None:
@@ -182,7 +182,7 @@ def left_html(view: TeamView) -> str:
     return render("team", "left", left=left, rows_max=REGIONS, more=more, more_m2=more_m2)
 
 
-def field_html(view: TeamView) -> str:
+def field_html(view: ShownTeam) -> str:
     """The state of the mote field in figures; empty if the coordinator does not manage it."""
     field = view.team.mote_field if view.team is not None else None
     if view.team is None or not isinstance(field, MoteFieldState):
@@ -212,7 +212,7 @@ def field_html(view: TeamView) -> str:
     )
 
 
-def rules_html(view: TeamView) -> str:
+def rules_html(view: ShownTeam) -> str:
     """What each rule waits for and what it has made; empty without rules."""
     team = view.team
     if team is None or not isinstance(team.rules, list) or not team.rules:
@@ -220,7 +220,7 @@ def rules_html(view: TeamView) -> str:
     return render("team", "rules", rules=team.rules, stamp_ns=team.stamp_ns, rules_max=RULES)
 
 
-def task_text(robot: RobotView, view: TeamView) -> str:
+def task_text(robot: ShownRobot, view: ShownTeam) -> str:
     """The robot's task as it reports it, else as the coordinator does; not escaped."""
     status = robot.state.task if robot.state is not None else None
     summary = robot.summary

@@ -1,4 +1,4 @@
-"""What lies or stands on the floor: the map, walls on its occupied cells, and the field that the motes sense."""
+"""What lies or stands on the floor: the map, walls, the field that motes sense, and what exploration has left."""
 
 from collections import Counter
 
@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from robrain.dashboard.layers.layer import Layer, MeshLayer
 from robrain.dashboard.scene.camera import Bounds, bounds_of
-from robrain.dashboard.scene.merged_meshes import copies
-from robrain.dashboard.scene.meshes import Mesh, cube
-from robrain.dashboard.scene.scene_nodes import FloorPicture
-from robrain.dashboard.state.team_view import FloorVersion, TeamView
-from robrain.recording.drawing.palette import FREE, HEAT, OCCUPIED, UNKNOWN, WALL, Rgb
+from robrain.dashboard.scene.merged_meshes import by_color, copies
+from robrain.dashboard.scene.meshes import Mesh, cube, diamond
+from robrain.dashboard.scene.scene_nodes import FloorPicture, Labels, rows
+from robrain.dashboard.state.shown_team import FloorVersion, ShownTeam
+from robrain.protocol.messages.maps.left_messages import LeftKind, RegionLeft
+from robrain.recording.drawing.palette import BAD, FREE, HEAT, OCCUPIED, UNKNOWN, WALL, WARNING, Rgb
 
 FLOOR_Z_M, FIELD_Z_M = -0.01, 0.01
 WALL_HEIGHT_M = 0.35
@@ -37,7 +38,7 @@ class FloorLayer(Layer):
         self._picture = FloorPicture(scene, self.node("picture"))
         self._seen: FloorVersion | None = None
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         floor = view.floor if view.floor_version != self._seen else None
         if floor is None:
             return
@@ -54,12 +55,12 @@ class WallLayer(MeshLayer):
     name, label, period_s = "walls", "Walls", 2.0
     _seen: FloorVersion | None = None
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         if view.floor_version != self._seen:
             self._seen = view.floor_version
             super()._draw(view, now_s)
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
         floor = view.floor
         boxes = np.empty((0, 4), np.float32) if floor is None else floor.wall_boxes()
         count = len(boxes)
@@ -79,7 +80,7 @@ class FieldLayer(Layer):
         """Quantity, lowest and highest value of what is drawn; for a legend."""
         self._picture = FloorPicture(scene, self.node("picture"))
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         bounds = view.map.known_bounds_m()
         quantity = most_read(view)
         if bounds is None or quantity is None:
@@ -94,7 +95,7 @@ class FieldLayer(Layer):
         self._picture.show(heat_picture(points, values, bounds, shape), bounds, FIELD_Z_M)
 
 
-def most_read(view: TeamView) -> str | None:
+def most_read(view: ShownTeam) -> str | None:
     """The quantity that most motes with a known place report; None if there is none."""
     counts = Counter(
         quantity for mote in view.motes.values() if mote.place is not None for quantity in sorted(mote.readings)
@@ -102,7 +103,7 @@ def most_read(view: TeamView) -> str | None:
     return max(counts, key=lambda quantity: (counts[quantity], quantity)) if counts else None
 
 
-def readings_of(view: TeamView, quantity: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def readings_of(view: ShownTeam, quantity: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Places (N, 2), metres, arena frame, and the last values (N,) of one quantity, finite ones only."""
     readings = [
         (mote.place.x_m, mote.place.y_m, mote.readings[quantity].value)
@@ -140,3 +141,57 @@ def heat_picture(
         picture[:, :, channel] = np.interp(at, np.arange(len(steps)), steps[:, channel])
     picture[:, :, 3] = np.where(nearest <= REACH_M**2, ALPHA, 0)
     return picture
+
+
+FRAME_M, FRAME_HEIGHT_M = 0.06, 0.04
+REGION_MARK = diamond(0.16, 0.45)
+REGION_LABELS = 12
+"""The largest regions get a label."""
+NO_WAY = frozenset({LeftKind.TOO_NARROW, LeftKind.UNREACHABLE})
+"""Robots could not get there by any try."""
+
+
+class LeftLayer(MeshLayer):
+    """Regions that exploration has left, once it has ended; others than those that robots can never enter are amber."""
+
+    name, label, period_s = "left", "Left unexplored", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("label"), 0.8, below=True)
+
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
+        super()._draw(view, now_s)
+        self._labels.show(
+            {
+                f"left-{number}": (left_label(region), (region.place.x_m, region.place.y_m, 0.0))
+                for number, region in enumerate(_regions_of(view)[:REGION_LABELS])
+            }
+        )
+
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
+        pieces = []
+        for region in _regions_of(view):
+            color = BAD if region.kind in NO_WAY else WARNING
+            pieces.append((color, region_frame(region)))
+            pieces.append((color, copies(REGION_MARK, rows([(region.place.x_m, region.place.y_m, 0.0)]))))
+        return by_color(pieces)
+
+
+def _regions_of(view: ShownTeam) -> list[RegionLeft]:
+    return [] if view.left is None else view.left.regions
+
+
+def left_label(region: RegionLeft) -> str:
+    """A region in a few words; the scene's font has no ²."""
+    return f"{region.kind.value.replace('_', ' ')}, {region.area_m2:.1f} m2"
+
+
+def region_frame(region: RegionLeft) -> Mesh:
+    """Four bars on the floor around a region's bounding box."""
+    low, high = region.low, region.high
+    width_m, depth_m = high.x_m - low.x_m, high.y_m - low.y_m
+    x_m, y_m, z_m = (low.x_m + high.x_m) / 2, (low.y_m + high.y_m) / 2, 0.0
+    places = [(x_m, low.y_m, z_m), (x_m, high.y_m, z_m), (low.x_m, y_m, z_m), (high.x_m, y_m, z_m)]
+    along, across = (width_m + FRAME_M, FRAME_M, FRAME_HEIGHT_M), (FRAME_M, depth_m + FRAME_M, FRAME_HEIGHT_M)
+    return copies(cube(), rows(places), rows([along, along, across, across]))

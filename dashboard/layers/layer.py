@@ -1,21 +1,24 @@
 """Base classes of the scene's layers, which can be shown or hidden and are drawn periodically.
 
 A layer of the server's scene is drawn once and sent to all browsers, and each browser shows or hides it for itself
-(`layer_switches.py`). A layer of a client's scene belongs to that browser alone.
+(`LayerSwitch`). A layer of a client's scene belongs to that browser alone.
 """
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
 
 import viser
 
+from robrain.dashboard.parts import parts_of
 from robrain.dashboard.scene.merged_meshes import MergedMeshes
 from robrain.dashboard.scene.meshes import Mesh
 from robrain.dashboard.server.retry import Retry
+from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
+from robrain.protocol.table.topic import Topic
 from robrain.recording.drawing.palette import Rgb
 
 logger = logging.getLogger(__name__)
@@ -36,6 +39,10 @@ class Layer(ABC):
     label: ClassVar[str]
     period_s: ClassVar[float]
     shown_at_first: ClassVar[bool] = True
+    detail: "ClassVar[type[OwnLayer] | None]" = None
+    """A further layer of each browser, with the same switch."""
+    topics: ClassVar[tuple[Topic[Any], ...]] = ()
+    """Read from `ShownTeam.others`."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self.scene = scene
@@ -67,7 +74,7 @@ class Layer(ABC):
         """Whether the last drawing failed; the layer is hidden until one succeeds."""
         return self.retry.failing
 
-    def draw(self, view: TeamView, now_s: float) -> None:
+    def draw(self, view: ShownTeam, now_s: float) -> None:
         """Draw what changed, if drawing is due.
 
         A layer that fails is hidden and retried later, so that the page and its halt keep working.
@@ -100,7 +107,7 @@ class Layer(ABC):
         return f"/{self.name}/{name}"
 
     @abstractmethod
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         """Bring the layer's nodes up to date."""
 
 
@@ -109,7 +116,7 @@ class OwnLayer(Layer):
 
     focus = Focus()
 
-    def draw_for(self, focus: Focus, view: TeamView, now_s: float) -> None:
+    def draw_for(self, focus: Focus, view: ShownTeam, now_s: float) -> None:
         """Draw what changed, if drawing is due; at once if the selection or the zoom state changed."""
         if focus.is_another(self.focus):
             self.hurry()
@@ -126,9 +133,74 @@ class MeshLayer(Layer):
         super().__init__(scene)
         self._solids = MergedMeshes(scene, self.node("solids"), self.opacity)
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         self._solids.show(self._meshes(view, now_s))
 
     @abstractmethod
-    def _meshes(self, view: TeamView, now_s: float) -> Mapping[Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> Mapping[Rgb, Mesh]:
         """The meshes to show."""
+
+
+class LayerSwitch:
+    """One browser's switch of a layer: each browser has its own choice.
+
+    A node of a client's scene replaces the shared node of the same name in that browser, with all nodes below. So a
+    browser that hides a layer has a hidden frame of its own in place of the layer's root, and nothing is sent twice.
+
+    Args:
+        client: the browser.
+        layer: drawn once for all browsers, or for this one alone.
+        own: a further layer of this browser alone, with the same switch.
+    """
+
+    def __init__(self, client: viser.ClientHandle, layer: Layer, own: OwnLayer | None = None) -> None:
+        self.layer = layer
+        self.label = layer.label
+        self.layers = (layer,) if own is None else (layer, own)
+        self._own = layer if isinstance(layer, OwnLayer) else own
+        self._frame: viser.FrameHandle | None = None
+        if layer is not self._own:
+            self._frame = client.scene.add_frame(f"/{layer.name}", show_axes=False, visible=layer.shown)
+        self.shown = layer.wanted
+
+    @property
+    def shown(self) -> bool:
+        """Whether this browser shows it; a failing layer is hidden regardless."""
+        return self._shown
+
+    @shown.setter
+    def shown(self, shown: bool) -> None:
+        self._shown = shown
+        if self._own is not None:
+            self._own.wanted = self._own.needed = shown
+        self._show()
+
+    def draw(self, view: ShownTeam, focus: Focus, now_s: float) -> None:
+        """Draw the browser's own layer, and hide what could not be drawn."""
+        self._show()
+        if self._own is not None:
+            self._own.draw_for(focus, view, now_s)
+
+    def _show(self) -> None:
+        if self._frame is not None:
+            visible = self._shown and not self.layer.failing
+            if self._frame.visible != visible:
+                self._frame.visible = visible
+
+
+def switches_of(client: viser.ClientHandle, layers: tuple[Layer, ...]) -> list[LayerSwitch]:
+    """A browser's switches of all layers, in the order of their checkboxes."""
+    shared = [LayerSwitch(client, layer, layer.detail(client.scene) if layer.detail else None) for layer in layers]
+    return shared + [LayerSwitch(client, layer(client.scene)) for layer in parts_of(OwnLayer)]
+
+
+def troubles_of(switches: Iterable[LayerSwitch], now_s: float) -> list[Alert]:
+    """Alerts for the layers that one browser wants to show and that fail."""
+    return [
+        Alert(
+            AlertLevel.WARN, "Picture", f"{layer.label} cannot be drawn; next try in {layer.retry.wait_s(now_s):.0f} s"
+        )
+        for switch in switches
+        for layer in switch.layers
+        if switch.shown and layer.failing
+    ]

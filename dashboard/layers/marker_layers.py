@@ -8,8 +8,8 @@ from robrain.dashboard.scene.merged_meshes import by_color, copies
 from robrain.dashboard.scene.meshes import Mesh, bolt, cube, diamond, flag, pin, tent
 from robrain.dashboard.scene.scene_nodes import Labels, Rows, colors, rows, to_linear
 from robrain.dashboard.state.focus import motes_in_focus
-from robrain.dashboard.state.robot_view import MoteView, RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing import palette
@@ -28,7 +28,7 @@ class ChargerLayer(MeshLayer):
 
     name, label, period_s = "chargers", "Chargers", 2.0
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
         places = rows([(place.x_m, place.y_m, 0.0) for place in view.chargers])
         return {
             palette.CHARGER_PLATE: copies(cube(), places, rows([PLATE_M] * len(places))),
@@ -45,7 +45,7 @@ class TaskLayer(MeshLayer):
         super().__init__(scene)
         self._labels = Labels(scene, self.node("label"), 0.8, below=True)  # above are the names of robots and motes
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         super()._draw(view, now_s)
         events = _marked_tasks(view)
         self._labels.show(
@@ -55,7 +55,7 @@ class TaskLayer(MeshLayer):
             }
         )
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
         pieces = []
         for event in _marked_tasks(view):
             place = rows([(event.task.place.x_m, event.task.place.y_m, 0.0)])
@@ -67,7 +67,7 @@ class TaskLayer(MeshLayer):
         return by_color(pieces)
 
 
-def _marked_tasks(view: TeamView) -> list[TaskEvent]:
+def _marked_tasks(view: ShownTeam) -> list[TaskEvent]:
     return [event for event in view.tasks.values() if event.task.kind != "explore"][-TASKS:]
 
 
@@ -88,7 +88,7 @@ class FrontierLayer(MeshLayer):
 
     name, label, period_s = "frontiers", "Frontiers", 1.0
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
         frontiers = view.team.frontiers if view.team is not None else []
         sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, max(frontier.length_m, 0.0) ** 0.5)) for frontier in frontiers]
         places = rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers])
@@ -104,12 +104,32 @@ MOTE_MESHES: tuple[tuple[Mesh, float], ...] = (
 """Shape and scale by `palette.mote_class`: a diamond is well, a pyramid is low, a cube is nearly empty."""
 
 
+class MoteLabelLayer(OwnLayer):
+    """Latest readings of the motes in focus."""
+
+    name, label, period_s = "mote_labels", "Readings of motes", 1.0
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("reading"), 0.8)
+
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
+        self._labels.show(
+            {
+                mote.name: (reading_text(mote), (mote.place.x_m, mote.place.y_m, MOTE_LABEL_Z_M))
+                for mote in motes_in_focus(view, self.focus)
+                if mote.place is not None
+            }
+        )
+
+
 class MoteLayer(MeshLayer):
     """Motes; colour and shape show the state of their supply."""
 
     name, label, period_s = "motes", "Motes", 1.0
+    detail = MoteLabelLayer
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[palette.Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
         places: dict[int, list[tuple[float, float, float]]] = {}
         for mote in view.motes.values():
             if mote.place is not None:
@@ -123,25 +143,6 @@ class MoteLayer(MeshLayer):
         }
 
 
-class MoteLabelLayer(OwnLayer):
-    """Latest readings of the motes in focus."""
-
-    name, label, period_s = "mote_labels", "Readings of motes", 1.0
-
-    def __init__(self, scene: viser.SceneApi) -> None:
-        super().__init__(scene)
-        self._labels = Labels(scene, self.node("reading"), 0.8)
-
-    def _draw(self, view: TeamView, now_s: float) -> None:
-        self._labels.show(
-            {
-                mote.name: (reading_text(mote), (mote.place.x_m, mote.place.y_m, MOTE_LABEL_Z_M))
-                for mote in motes_in_focus(view, self.focus)
-                if mote.place is not None
-            }
-        )
-
-
 class ScanLayer(OwnLayer):
     """What the lidar of the selected robot sees, in the robot's colour."""
 
@@ -151,7 +152,7 @@ class ScanLayer(OwnLayer):
         super().__init__(scene)
         self._handle: viser.PointCloudHandle | None = None
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         robot = view.robots.get(self.focus.robot)
         points: Rows = scan_points(robot) if robot is not None else rows([])
         if robot is None or not len(points):
@@ -165,7 +166,7 @@ class ScanLayer(OwnLayer):
         )
 
 
-def scan_points(robot: RobotView) -> Rows:
+def scan_points(robot: ShownRobot) -> Rows:
     """Ends of the beams that hit something, float32 (N, 3), metres, arena frame."""
     pose = robot.pose_at(robot.scan.stamp_ns) if robot.scan is not None else None
     if robot.scan is None or pose is None:
@@ -178,7 +179,7 @@ def scan_points(robot: RobotView) -> Rows:
     return np.column_stack([x_m, y_m, np.full(x_m.shape, SCAN_Z_M)]).astype(np.float32)
 
 
-def reading_text(mote: MoteView) -> str:
+def reading_text(mote: ShownMote) -> str:
     """A mote's last reading in a few characters."""
     latest = mote.latest
     return mote.name if latest is None else f"{mote.name} {latest.value:.1f}"

@@ -10,8 +10,8 @@ from robrain.dashboard.layers.layer import Layer, MeshLayer
 from robrain.dashboard.scene.merged_meshes import by_color, copies
 from robrain.dashboard.scene.meshes import Mesh, hoop, robot_base, robot_body, robot_dart, robot_nose
 from robrain.dashboard.scene.scene_nodes import Instances, Labels, colors, rows
-from robrain.dashboard.state.robot_view import RobotContact, RobotHealth, RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import RobotContact, RobotHealth, ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.recording.drawing.palette import HALTED, LOST, NOSE, TRUTH, Rgb, style_of
 
 DEFAULT_RADIUS_M = 0.2
@@ -43,7 +43,7 @@ class RobotLayer(Layer):
         self._noses = Instances(scene, self.node("noses"), robot_nose())
         self._darts = Instances(scene, self.node("darts"), robot_dart())
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         robots = [robot for robot in view.robots_in_order() if robot.pose is not None]
         poses = [robot.pose for robot in robots if robot.pose is not None]
         positions = rows([(pose.x_m, pose.y_m, 0.0) for pose in poses])
@@ -72,7 +72,7 @@ class NameLayer(Layer):
         self._labels = Labels(scene, self.node("robot"))
         self._moved_s = 0.0
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         if len(view.robots) > FEW_ROBOTS and now_s - self._moved_s < MANY_LABELS_PERIOD_S:
             return
         self._moved_s = now_s
@@ -95,7 +95,7 @@ class TruthLayer(Layer):
         super().__init__(scene)
         self._rings = Instances(scene, self.node("rings"), hoop(0.85))
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         known = [(robot, robot.truth.pose) for robot in view.robots_in_order() if robot.truth is not None]
         self._rings.show(
             rows([(pose.x_m, pose.y_m, RING_Z_M) for _, pose in known]),
@@ -109,7 +109,7 @@ class CertaintyLayer(MeshLayer):
 
     name, label, period_s, shown_at_first = "certainty", "Uncertainty", 0.5, True
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
         pieces = []
         for robot in view.robots_in_order():
             found = ellipse(robot.state.pose_covariance) if robot.state is not None else None
@@ -143,23 +143,23 @@ def ellipse(covariance: tuple[float, ...]) -> Ellipse | None:
     return Ellipse(long_m, short_m, math.atan2(vectors[1, 1], vectors[0, 1]))
 
 
-def is_special(view: TeamView, robot: RobotView, now_s: float) -> bool:
+def is_special(view: ShownTeam, robot: ShownRobot, now_s: float) -> bool:
     """Whether a robot is selected or not up."""
     return robot.name in view.selected or robot.condition(now_s) not in (RobotHealth.UP, RobotHealth.READY)
 
 
-def radius_m(robot: RobotView) -> float:
+def radius_m(robot: ShownRobot) -> float:
     """Radius of the robot's footprint."""
     told_m = robot.state.radius_m if robot.state is not None else 0.0
     return told_m if 0.0 < told_m <= 10.0 else DEFAULT_RADIUS_M
 
 
-def body_color(robot: RobotView, now_s: float) -> Rgb:
+def body_color(robot: ShownRobot, now_s: float) -> Rgb:
     """The robot's own colour, or grey when it is lost."""
     return LOST if robot.contact(now_s) is RobotContact.LOST else style_of(robot.index).color
 
 
-def _text(robot: RobotView, now_s: float) -> str:
+def _text(robot: ShownRobot, now_s: float) -> str:
     contact = robot.contact(now_s)
     if contact is not RobotContact.UP:
         return f"{robot.name} {contact}"

@@ -6,37 +6,12 @@ from typing import NamedTuple
 import numpy as np
 import viser
 
-from robrain.dashboard.layers.floor_layers import FieldLayer, FloorLayer, WallLayer
-from robrain.dashboard.layers.layer import Layer
-from robrain.dashboard.layers.left_layer import LeftLayer
-from robrain.dashboard.layers.marker_layers import ChargerLayer, FrontierLayer, MoteLayer, TaskLayer
-from robrain.dashboard.layers.radio_layer import RadioLayer
-from robrain.dashboard.layers.robot_layers import CertaintyLayer, NameLayer, RobotLayer, TruthLayer
-from robrain.dashboard.layers.track_layers import PathLayer, TrailLayer
-from robrain.dashboard.layers.traffic_layer import TrafficLayer
+from robrain.dashboard.layers.layer import Layer, OwnLayer
+from robrain.dashboard.parts import parts_of
 from robrain.dashboard.scene import camera
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.model.geometry import Point2D
 
-LAYERS: tuple[type[Layer], ...] = (
-    FloorLayer,
-    WallLayer,
-    RobotLayer,
-    NameLayer,
-    TrailLayer,
-    PathLayer,
-    TrafficLayer,
-    TaskLayer,
-    ChargerLayer,
-    FrontierLayer,
-    LeftLayer,
-    MoteLayer,
-    RadioLayer,
-    FieldLayer,
-    CertaintyLayer,
-    TruthLayer,
-)
-"""Layers that are drawn once for all browsers, in the order of their checkboxes."""
 EMPTY_BOUNDS: camera.Bounds = (-6.0, -5.0, 6.0, 5.0)
 """Shown until there is a map."""
 EXPECTED_ASPECT = 1.1
@@ -64,18 +39,20 @@ class Framed(NamedTuple):
 
 
 class Scene:
-    """Draws a TeamView. The first map is framed in all browsers; later each browser moves its own camera."""
+    """Draws a ShownTeam. The first map is framed in all browsers; later each browser moves its own camera."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
-        self.layers: tuple[Layer, ...] = tuple(layer(server.scene) for layer in LAYERS)
+        self.layers: tuple[Layer, ...] = tuple(
+            layer(server.scene) for layer in parts_of(Layer) if not issubclass(layer, OwnLayer)
+        )
         self._bounds = EMPTY_BOUNDS
-        self._view: TeamView | None = None
+        self._view: ShownTeam | None = None
         self._framed: dict[int, Framed] = {}
         server.initial_camera.fov = camera.FOV_RAD
         self._set_initial_camera()
 
-    def draw(self, view: TeamView, now_s: float) -> None:
+    def draw(self, view: ShownTeam, now_s: float) -> None:
         """Draw what changed."""
         is_another = view is not self._view
         self._view = view

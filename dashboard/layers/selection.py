@@ -8,8 +8,8 @@ import viser
 
 from robrain.dashboard.layers.robot_layers import radius_m
 from robrain.dashboard.scene.meshes import hoop
-from robrain.dashboard.state.robot_view import MoteView, RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 MARK_Z_M = 0.06
@@ -31,7 +31,7 @@ class SelectionMark:
         self._size_m = 0.0
         self._at: tuple[float, float] | None = None
 
-    def show(self, robot: RobotView | None, *, follows: bool) -> None:
+    def show(self, robot: ShownRobot | None, *, follows: bool) -> None:
         """Put the ring around a robot, or hide it, and move the camera along if it follows."""
         pose = robot.pose if robot is not None else None
         if robot is None or pose is None:
@@ -81,12 +81,12 @@ def floor_hit(
     return (Point2D(x_m, y_m), distance_m) if abs(x_m) < FAR_M and abs(y_m) < FAR_M else None
 
 
-def robot_near(view: TeamView, place: Point2D, camera_m: float) -> RobotView | None:
+def robot_near(view: ShownTeam, place: Point2D, camera_m: float) -> ShownRobot | None:
     """The nearest robot within picking range of a click; the range grows with the camera's distance."""
     return view.robots.get(_nearest({robot.name: robot.pose for robot in view.robots.values()}, place, camera_m))
 
 
-def mote_near(view: TeamView, place: Point2D, camera_m: float) -> MoteView | None:
+def mote_near(view: ShownTeam, place: Point2D, camera_m: float) -> ShownMote | None:
     """The nearest mote within picking range of a click; the range grows with the camera's distance."""
     return view.motes.get(_nearest({mote.name: mote.place for mote in view.motes.values()}, place, camera_m))
 

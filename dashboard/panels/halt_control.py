@@ -14,7 +14,8 @@ import zenoh
 from robrain.dashboard.html.elements import CLOSE_MARK, render
 from robrain.dashboard.html.team_html import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.panels.gui_values import set_visible
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.panels.page_context import Panel, PanelContext, RowActions
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.table.topics import HALT
@@ -31,7 +32,7 @@ LABEL_KEEP = "Keep them halted"
 PERIOD_S = 0.5
 
 
-class HaltControl:
+class HaltControl(Panel):
     """Sends the halt and the resume, and shows which robots have obeyed."""
 
     def __init__(self, server: viser.ViserServer, endpoint: Endpoint) -> None:
@@ -50,7 +51,16 @@ class HaltControl:
         command = server.gui.add_command("Emergency halt", description="Halt all robots", hotkey="H")
         command.on_trigger(self._halt)
 
-    def draw(self, view: TeamView, now_s: float) -> None:
+    @classmethod
+    def make(cls, context: PanelContext) -> "HaltControl | None":
+        """For a live team."""
+        return None if context.team is None else cls(context.server, context.team)
+
+    def row_actions(self, client: viser.ClientHandle) -> RowActions:
+        """`resume` asks for a confirmation."""
+        return {"resume": lambda _: self.ask_to_resume(client)}
+
+    def draw(self, view: ShownTeam, now_s: float) -> None:
         """Show which robots have stopped, twice a second, with a new beat each time: it tells pages that this runs."""
         self._connected = view.connected
         if self._drawn_s is not None and now_s - self._drawn_s < PERIOD_S:
@@ -100,7 +110,7 @@ class HaltControl:
             )
 
 
-def acknowledgements_html(view: TeamView, beat: int) -> str:
+def acknowledgements_html(view: ShownTeam, beat: int) -> str:
     """Who has obeyed the halt, or that nothing is halted."""
     stopped, missing = acknowledgements(view)
     return render(

@@ -1,27 +1,32 @@
-"""What a page's tabs work with: the browser's page, what all pages share, and what is asked periodically."""
+"""Tabs and panels of a page, and what they use: the browser's page, what all pages share, and periodic queries."""
 
 import contextlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import viser
 
-from robrain.dashboard.layers.layer_switches import LayerSwitch
+from robrain.dashboard.layers.layer import LayerSwitch
 from robrain.dashboard.layers.scene import Scene
-from robrain.dashboard.panels.halt_control import HaltControl
-from robrain.dashboard.panels.replay_bar import ReplayBar
+from robrain.dashboard.replay.replay_source import ReplaySource
 from robrain.dashboard.server.asker import Asker, QueryOutcome, Then
 from robrain.dashboard.server.hand_pilot import HandPilot, driver_of
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.answers.hand_control import HandControl
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import KnownKind
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.schema.struct_schema import parameters_schema
+from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 from robrain.protocol.wire.endpoint import Endpoint
+
+if TYPE_CHECKING:  # loads what compares recordings
+    from robrain.dashboard.panels.what_if import ForkRunner
 
 PLUGINS_S = 2.0
 PLANNING_S = 5.0
@@ -45,7 +50,7 @@ def stock_kinds() -> list[KnownKind]:
 class Inquiries:
     """Asks the selected robots for their plugins, and the coordinator for its planning, chargers and kinds of tasks."""
 
-    def __init__(self, view: TeamView, asker: Asker) -> None:
+    def __init__(self, view: ShownTeam, asker: Asker) -> None:
         self._view = view
         self._asker = asker
         self._plugins: dict[str, PluginsOf] = {}
@@ -102,14 +107,12 @@ class Inquiries:
 class PageContext:
     """What the pages of all browsers share."""
 
-    view: TeamView
+    view: ShownTeam
     scene: Scene
     asker: Asker
     inquiries: Inquiries
-    replay: ReplayBar | None
-    """None for a live team."""
-    halt: HaltControl | None
-    """None for a recording."""
+    panels: "list[Panel]"
+    """Floating panels, which all browsers share."""
     team: Endpoint | None
     """The team's; None for a recording."""
 
@@ -125,7 +128,7 @@ class PageContext:
     @property
     def is_live(self) -> bool:
         """Whether there is a team, not a recording."""
-        return self.halt is not None
+        return self.team is not None
 
 
 class Page(Protocol):
@@ -151,3 +154,90 @@ class Page(Protocol):
 
     def set_dark(self, dark: bool) -> None:
         """Switch between the dark and the light theme."""
+
+    def set_follow(self, follows: bool) -> None:
+        """Whether the camera follows the selected robot."""
+
+    def show_overview(self) -> None:
+        """Move the camera to where the whole map is seen from the side and above."""
+
+    def show_top(self) -> None:
+        """Move the camera above the map."""
+
+
+RowActions = Mapping[str, Callable[[str], None]]
+"""By verb: what a click on an element with `data-rb="VERB SUBJECT"` does with the subject."""
+NO_ACTIONS: RowActions = MappingProxyType({})
+
+
+class Tab:
+    """A tab of one browser's page; made within the tab's context."""
+
+    title: ClassVar[str]
+    icon: ClassVar[Any] = None
+    """One of `viser.Icon`."""
+    topics: ClassVar[tuple[Topic[Any], ...]] = ()
+    """Read from `ShownTeam.others`."""
+
+    def __init__(self, page: Page) -> None:
+        raise NotImplementedError
+
+    def draw(self, now_s: float) -> None:
+        """Show the current state."""
+        raise NotImplementedError
+
+    def step(self) -> None:
+        """Do what must not wait for the next `draw`; called about ten times a second."""
+
+    def hurry(self) -> None:
+        """Update everything at the next `draw`, even if that is before it is due."""
+
+    def handle_selection(self) -> None:
+        """Another robot is selected."""
+
+    def accept_place(self, place: Point2D) -> bool:
+        """Whether the tab wants a click on the floor; others then do not get it."""
+        return False
+
+    def row_actions(self) -> RowActions:
+        """Actions of the tab's own elements."""
+        return NO_ACTIONS
+
+    def close(self) -> None:
+        """Release what belongs to the browser: it has disconnected, or its page cannot be updated."""
+
+
+@dataclass
+class PanelContext:
+    """What panels are made from."""
+
+    server: viser.ViserServer
+    team: Endpoint | None
+    """None for a recording."""
+    recording: ReplaySource | None
+    """None for a live team."""
+    forks: "ForkRunner | None"
+    """Runs a recording otherwise; None if that is not offered."""
+
+
+class Panel:
+    """A floating panel, which all browsers share."""
+
+    topics: ClassVar[tuple[Topic[Any], ...]] = ()
+    """Read from `ShownTeam.others`."""
+
+    @classmethod
+    def make(cls, context: PanelContext) -> Self | None:
+        """The panel; None if it is not for this page."""
+        raise NotImplementedError
+
+    def draw(self, view: ShownTeam, now_s: float) -> None:
+        """Show the current state."""
+        raise NotImplementedError
+
+    def row_actions(self, client: viser.ClientHandle) -> RowActions:
+        """Actions of elements in one browser."""
+        return NO_ACTIONS
+
+    def close(self) -> None:
+        """Stop what runs."""

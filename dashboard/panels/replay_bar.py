@@ -1,11 +1,18 @@
 """The bar of a replay: timeline with marks, play, speed, steps. All browsers share it."""
 
+from typing import TYPE_CHECKING
+
 import viser
 
 from robrain.dashboard.html.elements import render
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
+from robrain.dashboard.panels.page_context import Panel, PanelContext, RowActions
 from robrain.dashboard.replay.replay_index import Mark
 from robrain.dashboard.replay.replay_source import SPEEDS, ReplaySource
+from robrain.dashboard.state.shown_team import ShownTeam
+
+if TYPE_CHECKING:  # loads what compares recordings
+    from robrain.dashboard.panels.what_if import ForkRunner, WhatIfTab
 
 WIDTH_PX = 560
 MARGIN_PX = 15
@@ -16,18 +23,17 @@ STEPS: tuple[tuple[str, float], ...] = (("−10 s", -10.0), ("−1 s", -1.0), ("
 SHAPES = {"halt": ("■", "#d63a2a"), "fault": ("▲", "#e69f00"), "task": ("●", "#2fa37c")}
 
 
-class ReplayBar:
-    """Shows the position of the replay, and moves it."""
+class ReplayBar(Panel):
+    """Shows the position of the replay, and moves it; with a tab that runs it otherwise, if that is offered."""
 
-    def __init__(self, server: viser.ViserServer, source: ReplaySource) -> None:
+    def __init__(self, server: viser.ViserServer, source: ReplaySource, forks: "ForkRunner | None" = None) -> None:
         self._source = source
         self._drawn_s: float | None = None
         self._shown_s = 0.0
         """Last value of the slider that was set or taken. If it differs, somebody has moved it, and `_slid` is about to
         be called: setting it back would undo that."""
         gui = server.gui
-        self.panel = panel = gui.add_panel(order=0)
-        """With room for more tabs."""
+        panel = gui.add_panel(order=0)
         duration_s = max(source.player.duration_s, 0.1)
         with panel.add_tab("Replay"):
             self._marks = gui.add_html(marks_html(source.marks, duration_s, 0.0, playing=False))
@@ -46,12 +52,30 @@ class ReplayBar:
         gui.add_command("Replay: a second on", hotkey="arrowright").on_trigger(lambda _: source.skip(1.0))
         gui.add_command("Replay: a second back", hotkey="arrowleft").on_trigger(lambda _: source.skip(-1.0))
 
-    def seek(self, time_s: float) -> None:
-        """Go to a time."""
-        self._source.seek(time_s)
+        self._what_if: WhatIfTab | None = None
+        if forks is not None:
+            from robrain.dashboard.panels import what_if
 
-    def draw(self, now_s: float) -> None:
+            self._what_if = what_if.WhatIfTab(server, panel, source, forks)
+
+    @classmethod
+    def make(cls, context: PanelContext) -> "ReplayBar | None":
+        """For a recording."""
+        return None if context.recording is None else cls(context.server, context.recording, context.forks)
+
+    def row_actions(self, client: viser.ClientHandle) -> RowActions:
+        """`seek` goes to a time in seconds."""
+        return {"seek": lambda time: self._source.seek(float(time)) if time.replace(".", "", 1).isdecimal() else None}
+
+    def close(self) -> None:
+        """Stop a fork that runs."""
+        if self._what_if is not None:
+            self._what_if.close()
+
+    def draw(self, view: ShownTeam, now_s: float) -> None:
         """Show the current position."""
+        if self._what_if is not None:
+            self._what_if.draw()
         if self._drawn_s is not None and now_s - self._drawn_s < PERIOD_S:
             return
         self._drawn_s = now_s

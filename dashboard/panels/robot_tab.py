@@ -17,10 +17,9 @@ from robrain.dashboard.html.robot_html import (
     result_html,
     robot_card_html,
 )
-from robrain.dashboard.panels.form_panel import FormPanel
-from robrain.dashboard.panels.function_form import fields_of
+from robrain.dashboard.panels.function_form import FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_options, set_value
-from robrain.dashboard.panels.page_context import Page, PluginsOf
+from robrain.dashboard.panels.page_context import Page, PluginsOf, RowActions, Tab
 from robrain.dashboard.server.asker import QueryOutcome
 from robrain.dashboard.server.hand_pilot import HandPilot, Velocity
 from robrain.protocol.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
@@ -74,7 +73,7 @@ class HandDrive:
             button.on_hold(self._holder(label, push), HOLD_HZ)
         self._arm()
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Disarm, and give the robot back."""
         if self._armed.value or self._pilot is not None:
             set_value(self._armed, False)
@@ -129,8 +128,10 @@ HOST_VERBS: dict[str, tuple[Query[Any, list[PluginInfo]], type[Any]]] = {
 }
 
 
-class RobotTab:
-    """The tab of one page; built within the tab's context."""
+class RobotTab(Tab):
+    """The tab of one page."""
+
+    title, icon = "Robot", viser.Icon.ROBOT
 
     def __init__(self, page: Page) -> None:
         gui = page.client.gui
@@ -144,7 +145,7 @@ class RobotTab:
         self._card = gui.add_html(render("elements", "message", kind="none", words="No robot has been heard yet."))
         live = page.context.is_live
         with gui.add_folder("Drive by hand", expand_by_default=False, visible=live):
-            self.drive = HandDrive(page)
+            self._drive = HandDrive(page)
         with gui.add_folder("Call a function", visible=live):
             self._callable = gui.add_dropdown("Plugin", (NO_PLUGIN,))
             on_choice(self._callable, lambda name: page.post(lambda: self.select_plugin(name)))
@@ -191,11 +192,23 @@ class RobotTab:
         if page.context.is_live:
             self._draw_plugins(page.context.inquiries.plugins_of(robot.name))
 
-    def select(self) -> None:
-        """Prepare for another selected robot."""
+    def step(self) -> None:
+        """Show how driving by hand goes."""
+        self._drive.step()
+
+    def row_actions(self) -> RowActions:
+        """`plugin` selects a plugin."""
+        return {"plugin": self.select_plugin}
+
+    def handle_selection(self) -> None:
+        """Show another robot, and release the one that was driven."""
         self._charted_s = None
         self._drawn_plugins = None
-        self.drive.let_go()
+        self._drive.release()
+
+    def close(self) -> None:
+        """Release the robot that was driven."""
+        self._drive.release()
 
     def select_plugin(self, name: str) -> None:
         """Show a plugin of the selected robot, and offer its functions."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.replay.replay_index import MessageDecoder
 from robrain.dashboard.server.server import close_server, open_server
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.table.topics import ROBOT_MAP
 from robrain.recording.errors import check_absent, writing
 from robrain.recording.replay.player import Player
@@ -46,7 +46,7 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
     # The scene is made by a server that nobody calls, on a port that nobody knows.
     server = open_server("127.0.0.1", 0)
     try:
-        scene, view, decoder = Scene(server), TeamView(), MessageDecoder()
+        scene, view, decoder = Scene(server), ShownTeam(), MessageDecoder()
         _frame(scene, player, decoder)
         serializer = server.get_scene_serializer()
         messages = player.seek(0.0)
@@ -69,10 +69,10 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
 
 def _frame(scene: Scene, player: Player, decoder: MessageDecoder) -> None:
     """Point the camera at the whole map, of which the first frame knows nothing; viser's player does so only once."""
-    end = TeamView()
+    end = ShownTeam()
     for recorded in player.seek(player.duration_s):
         received = decoder.decode(recorded)
         if received is not None and received.topic is ROBOT_MAP:
             end.apply(received, player.duration_s)
     scene.draw(end, 0.0)
-    scene.draw(TeamView(), 0.0)
+    scene.draw(ShownTeam(), 0.0)

@@ -7,8 +7,8 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from robrain.dashboard.state.robot_view import TRAIL_POINTS, RobotHealth
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import TRAIL_POINTS, RobotHealth
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.codec import BadPayload
@@ -67,7 +67,7 @@ class ReplayIndex:
         self._start_ns = start_ns
         self._times_s: list[float] = []
         self._summed: list[Received] = []
-        self._all = TeamView()
+        self._all = ShownTeam()
         self._trails: dict[str, list[tuple[float, Any]]] = {}
         self._samples: dict[str, list[tuple[float, Any]]] = {}
         self._conditions: dict[str, RobotHealth] = {}
@@ -99,13 +99,13 @@ class ReplayIndex:
         """Names of the robots that the recording tells of."""
         return list(self._all.robots)
 
-    def apply_events(self, view: TeamView, time_s: float) -> None:
+    def apply_events(self, view: ShownTeam, time_s: float) -> None:
         """Apply to a new view all events up to a time."""
         view.check_order = {name: robot.index for name, robot in self._all.robots.items()}
         for received in self._summed[: bisect_right(self._times_s, time_s)]:
             view.apply(received, 0.0)
 
-    def apply_history(self, view: TeamView, time_s: float) -> None:
+    def apply_history(self, view: ShownTeam, time_s: float) -> None:
         """Add the history up to a time, trails and charts, to a view of the state at that time."""
         for name, robot in view.robots.items():
             places = self._trails.get(name, [])

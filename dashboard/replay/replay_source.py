@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robrain.dashboard.replay.replay_index import Mark, MessageDecoder, ReplayIndex
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 
 if TYPE_CHECKING:  # loads kernels
     from robrain.recording.reader.reading import RecordedMessage
@@ -15,7 +15,7 @@ SPEEDS = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)
 
 
 class ReplaySource:
-    """Updates a TeamView from a recording; its user closes it.
+    """Updates a ShownTeam from a recording; its user closes it.
 
     Args:
         path: an MCAP file.
@@ -47,7 +47,7 @@ class ReplaySource:
         self._index = ReplayIndex(self.player.start_ns)
         later = (lambda share: on_progress(0.5 + 0.5 * share)) if on_progress is not None else None
         self._index.read(read_messages(path, later), self._decoder.decode)
-        self.view = TeamView()
+        self.view = ShownTeam()
         self._runs = 0
         self._asked: deque[Callable[[float], None]] = deque(maxlen=64)
         """Requested moves, each called with the time of the next step."""
@@ -118,7 +118,7 @@ class ReplaySource:
         time_s = min(max(time_s, 0.0), self.player.duration_s)
         selected = self.view.selected
         self._runs += 1
-        view = self.view = TeamView()
+        view = self.view = ShownTeam()
         # The scene recognises another run by this number.
         view.runs, view.is_replay, view.selected = self._runs, True, selected
         state = self.player.seek(time_s)

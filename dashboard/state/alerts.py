@@ -3,8 +3,8 @@
 from enum import StrEnum
 from typing import NamedTuple
 
-from robrain.dashboard.state.robot_view import RecorderView, RobotContact, RobotHealth, RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import RobotContact, RobotHealth, ShownRecorder, ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.reasons import TopicStale
 from robrain.protocol.refusals import RefusalCode
@@ -30,7 +30,7 @@ class Alert(NamedTuple):
     text: str
 
 
-def alerts_of(view: TeamView, now_s: float) -> list[Alert]:
+def alerts_of(view: ShownTeam, now_s: float) -> list[Alert]:
     """All alerts, the bad ones first, robots in the order of their appearance."""
     found: list[Alert] = []
     if view.robots and not view.coordinator_up and not view.is_replay:
@@ -67,7 +67,7 @@ def _of_tasks(team: TeamState) -> list[Alert]:
     return found
 
 
-def _of_stale(view: TeamView, team: TeamState, now_s: float) -> list[Alert]:
+def _of_stale(view: ShownTeam, team: TeamState, now_s: float) -> list[Alert]:
     """Alerts for topics older than their deadline: the coordinator's own, and those it names of robots in contact."""
     found: list[Alert] = []
     deadline_s = COORDINATOR_STATE.deadline_s
@@ -92,7 +92,7 @@ def _of_refusals(subject: str, refused: object) -> list[Alert]:
     ]
 
 
-def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
+def _of_robot(robot: ShownRobot, now_s: float) -> list[Alert]:
     found: list[Alert] = []
     condition, state = robot.condition(now_s), robot.state
     if condition is RobotHealth.LOST:
@@ -117,7 +117,7 @@ def _of_robot(robot: RobotView, now_s: float) -> list[Alert]:
     return found
 
 
-def _of_recorder(recorder: RecorderView, now_s: float) -> list[Alert]:
+def _of_recorder(recorder: ShownRecorder, now_s: float) -> list[Alert]:
     subject = f"Recorder {recorder.name}"
     if recorder.is_silent(now_s):
         return [Alert(AlertLevel.BAD, subject, "says nothing any more: what happens now may not be recorded")]

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from robrain.dashboard.state.robot_view import MoteView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import ShownMote
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.model.geometry import Point2D
 
 MOTES = 40
@@ -29,7 +29,7 @@ class Focus(NamedTuple):
         return (self[:3], self.middle is None) != (other[:3], other.middle is None)
 
 
-def motes_in_focus(view: TeamView, focus: Focus) -> list[MoteView]:
+def motes_in_focus(view: ShownTeam, focus: Focus) -> list[ShownMote]:
     """The selected mote, motes that the selected robot hears, then visible ones, nearest first; at most `MOTES`."""
     robot = view.robots.get(focus.robot) if focus.chosen else None
     heard = {link.peer for link in robot.links if not link.is_robot} if robot is not None else set()

@@ -11,8 +11,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from robrain.algorithms.localization.pose_accuracy import position_sigma_m
-from robrain.dashboard.state.robot_view import RobotContact, RobotHealth
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import RobotContact, RobotHealth
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.model.accuracy import MapAccuracy
 
 UNSURE_M, ASTRAY_M = 0.5, 2.0
@@ -110,7 +110,7 @@ def headline_of(vitals: Vitals) -> Headline:
     return Headline(max([robots, *(finding.grade for finding in findings)]), findings)
 
 
-def vitals_of(view: TeamView, now_s: float) -> Vitals:
+def vitals_of(view: ShownTeam, now_s: float) -> Vitals:
     """The headline's inputs, from the team's view at `now_s`."""
     robots = [robot for robot in view.robots.values() if robot.contact(now_s) is RobotContact.UP]
     conditions = dict.fromkeys(RobotHealth, 0)
@@ -153,7 +153,7 @@ def vitals_of(view: TeamView, now_s: float) -> Vitals:
     )
 
 
-def judged_map(view: TeamView) -> MapAccuracy | None:
+def judged_map(view: ShownTeam) -> MapAccuracy | None:
     """Accuracy of the map by the ground truth; None without one, and for a map with too few cells."""
     known = view.truth.map_accuracy if view.truth is not None else None
     return known if known is not None and known.occupied_cells >= MAP_CELLS_MIN else None

@@ -4,17 +4,19 @@ import contextlib
 import sys
 import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import zenoh
 
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.drawing.drawn_map import ComposedMap
@@ -79,10 +81,16 @@ MAP_PAUSE_S = 1.0
 
 
 class LiveSource:
-    """Updates a TeamView from the wire; it does not close the endpoint."""
+    """Updates a ShownTeam from the wire.
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        self.view = TeamView()
+    Args:
+        endpoint: of the team; its owner closes it.
+        topics: to listen to beside those that the view knows.
+
+    """
+
+    def __init__(self, endpoint: Endpoint, topics: Sequence[Topic[Any]] = ()) -> None:
+        self.view = ShownTeam()
         self._endpoint = endpoint
         self._inbox = Inbox(INBOX)
         self._guard = RecordGuard(endpoint.refusals)
@@ -91,7 +99,7 @@ class LiveSource:
         self._dropped = 0
         self._had_router = False
         self._linked_s: float | None = None
-        for topic in self.view.topics:
+        for topic in dict.fromkeys([*self.view.topics, *topics]):
             endpoint.subscribe(self._inbox, topic)
         self._robots = endpoint.watch(ROBOT_ALIVE)
         self._coordinator = endpoint.watch(COORDINATOR_ALIVE)

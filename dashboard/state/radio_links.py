@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from robrain.dashboard.state.focus import Focus, motes_in_focus
-from robrain.dashboard.state.robot_view import MoteView, RobotContact
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import RobotContact, ShownMote
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import BadParameters, parameters_of
@@ -19,7 +19,7 @@ class DrawnLink(NamedTuple):
     rssi_dbm: float
 
 
-def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[DrawnLink]:
+def best_links(view: ShownTeam, motes: Iterable[ShownMote]) -> list[DrawnLink]:
     """The strongest of the newest links of each of these motes; drawing all links would hide everything else."""
     found = []
     for mote in motes:
@@ -30,7 +30,7 @@ def best_links(view: TeamView, motes: Iterable[MoteView]) -> list[DrawnLink]:
     return found
 
 
-def links_of_robot(view: TeamView, name: str, now_s: float) -> list[DrawnLink]:
+def links_of_robot(view: ShownTeam, name: str, now_s: float) -> list[DrawnLink]:
     """All that a robot hears: motes by its base station's list or by their readings, and other robots."""
     here = place_of_robot(view, name)
     if here is None:
@@ -51,7 +51,7 @@ def links_of_robot(view: TeamView, name: str, now_s: float) -> list[DrawnLink]:
     return found
 
 
-def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[DrawnLink]:
+def links_in_focus(view: ShownTeam, focus: Focus, now_s: float) -> list[DrawnLink]:
     """All links of a robot selected by a person, and the best link of each mote in focus, without duplicates.
 
     Links that are drawn for all browsers are left out.
@@ -68,7 +68,7 @@ def links_in_focus(view: TeamView, focus: Focus, now_s: float) -> list[DrawnLink
     return found
 
 
-def team_links(view: TeamView, now_s: float) -> list[DrawnLink]:
+def team_links(view: ShownTeam, now_s: float) -> list[DrawnLink]:
     """The fewest and strongest links that hold the team's radio together: a maximum spanning forest by strength."""
     found = []
     for (one, other), rssi_dbm in spanning_forest(robot_pairs(view, now_s)).items():
@@ -99,7 +99,7 @@ def _group_of(group: dict[str, str], name: str) -> str:
     return name
 
 
-def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:
+def robot_pairs(view: ShownTeam, now_s: float) -> dict[tuple[str, str], float]:
     """Strength in dBm between two robots that are there, by sorted names: of the worse direction that is known."""
     pairs: dict[tuple[str, str], float] = {}
     there = {robot.name for robot in view.robots.values() if robot.contact(now_s) is not RobotContact.LOST}
@@ -111,7 +111,7 @@ def robot_pairs(view: TeamView, now_s: float) -> dict[tuple[str, str], float]:
     return pairs
 
 
-def mote_routes(view: TeamView) -> list[tuple[Point2D, Point2D]]:
+def mote_routes(view: ShownTeam) -> list[tuple[Point2D, Point2D]]:
     """From each mote to the mote or gateway that takes its readings, according to its latest reading."""
     lines = []
     for mote in view.motes.values():
@@ -121,7 +121,7 @@ def mote_routes(view: TeamView) -> list[tuple[Point2D, Point2D]]:
     return lines
 
 
-def relay_lines(view: TeamView) -> list[tuple[Point2D, Point2D]]:
+def relay_lines(view: ShownTeam) -> list[tuple[Point2D, Point2D]]:
     """From each robot that is a relay now to its mote, and to the robot that is next in the chain."""
     lines = []
     for event in view.tasks.values():
@@ -138,7 +138,7 @@ def relay_lines(view: TeamView) -> list[tuple[Point2D, Point2D]]:
     return lines
 
 
-def place_of_robot(view: TeamView, name: str) -> Point2D | None:
+def place_of_robot(view: ShownTeam, name: str) -> Point2D | None:
     """The place of a robot; None if it is not known."""
     robot = view.robots.get(name)
     pose = robot.pose if robot is not None else None

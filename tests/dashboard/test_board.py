@@ -10,9 +10,9 @@ from robrain.dashboard.layers.selection import floor_hit, robot_near
 from robrain.dashboard.panels.halt_control import acknowledgements
 from robrain.dashboard.state.alerts import AlertLevel, alerts_of
 from robrain.dashboard.state.radio_links import relay_lines
-from robrain.dashboard.state.robot_view import MoteView, RobotHealth, RobotView
+from robrain.dashboard.state.shown_robot import RobotHealth, ShownMote, ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.dashboard.state.task_board import TaskBoard
-from robrain.dashboard.state.team_view import TeamView
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.robots.witness_messages import Lead
@@ -128,7 +128,7 @@ def test_gap_costs_no_energy_and_a_clock_that_falls_back_begins_anew() -> None:
 
 
 def test_condition_tells_the_worst_first() -> None:
-    robot = RobotView("r1", 0, heard_s=0.0)
+    robot = ShownRobot("r1", 0, heard_s=0.0)
     robot.state = RobotState(robot="r1")
     assert robot.condition(0.0) is RobotHealth.UP
     robot.state = RobotState(robot="r1", lost="nothing fits")
@@ -141,8 +141,8 @@ def test_condition_tells_the_worst_first() -> None:
 
 
 def test_alerts_name_what_is_wrong_the_worst_first() -> None:
-    view = TeamView()
-    robot = view.robots["r1"] = RobotView("r1", 0, present=True, heard_s=0.0)
+    view = ShownTeam()
+    robot = view.robots["r1"] = ShownRobot("r1", 0, present=True, heard_s=0.0)
     battery = BatteryState(voltage_v=20.0, current_a=0.6, temperature_c=30.0, soc=0.1, remaining_j=1.0)
     robot.state = RobotState(robot="r1", battery=battery, faulted=[PluginFault(plugin="scan", why="silent")])
     found = [(alert.level, alert.subject) for alert in alerts_of(view, 0.0)]
@@ -157,7 +157,7 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
 
 
 def test_journal_that_cannot_be_written_is_the_worst_alert_while_the_coordinator_is_there() -> None:
-    view = TeamView()
+    view = ShownTeam()
     view.coordinator_up = True
     view.team = TeamState(robots=[], unwritable="team.journal: cannot be written: database or disk is full")
     (alert,) = alerts_of(view, 0.0)
@@ -167,7 +167,7 @@ def test_journal_that_cannot_be_written_is_the_worst_alert_while_the_coordinator
 
 
 def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
-    view = TeamView()
+    view = ShownTeam()
     view.coordinator_up = True
     view.team = TeamState(
         robots=[], stand_by=StandByStatus(process="", in_step=False, held_back=MinorityHeard(heard=1, robots=4))
@@ -182,7 +182,7 @@ def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
 
 
 def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
-    view = TeamView()
+    view = ShownTeam()
     view.coordinator_up = True
     lead = Lead(election=4, journal="a", is_suspended=True, heard=1, witnesses=["r1", "r2", "r3"])
     view.team = TeamState(robots=[], lead=lead)
@@ -197,8 +197,8 @@ def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
 
 
 def test_stale_topics_and_lost_samples_are_alerts() -> None:
-    view = TeamView()
-    view.robots["r1"] = RobotView("r1", 0, present=True, heard_s=9.0)
+    view = ShownTeam()
+    view.robots["r1"] = ShownRobot("r1", 0, present=True, heard_s=9.0)
     view.coordinator_up, view.team_heard_s = True, 9.0
     stale = [TopicStale("robot_state", name, 0.42, 0.3) for name in ("r1", "r2")]
     lost = Refusal(topic="robot_event", key="robrain/t/robot/r1/event/a/b", code="lost", count=3, why="the hub was off")
@@ -215,7 +215,7 @@ def test_stale_topics_and_lost_samples_are_alerts() -> None:
 
 
 def test_only_a_robot_all_of_which_has_stopped_has_acknowledged() -> None:
-    view = TeamView()
+    view = ShownTeam()
     states = {
         "r1": RobotState(robot="r1", halted=True),
         "r2": RobotState(robot="r2", halted=True, not_halted=["driver"]),
@@ -223,7 +223,7 @@ def test_only_a_robot_all_of_which_has_stopped_has_acknowledged() -> None:
         "r10": None,
     }
     for name, told in states.items():
-        view.robots[name] = RobotView(name, 0, state=told)
+        view.robots[name] = ShownRobot(name, 0, state=told)
     assert acknowledgements(view) == (["r1"], ["r2", "r3", "r10"])
 
 
@@ -235,9 +235,9 @@ def test_click_means_the_floor_under_it_and_the_robot_that_stands_there() -> Non
     assert distance_m == pytest.approx(math.hypot(10.0, 10.0))
     assert floor_hit((0.0, 0.0, 10.0), (0.0, 1.0, 0.1)) is None
     assert floor_hit((0.0, 0.0, 10.0), (math.nan, 1.0, -0.1)) is None
-    view = TeamView()
+    view = ShownTeam()
     for name, x_m in (("r1", 0.2), ("r2", 0.6)):
-        view.robots[name] = RobotView(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
+        view.robots[name] = ShownRobot(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
     found = robot_near(view, Point2D(0.5, 0.0), 5.0)
     assert found is not None
     assert found.name == "r2"
@@ -245,10 +245,10 @@ def test_click_means_the_floor_under_it_and_the_robot_that_stands_there() -> Non
 
 
 def test_chain_of_relays_is_drawn_from_the_mote_to_the_last_robot() -> None:
-    view = TeamView()
+    view = ShownTeam()
     for name, x_m in (("r1", 1.0), ("r2", 2.0), ("r3", 3.0)):
-        view.robots[name] = RobotView(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
-    view.motes["m1"] = MoteView("m1", place=Point2D(0.0, 0.0))
+        view.robots[name] = ShownRobot(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
+    view.motes["m1"] = ShownMote("m1", place=Point2D(0.0, 0.0))
     for task, robot, mote, following in (("a", "r1", "m1", "r2"), ("b", "r2", "", "r3")):
         relay = Task(
             id=task, kind="relay", place=PLACE, parameters={"duration_s": 60.0, "mote": mote, "robot": following}
@@ -269,7 +269,7 @@ def test_ellipse_is_turned_as_the_covariance_is() -> None:
     assert ellipse((-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)) is None
 
 
-def recorder_says(view: TeamView, now_s: float, name: str = "main", **told: object) -> list[str]:
+def recorder_says(view: ShownTeam, now_s: float, name: str = "main", **told: object) -> list[str]:
     """What the alerts say of a recorder that has told this."""
     if told:
         state = RecorderState(recorder=name, **told)  # type: ignore[arg-type]
@@ -279,7 +279,7 @@ def recorder_says(view: TeamView, now_s: float, name: str = "main", **told: obje
 
 
 def test_recorder_that_cannot_write_or_loses_messages_is_an_alert() -> None:
-    view = TeamView()
+    view = ShownTeam()
     assert recorder_says(view, 0.0, file="run.mcap") == []
     assert recorder_says(view, 1.0, why="the disk is full") == ["the disk is full"]
     lost = [LostMessages("robot_state", 7), LostMessages("robot_map", 2)]
@@ -288,7 +288,7 @@ def test_recorder_that_cannot_write_or_loses_messages_is_an_alert() -> None:
 
 
 def test_recorder_that_falls_silent_is_an_alert_unless_it_has_closed_its_file() -> None:
-    view = TeamView()
+    view = ShownTeam()
     assert recorder_says(view, 0.0, file="run.mcap") == []
     assert recorder_says(view, 60.0) == []  # in lockstep it tells only what was lost
     recorder_says(view, 60.0, file="run.mcap")
@@ -301,7 +301,7 @@ def test_recorder_that_falls_silent_is_an_alert_unless_it_has_closed_its_file() 
 
 
 def test_recorder_that_was_killed_is_no_alert_once_another_follows_it() -> None:
-    view = TeamView()
+    view = ShownTeam()
     for now_s in (0.0, 1.0):
         recorder_says(view, now_s, file="run.mcap")
     recorder_says(view, 2.0, "second", file="run.1.mcap")

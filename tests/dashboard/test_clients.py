@@ -17,7 +17,7 @@ from robrain.dashboard.server.server import LocalServer, close_server, open_serv
 from robrain.protocol.table.topics import ROBOT_MAP
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.dashboard.fake_browsers import FakeBrowsers
-from tests.dashboard.test_team_view import patch, tell, tell_place
+from tests.dashboard.test_shown_team import patch, tell, tell_place
 from tests.waiting import PATIENCE_S
 
 BROWSERS, VISITS = 20, 5

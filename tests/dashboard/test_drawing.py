@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from robrain.dashboard.layers.marker_layers import scan_points
 from robrain.dashboard.scene.camera import OVERVIEW_ELEVATION_RAD, TOP_ELEVATION_RAD, Bounds, viewpoint_of
-from robrain.dashboard.state.robot_view import RobotView
-from robrain.dashboard.state.team_view import RateMeter
+from robrain.dashboard.state.shown_robot import ShownRobot
+from robrain.dashboard.state.shown_team import RateMeter
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D
@@ -52,7 +52,7 @@ def test_straight_wall_is_one_box() -> None:
 
 
 def test_scan_is_drawn_where_its_beams_ended() -> None:
-    robot = RobotView("r1", 0, state=RobotState(robot="r1", pose=Pose2D(1.0, 2.0, math.pi / 2)))
+    robot = ShownRobot("r1", 0, state=RobotState(robot="r1", pose=Pose2D(1.0, 2.0, math.pi / 2)))
     assert scan_points(robot).shape == (0, 3)
     robot.scan = Scan(
         robot="r1", angle_min_rad=0.0, angle_increment_rad=math.pi / 2, range_max_m=4.0, ranges_mm=[1000, 0, 2000]

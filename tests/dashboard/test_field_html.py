@@ -7,7 +7,7 @@ import pytest
 
 from robrain.dashboard.html.team_html import field_html, motes_html, rules_html
 from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
 from robrain.protocol.messages.motes.mote_messages import MoteReading
@@ -28,8 +28,8 @@ FIELD = MoteFieldState(
 )  # fmt: skip
 
 
-def view_of(field: MoteFieldState | None = None, rules: list[RuleStatus] | None = None) -> TeamView:
-    view = TeamView()
+def view_of(field: MoteFieldState | None = None, rules: list[RuleStatus] | None = None) -> ShownTeam:
+    view = ShownTeam()
     none = msgspec.UNSET
     state = TeamState(robots=[], mote_field=none if field is None else field, rules=none if rules is None else rules)
     view.team = msgspec.structs.replace(state, stamp_ns=NOW_NS)
@@ -50,7 +50,7 @@ def test_field_is_told_in_figures_with_its_forwarders_and_gateways() -> None:
 
 
 def test_nothing_is_shown_of_a_field_that_is_not_kept_and_of_a_plain_one_no_empty_tables() -> None:
-    assert field_html(TeamView()) == field_html(view_of()) == rules_html(TeamView()) == rules_html(view_of()) == ""
+    assert field_html(ShownTeam()) == field_html(view_of()) == rules_html(ShownTeam()) == rules_html(view_of()) == ""
     plain = MoteFieldState(motes=3, dead=0, delivery_ratio=1.0, age_s=1.0, oldest_s=2.0, coverage=1.0, on_duty=3)
     html = field_html(view_of(plain))
     assert "Gateways" not in html
@@ -80,7 +80,7 @@ def reading(mote: str, x_m: float = 0.0, **way: Any) -> MoteReading:
 
 
 def test_routes_lead_from_each_mote_to_the_one_that_passes_its_readings_on_and_to_gateways() -> None:
-    view = TeamView()
+    view = ShownTeam()
     tell(view, MOTE_READING, reading("m1", 1.0, via="m1", waiting=0, dropped=0), mote="m1")
     tell(view, MOTE_READING, reading("m2", 2.0, via="m1", waiting=0, dropped=0), mote="m2")
     tell(view, MOTE_READING, reading("m3", 3.0, via="m1", hops=1, forwarder="m2", waiting=0, dropped=0), mote="m3")
@@ -92,7 +92,7 @@ def test_routes_lead_from_each_mote_to_the_one_that_passes_its_readings_on_and_t
 
 
 def test_a_reading_that_was_passed_on_shows_no_radio_link_to_who_told_it() -> None:
-    view = TeamView()
+    view = ShownTeam()
     tell(view, MOTE_READING, reading("m3", 3.0, hops=1, forwarder="m2"), mote="m3")
     assert best_links(view, view.motes.values()) == []
     assert view.motes["m3"].links == {}
@@ -106,7 +106,7 @@ def body(name: str, kind: BodyKind, x_m: float, **more: Any) -> BodyTruth:
 
 @pytest.mark.parametrize("wrong", [{"pose": Pose2D(2 * FAR_M, 0.0, 0.0)}, {"length_m": 2 * FAR_M}])
 def test_bodies_with_impossible_places_or_sizes_are_left_out(wrong: dict[str, Any]) -> None:
-    view = TeamView()
+    view = ShownTeam()
     far = msgspec.structs.replace(body("person1", BodyKind.PERSON, 1.0), **wrong)
     tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=1.0, robots=[], bodies=[far]))
     assert view.rejected == 1

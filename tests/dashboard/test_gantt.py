@@ -1,8 +1,8 @@
 """What is foreseen for a robot, as the plan's picture has it."""
 
 from robrain.dashboard.html.task_html import foreseen, gantt_html
-from robrain.dashboard.state.robot_view import RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
@@ -17,9 +17,9 @@ S = 1_000_000_000
 NOW_NS = 100 * S
 
 
-def view_of(**state: object) -> tuple[TeamView, RobotView]:
+def view_of(**state: object) -> tuple[ShownTeam, ShownRobot]:
     """One robot at task `a`, with `b` and `c` planned for it."""
-    view = TeamView()
+    view = ShownTeam()
     for task, status in (("a", TaskState.RUNNING), ("b", TaskState.QUEUED), ("c", TaskState.QUEUED)):
         view.board.take(
             TaskEvent(task=Task(id=task, kind="visit", place=PLACE), state=status, robot="r1", stamp_ns=80 * S)
@@ -29,7 +29,7 @@ def view_of(**state: object) -> tuple[TeamView, RobotView]:
         view.board.decide(
             TaskDecision(task=task, plan=1, robots=("r1",), start_in_s=start_s, bids=(bid,), stamp_ns=90 * S)
         )
-    robot = view.robots["r1"] = RobotView("r1", 0)
+    robot = view.robots["r1"] = ShownRobot("r1", 0)
     robot.state = RobotState(robot="r1", stamp_ns=NOW_NS, **state)  # type: ignore[arg-type]
     return view, robot
 

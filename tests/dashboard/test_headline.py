@@ -23,15 +23,15 @@ from robrain.dashboard.state.headline import (
     headline_of,
     vitals_of,
 )
-from robrain.dashboard.state.robot_view import RobotHealth
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import RobotHealth
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
-from tests.dashboard.test_team_view import patch, tell, tell_place, token
+from tests.dashboard.test_shown_team import patch, tell, tell_place, token
 
 WELL = Vitals({RobotHealth.UP: 3}, coordinator_up=True, worst_sigma_m=0.1, worst_sigma_robot="r1", late_s=0.1)
 
@@ -97,7 +97,7 @@ def test_worst_of_all_counts(vitals: Vitals, grade: Grade, words: tuple[str, ...
 
 
 def test_what_is_heard_of_a_team_becomes_its_vitals() -> None:
-    view = TeamView()
+    view = ShownTeam()
     assert headline_of(vitals_of(view, 0.0)).grade is Grade.GOOD
     view.apply_presence(token("r1", True))
     view.coordinator_up = True
@@ -114,7 +114,7 @@ def test_what_is_heard_of_a_team_becomes_its_vitals() -> None:
 
 
 def test_summary_that_stops_is_late_though_the_coordinators_token_stands() -> None:
-    view = TeamView()
+    view = ShownTeam()
     view.coordinator_up = True
     tell(view, COORDINATOR_STATE, TeamState(robots=[]), 0.0)
     assert vitals_of(view, 0.5).late_s == 0.0
@@ -122,7 +122,7 @@ def test_summary_that_stops_is_late_though_the_coordinators_token_stands() -> No
 
 
 def test_map_counts_as_missing_after_a_while_and_a_patch_that_does_not_fit_for_a_while() -> None:
-    view = TeamView()
+    view = ShownTeam()
     for at_s in (0.0, MAPLESS_S + 1):
         assert not vitals_of(view, at_s).map_missing
         tell_place(view, "r1", 0.0, at_s)
@@ -148,12 +148,12 @@ def agreeing(robot: str, agreement: float | None) -> RobotState:
     return RobotState(robot=robot, pose=Pose2D(0.0, 0.0, 0.0), map_agreement=agreement)
 
 
-def text_of(view: TeamView, now_s: float = 0.0) -> list[str]:
+def text_of(view: ShownTeam, now_s: float = 0.0) -> list[str]:
     return [finding.words for finding in headline_of(vitals_of(view, now_s)).findings]
 
 
-def seen(*agreements: tuple[str, float | None]) -> TeamView:
-    view = TeamView()
+def seen(*agreements: tuple[str, float | None]) -> ShownTeam:
+    view = ShownTeam()
     view.coordinator_up = True
     for robot, agreement in agreements:
         tell(view, ROBOT_STATE, agreeing(robot, agreement), robot=robot)

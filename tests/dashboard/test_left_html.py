@@ -3,7 +3,7 @@
 import msgspec
 
 from robrain.dashboard.html.team_html import left_html
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.messages.team.arena_messages import ArenaClock
@@ -18,13 +18,13 @@ REGION = RegionLeft(
 )  # fmt: skip
 
 
-def told(view: TeamView, left: ExplorationLeft) -> TeamView:
+def told(view: ShownTeam, left: ExplorationLeft) -> ShownTeam:
     view.apply(Received(COORDINATOR_LEFT, COORDINATOR_LEFT.key("default"), {}, left), 0.0)
     return view
 
 
 def test_regions_are_listed_with_kind_place_area_and_reason() -> None:
-    html = left_html(told(TeamView(), ExplorationLeft(regions=[REGION], more=2, more_m2=1.5)))
+    html = left_html(told(ShownTeam(), ExplorationLeft(regions=[REGION], more=2, more_m2=1.5)))
     values = Page(html).values
     assert (values["left-1-kind"], values["left-1-place"], values["left-1-area"]) == (
         "too narrow",
@@ -36,13 +36,13 @@ def test_regions_are_listed_with_kind_place_area_and_reason() -> None:
 
 
 def test_before_exploration_has_ended_nothing_is_shown_and_then_that_nothing_is_left() -> None:
-    view = TeamView()
+    view = ShownTeam()
     assert left_html(view) == ""
     assert "Nothing is left" in left_html(told(view, ExplorationLeft()))
 
 
 def test_another_run_and_impossible_places_leave_no_regions() -> None:
-    view = told(TeamView(), ExplorationLeft(regions=[REGION]))
+    view = told(ShownTeam(), ExplorationLeft(regions=[REGION]))
     far = msgspec.structs.replace(REGION, place=Point2D(2 * FAR_M, 0.0))
     told(view, ExplorationLeft(regions=[far]))
     assert view.rejected == 1

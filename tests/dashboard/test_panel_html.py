@@ -12,11 +12,11 @@ from robrain.dashboard.html.robot_html import (
 from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue_html
 from robrain.dashboard.html.team_html import log_html, motes_html, robots_html, strip_html, summary_html
 from robrain.dashboard.panels.halt_control import acknowledgements_html
-from robrain.dashboard.panels.page import scale_html
 from robrain.dashboard.panels.replay_bar import marks_html
+from robrain.dashboard.panels.view_tab import scale_html
 from robrain.dashboard.replay.replay_index import Mark
-from robrain.dashboard.state.robot_view import MoteView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import ShownMote
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
 from robrain.protocol.messages.motes.mote_messages import MoteReading
@@ -75,12 +75,12 @@ class Page(HTMLParser):
 FIELD = MoteFieldState(motes=3, dead=1, delivery_ratio=0.97, age_s=5.0, oldest_s=9.0, coverage=0.9, on_duty=1)
 
 
-def tell(view: TeamView, topic: Topic, message: object, **names: str) -> None:
+def tell(view: ShownTeam, topic: Topic, message: object, **names: str) -> None:
     view.apply(Received(topic, "", names, message), 0.0)
 
 
 def test_robot_is_told_in_figures() -> None:
-    view = TeamView()
+    view = ShownTeam()
     battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=0.456, remaining_j=1.0)
     task = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING, why="the nearest border")
     state = RobotState(robot="r1", pose=Pose2D(1.25, -3.0, 0.0), battery=battery, behavior="explore", task=task)
@@ -95,7 +95,7 @@ def test_robot_is_told_in_figures() -> None:
 
 
 def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
-    view = TeamView()
+    view = ShownTeam()
     values = Page(summary_html(view, 0.0)).values
     assert values["explored"] == "0 m²"
     assert (values["sim-time"], values["speed"], values["coordinator"]) == ("–", "–", "lost")
@@ -107,7 +107,7 @@ def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
 
 
 def test_halt_is_told_with_how_many_obey() -> None:
-    view = TeamView()
+    view = ShownTeam()
     tell(view, ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
     tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r2")
     tell(view, HALT, Halt(halted=True, by="dashboard", reason="smoke"))
@@ -116,7 +116,7 @@ def test_halt_is_told_with_how_many_obey() -> None:
 
 
 def test_lost_link_is_told_before_all_else() -> None:
-    view = TeamView()
+    view = ShownTeam()
     view.connected = False
     assert "connection" in Page(strip_html(view, 0.0)).values
 
@@ -131,7 +131,7 @@ def test_error_of_a_plugin_is_shown_with_file_line_and_traceback_on_the_robots_p
     plugin = PluginInfo(name="greeter", level="unit", state="faulted", why=TRACEBACK)
     card = Page(plugin_card_html(plugin))
     assert card.values["plugin-why"] == TRACEBACK
-    view = TeamView()
+    view = ShownTeam()
     state = RobotState(robot="r1", faulted=[PluginFault(plugin="greeter", why=TRACEBACK)])
     tell(view, ROBOT_STATE, state, robot="r1")
     assert Page(robot_card_html(view, view.robots["r1"], 0.0)).values["plugin-why"] == TRACEBACK
@@ -191,9 +191,9 @@ def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
     assert EVIL in Page(robots_html(view, 0.0)).values["robot-name"]
 
 
-def evil_view(halted: bool) -> TeamView:
+def evil_view(halted: bool) -> ShownTeam:
     """Every string that can come over the wire is an attack."""
-    view = TeamView()
+    view = ShownTeam()
     status = TaskStatus(id=EVIL, epoch=1, state=TaskState.RUNNING, why=EVIL)
     state = RobotState(
         robot=EVIL,
@@ -217,5 +217,5 @@ def evil_view(halted: bool) -> TeamView:
     other = Task(id=EVIL + "2", kind="visit", place=Point2D(1.0, 2.0))
     tell(view, TASK_EVENT, TaskEvent(task=other, state=TaskState.FAILED, robot=EVIL, why=EVIL), task="u")
     reading = MoteReading(mote=EVIL, place=None, quantity=EVIL, value=1.0, voltage_v=2.0, rssi_dbm=-1, via=EVIL)
-    view.motes[EVIL] = MoteView(EVIL, readings={EVIL: reading})
+    view.motes[EVIL] = ShownMote(EVIL, readings={EVIL: reading})
     return view

@@ -9,8 +9,8 @@ from robrain.algorithms.slam.map_patch import to_message
 from robrain.dashboard.html.team_html import robots_html, strip_html
 from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
-from robrain.dashboard.state.robot_view import RobotHealth
-from robrain.dashboard.state.team_view import PLAN_S, TeamView
+from robrain.dashboard.state.shown_robot import RobotHealth
+from robrain.dashboard.state.shown_team import PLAN_S, ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.message import Message
@@ -31,7 +31,7 @@ CELLS = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
 LONG_S = 60.0
 
 
-def tell(view: TeamView, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
+def tell(view: ShownTeam, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
     view.apply(Received(topic, topic.key("default", **names), {"team": "default", **names}, message), now_s)
 
 
@@ -52,8 +52,8 @@ def preparation(columns: int = 3, x_m: float = 1.0) -> ArenaPreparation:
     return ArenaPreparation(parts_ready=3, parts=16, left_s=12.2, floor=floor, truth=truth)
 
 
-def prepared() -> TeamView:
-    view = TeamView()
+def prepared() -> ShownTeam:
+    view = ShownTeam()
     view.coordinator_up = True
     view.apply_presence(Change({"team": "default", "robot": "r1"}, True))
     tell(view, ARENA_PREPARATION, preparation())
@@ -108,7 +108,7 @@ def first_patch() -> MapPatch:
 
 def test_plan_that_does_not_fill_its_grid_or_has_a_place_far_away_is_rejected_whole() -> None:
     for bad in (preparation(columns=4), preparation(x_m=2e6)):
-        view = TeamView()
+        view = ShownTeam()
         tell(view, ARENA_PREPARATION, bad)
         assert view.rejected == 1
         assert view.preparation is None

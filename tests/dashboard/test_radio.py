@@ -9,8 +9,8 @@ from robrain.dashboard.state.radio_links import (
     robot_pairs,
     team_links,
 )
-from robrain.dashboard.state.robot_view import MoteView, RobotView
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLinks, RobotState
@@ -20,16 +20,16 @@ from robrain.protocol.table.topics import ROBOT_LINKS
 NOW_S = 10.0
 
 
-def team(**places_x_m: float) -> TeamView:
+def team(**places_x_m: float) -> ShownTeam:
     """Robots at these places, heard just now."""
-    view = TeamView()
+    view = ShownTeam()
     for name, x_m in places_x_m.items():
-        robot = view.robots[name] = RobotView(name, 0, present=True)
+        robot = view.robots[name] = ShownRobot(name, 0, present=True)
         robot.take_state(RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)), NOW_S)
     return view
 
 
-def tell(view: TeamView, robot: str, **heard_dbm: float) -> None:
+def tell(view: ShownTeam, robot: str, **heard_dbm: float) -> None:
     """A robot says whom it hears: robots by names with r, motes by names with m."""
     links = [
         RadioLink(peer=peer, is_robot=peer.startswith("r"), rssi_dbm=rssi_dbm, heard_ns=1)
@@ -74,7 +74,7 @@ def test_link_of_a_lost_robot_is_not_drawn() -> None:
 def test_selected_robot_shows_all_that_it_hears() -> None:
     view = team(r1=1.0, r2=2.0)
     for name, x_m in (("m1", -1.0), ("m2", -2.0), ("m3", -3.0)):
-        view.motes[name] = MoteView(name, place=Point2D(x_m, 0.0))
+        view.motes[name] = ShownMote(name, place=Point2D(x_m, 0.0))
     reading = MoteReading(
         mote="m2", place=None, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=-88.0, via="r1", stamp_ns=5
     )
@@ -94,7 +94,7 @@ def test_motes_have_neither_label_nor_link_until_somebody_zooms_in_or_selects() 
     view = team(r1=1.0, r2=2.0)
     for number in range(1, 4):
         name = f"m{number}"
-        view.motes[name] = MoteView(name)
+        view.motes[name] = ShownMote(name)
         view.motes[name].heard(
             MoteReading(
                 mote=name,

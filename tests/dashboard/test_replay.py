@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.dashboard.state.robot_view import RobotHealth
+from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow

@@ -6,6 +6,7 @@ from unittest.mock import MagicMock
 import pytest
 
 from robrain.dashboard.panels.replay_bar import ReplayBar
+from robrain.dashboard.state.shown_team import ShownTeam
 
 
 class Slider:
@@ -52,17 +53,17 @@ def bar(slider, source):
 
 def test_slider_follows_the_recording(bar, slider, source):
     source.seek(6.04)
-    bar.draw(0.0)
+    bar.draw(ShownTeam(), 0.0)
     assert slider.value == 6.0
 
 
 def test_slider_that_somebody_has_just_moved_is_not_put_back(bar, slider, source):
     source.seek(18.0)
-    bar.draw(0.0)
+    bar.draw(ShownTeam(), 0.0)
     slider.value = 2.0
-    bar.draw(1.0)
+    bar.draw(ShownTeam(), 1.0)
     slider.tell()
     assert source.player.position_s == 2.0
     source.seek(3.0)
-    bar.draw(2.0)
+    bar.draw(ShownTeam(), 2.0)
     assert slider.value == 3.0

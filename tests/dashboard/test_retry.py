@@ -6,12 +6,11 @@ from unittest.mock import MagicMock
 import pytest
 import viser
 
-from robrain.dashboard.layers.layer import Layer
-from robrain.dashboard.layers.layer_switches import LayerSwitch, troubles_of
+from robrain.dashboard.layers.layer import Layer, LayerSwitch, troubles_of
 from robrain.dashboard.server.retry import FIRST_S, LONGEST_S, Retry
 from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 
 
 class Fickle(Layer):
@@ -21,7 +20,7 @@ class Fickle(Layer):
     fails = False
     tries = 0
 
-    def _draw(self, view: TeamView, now_s: float) -> None:
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
         self.tries += 1
         if self.fails:
             raise RuntimeError("deque mutated during iteration")
@@ -49,7 +48,7 @@ def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_ag
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.WARNING)
-    layer, view = Fickle(scene()), TeamView()
+    layer, view = Fickle(scene()), ShownTeam()
     switch = LayerSwitch(MagicMock(scene=scene()), layer)
 
     def draw(now_s: float) -> None:

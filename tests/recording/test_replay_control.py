@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.deploy.recordings.replaying import ReplayKeys
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
@@ -37,7 +37,7 @@ class Stage:
         self.ear = Endpoint(self.session, "replay", LiveClock(), Drive.LOCKSTEP)
         self.wire = Endpoint(self.session, "replay", self.clock, Drive.LOCKSTEP)
         self.inbox = Inbox(capacity=100_000, every=True)
-        for topic in TeamView().topics:
+        for topic in ShownTeam().topics:
             self.ear.subscribe(self.inbox, topic)
         self.replay = Replay(self.wire, run)
         self.keys = ReplayKeys(self.replay)
@@ -48,8 +48,8 @@ class Stage:
             self.replay.step(self.clock.now_ns())
         return len(self.inbox)
 
-    def view(self) -> TeamView:
-        view = TeamView()
+    def view(self) -> ShownTeam:
+        view = ShownTeam()
         for received in self.inbox.drain():
             view.apply(received, 0.0)
         return view

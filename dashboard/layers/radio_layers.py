@@ -13,7 +13,7 @@ from robrain.dashboard.scene.merged_meshes import MergedMeshes, by_color, strips
 from robrain.dashboard.scene.meshes import Mesh
 from robrain.dashboard.scene.scene_nodes import dashed
 from robrain.dashboard.state.radio_links import DrawnLink, links_in_focus, mote_routes, relay_lines, team_links
-from robrain.dashboard.state.team_view import TeamView
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.drawing.palette import BAD, GOOD, RELAY, ROUTE, WARNING, Rgb
 
@@ -47,28 +47,6 @@ LOOKS = (LinkLook(GOOD, 0.05, 0.0), LinkLook(WARNING, 0.035, 0.3), LinkLook(BAD,
 """Strong, weak, very weak."""
 
 
-class RadioLayer(MeshLayer):
-    """The links that connect the team, lines from relays to the robots they serve, and routes between motes."""
-
-    name, label, period_s, shown_at_first = "radio", "Radio links", 1.0, True
-
-    opacity = OPACITY
-
-    def __init__(self, scene: viser.SceneApi) -> None:
-        super().__init__(scene)
-        self._relays = MergedMeshes(scene, self.node("relays"))
-
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
-        return link_meshes(team_links(view, now_s), TEAM_Z_M, widen_for(view.map.size_m), TEAM_WIDER)
-
-    def _draw(self, view: TeamView, now_s: float) -> None:
-        super()._draw(view, now_s)
-        widen = widen_for(view.map.size_m)
-        lines = [strips(dashed([start, end], 0.0, LINK_Z_M, 1), RELAY_M * widen) for start, end in relay_lines(view)]
-        routes = [taper(start, end, LINK_Z_M, widen) for start, end in mote_routes(view)[:ROUTES]]
-        self._relays.show(by_color([*((RELAY, line) for line in lines), *((ROUTE, route) for route in routes)]))
-
-
 class FocusRadioLayer(OwnLayer, MeshLayer):
     """Links of the selected robot, and the best link of each mote in focus; switched with the team's radio links."""
 
@@ -76,9 +54,32 @@ class FocusRadioLayer(OwnLayer, MeshLayer):
 
     opacity = OPACITY
 
-    def _meshes(self, view: TeamView, now_s: float) -> dict[Rgb, Mesh]:
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
         links = links_in_focus(view, self.focus, now_s)
         return link_meshes(links, LINK_Z_M, widen_for(view.map.size_m))
+
+
+class RadioLayer(MeshLayer):
+    """The links that connect the team, lines from relays to the robots they serve, and routes between motes."""
+
+    name, label, period_s, shown_at_first = "radio", "Radio links", 1.0, True
+    detail = FocusRadioLayer
+
+    opacity = OPACITY
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._relays = MergedMeshes(scene, self.node("relays"))
+
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
+        return link_meshes(team_links(view, now_s), TEAM_Z_M, widen_for(view.map.size_m), TEAM_WIDER)
+
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
+        super()._draw(view, now_s)
+        widen = widen_for(view.map.size_m)
+        lines = [strips(dashed([start, end], 0.0, LINK_Z_M, 1), RELAY_M * widen) for start, end in relay_lines(view)]
+        routes = [taper(start, end, LINK_Z_M, widen) for start, end in mote_routes(view)[:ROUTES]]
+        self._relays.show(by_color([*((RELAY, line) for line in lines), *((ROUTE, route) for route in routes)]))
 
 
 def link_style(rssi_dbm: float) -> LinkLook:

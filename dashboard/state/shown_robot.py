@@ -54,7 +54,7 @@ class RobotHealth(StrEnum):
 
 
 @dataclass
-class RobotView:
+class ShownRobot:
     """The known state of one robot."""
 
     name: str
@@ -157,7 +157,7 @@ class RobotView:
 
 
 @dataclass
-class MoteView:
+class ShownMote:
     """The known state of one mote."""
 
     name: str
@@ -187,7 +187,7 @@ class MoteView:
 
 
 @dataclass
-class RecorderView:
+class ShownRecorder:
     """The known state of one recorder; times are of the caller's monotonic clock."""
 
     name: str

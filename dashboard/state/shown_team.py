@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from robrain.dashboard.state.robot_view import MoteView, RecorderView, RobotView
+from robrain.dashboard.state.shown_robot import ShownMote, ShownRecorder, ShownRobot
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
@@ -83,21 +83,21 @@ class FloorVersion(NamedTuple):
     is_plan: bool
 
 
-class TeamView:
+class ShownTeam:
     """The state of the team according to its messages.
 
     `now_s` is always in seconds of one monotonic clock of the caller.
     """
 
     def __init__(self) -> None:
-        self.robots: dict[str, RobotView] = {}
+        self.robots: dict[str, ShownRobot] = {}
         self.check_order: dict[str, int] = {}
         """Numbers of the looks of robots from an earlier view; other robots are numbered as they appear."""
-        self.motes: dict[str, MoteView] = {}
+        self.motes: dict[str, ShownMote] = {}
         self.board = TaskBoard()
         self.log: deque[LogRecord] = deque(maxlen=LOG_LINES)
         """The latest log records of all robots, oldest first."""
-        self.recorders: dict[str, RecorderView] = {}
+        self.recorders: dict[str, ShownRecorder] = {}
         self.map = ComposedMap()
         self.team: TeamState | None = None
         self.left: ExplorationLeft | None = None
@@ -156,14 +156,17 @@ class TeamView:
             topics.ARENA_TRUTH: self._handle_truth,
             topics.ARENA_PREPARATION: self._handle_preparation,
         }
+        self.others: dict[str, Any] = {}
+        """The last message of each key of other topics, for parts of the page that read them."""
         self.topics = tuple(takers)
         """The topics that `apply` understands."""
         self._takers = {topic.name: take for topic, take in takers.items()}
 
     def apply(self, received: Received, now_s: float) -> None:
-        """Process a message; other topics are ignored, and a message with impossible values counts as `rejected`."""
+        """Process a message; other topics are only kept, and a message with impossible values counts as `rejected`."""
         take = self._takers.get(received.topic.name)
         if take is None:
+            self.others[received.key] = received.message
             return
         try:
             take(received.message, received.names, now_s)
@@ -232,11 +235,11 @@ class TeamView:
             return self.halt.halted
         return any(robot.halted for robot in self.robots.values())
 
-    def robots_in_order(self) -> list[RobotView]:
+    def robots_in_order(self) -> list[ShownRobot]:
         """All robots in the order in which they appeared."""
         return list(self.robots.values())
 
-    def goal_of(self, robot: RobotView) -> Point2D | None:
+    def goal_of(self, robot: ShownRobot) -> Point2D | None:
         """The place of its task, else the end of its path; arena frame."""
         status = robot.state.task if robot.state is not None else None
         event = self.tasks.get(status.id) if status is not None and not status.state.ended else None
@@ -315,7 +318,7 @@ class TeamView:
         if name not in self.recorders:  # it follows those that have ended without a word
             self.recorders = {other: view for other, view in self.recorders.items() if not view.is_silent(now_s)}
         if name in self.recorders or len(self.recorders) < RECORDERS:
-            self.recorders.setdefault(name, RecorderView(name)).take(state, now_s)
+            self.recorders.setdefault(name, ShownRecorder(name)).take(state, now_s)
 
     def _handle_halt(self, halt: Halt, names: Names, now_s: float) -> None:
         self.halt = halt
@@ -388,16 +391,16 @@ class TeamView:
         for robot in self.robots.values():
             robot.forget_run()
 
-    def _robot(self, name: str) -> RobotView:
+    def _robot(self, name: str) -> ShownRobot:
         robot = self.robots.get(name)
         if robot is None:
-            robot = self.robots[name] = RobotView(name, self.check_order.get(name, len(self.robots)))
+            robot = self.robots[name] = ShownRobot(name, self.check_order.get(name, len(self.robots)))
         return robot
 
-    def _mote(self, name: str) -> MoteView:
+    def _mote(self, name: str) -> ShownMote:
         mote = self.motes.get(name)
         if mote is None:
-            mote = self.motes[name] = MoteView(name)
+            mote = self.motes[name] = ShownMote(name)
         return mote
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from robrain.dashboard.html.team_html import task_text
-from robrain.dashboard.state.robot_view import SILENT_AFTER_S, TRAIL_POINTS, RobotContact, RobotView
-from robrain.dashboard.state.team_view import HISTORY_POINTS, TeamView
+from robrain.dashboard.state.shown_robot import SILENT_AFTER_S, TRAIL_POINTS, RobotContact, ShownRobot
+from robrain.dashboard.state.shown_team import HISTORY_POINTS, ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.message import Message
@@ -35,12 +35,12 @@ from robrain.protocol.table.topics import (
 from robrain.protocol.wire.presence import Change
 
 
-def tell(view: TeamView, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
+def tell(view: ShownTeam, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
     key = topic.key("default", **names)
     view.apply(Received(topic, key, {"team": "default", **names}, message), now_s)
 
 
-def tell_place(view: TeamView, robot: str, x_m: float, now_s: float = 0.0) -> None:
+def tell_place(view: ShownTeam, robot: str, x_m: float, now_s: float = 0.0) -> None:
     tell(view, ROBOT_STATE, RobotState(robot=robot, pose=Pose2D(x_m, 0.0, 0.0)), now_s, robot=robot)
 
 
@@ -69,16 +69,16 @@ def patch(
 
 
 @pytest.fixture
-def view() -> TeamView:
-    return TeamView()
+def view() -> ShownTeam:
+    return ShownTeam()
 
 
-def test_robot_is_named_by_its_key_not_by_what_it_says(view: TeamView) -> None:
+def test_robot_is_named_by_its_key_not_by_what_it_says(view: ShownTeam) -> None:
     tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r1")
     assert list(view.robots) == ["r1"]
 
 
-def test_robot_with_a_token_and_an_old_state_is_silent(view: TeamView) -> None:
+def test_robot_with_a_token_and_an_old_state_is_silent(view: ShownTeam) -> None:
     view.apply_presence(token("r1", True))
     robot = view.robots["r1"]
     assert robot.contact(0.0) is RobotContact.SILENT
@@ -87,7 +87,7 @@ def test_robot_with_a_token_and_an_old_state_is_silent(view: TeamView) -> None:
     assert robot.contact(10.1 + SILENT_AFTER_S) is RobotContact.SILENT
 
 
-def test_robot_whose_token_went_is_lost_at_once_and_comes_back(view: TeamView) -> None:
+def test_robot_whose_token_went_is_lost_at_once_and_comes_back(view: ShownTeam) -> None:
     assert view.apply_presence(token("r1", True))
     tell_place(view, "r1", 0.0, now_s=1.0)
     assert not view.apply_presence(token("r1", False))
@@ -97,14 +97,14 @@ def test_robot_whose_token_went_is_lost_at_once_and_comes_back(view: TeamView) -
 
 
 def test_robot_that_never_had_a_token_is_up_while_it_is_heard() -> None:
-    robot = RobotView("r1", 0)
+    robot = ShownRobot("r1", 0)
     assert robot.contact(0.0) is RobotContact.LOST
     robot.heard_s = 5.0
     assert robot.contact(6.0) is RobotContact.UP
     assert robot.contact(6.0 + SILENT_AFTER_S) is RobotContact.LOST
 
 
-def test_trail_keeps_steps_and_is_bounded(view: TeamView) -> None:
+def test_trail_keeps_steps_and_is_bounded(view: ShownTeam) -> None:
     for centimetre in range(100):
         tell_place(view, "r1", centimetre / 100)
     trail = view.robots["r1"].trail
@@ -115,7 +115,7 @@ def test_trail_keeps_steps_and_is_bounded(view: TeamView) -> None:
     assert trail[-1] == Point2D(2 * TRAIL_POINTS - 1, 0.0)
 
 
-def test_later_statements_about_the_map_win_in_any_order(view: TeamView) -> None:
+def test_later_statements_about_the_map_win_in_any_order(view: ShownTeam) -> None:
     tell(view, ROBOT_MAP, patch([[0, 100, -1, 0]], observed_ms=2000), robot="r1")
     tell(view, ROBOT_MAP, patch([[100, 0, 0, -1]], observed_ms=1000, robot="r2"), robot="r2")
     assert view.map.grid is not None
@@ -125,7 +125,7 @@ def test_later_statements_about_the_map_win_in_any_order(view: TeamView) -> None
     assert view.rejected == 0
 
 
-def test_walls_are_boxes_in_the_arena_frame(view: TeamView) -> None:
+def test_walls_are_boxes_in_the_arena_frame(view: ShownTeam) -> None:
     tell(view, ROBOT_MAP, patch([[100, 100, 0, 100], [100, 100, 0, 0], [0, 100, 100, 0]]), robot="r1")
     boxes = view.map.wall_boxes().tolist()
     assert boxes == [[-0.5, -1.5, 1.0, 1.0], [0.75, -1.75, 0.5, 0.5], [0.0, -0.75, 1.0, 0.5]]
@@ -145,7 +145,7 @@ def test_walls_are_boxes_in_the_arena_frame(view: TeamView) -> None:
         {"origin_x_m": 1e300},
     ],
 )
-def test_patch_that_makes_no_sense_is_refused_and_leaves_no_grid(view: TeamView, changes: dict[str, object]) -> None:
+def test_patch_that_makes_no_sense_is_refused_and_leaves_no_grid(view: ShownTeam, changes: dict[str, object]) -> None:
     good = patch([[0] * 4] * 3)
     tell(view, ROBOT_MAP, msgspec.structs.replace(good, **changes), robot="r1")
     assert view.rejected == 1
@@ -154,14 +154,14 @@ def test_patch_that_makes_no_sense_is_refused_and_leaves_no_grid(view: TeamView,
     assert view.map.known_area_m2 == 3.0
 
 
-def test_places_that_cannot_be_drawn_are_refused(view: TeamView) -> None:
+def test_places_that_cannot_be_drawn_are_refused(view: ShownTeam) -> None:
     tell_place(view, "r1", 1e300)
     tell(view, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(0.0, 1e30)]), robot="r1")
     assert view.rejected == 2
     assert "r1" not in view.robots
 
 
-def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: TeamView) -> None:
+def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: ShownTeam) -> None:
     tell(view, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(0, 0), Point2D(1, 1)]), robot="r1")
     robot = view.robots["r1"]
     assert view.goal_of(robot) == Point2D(1, 1)
@@ -175,7 +175,7 @@ def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: TeamView) -> None:
     assert view.tasks == {}
 
 
-def test_motes_keep_the_latest_of_each_quantity_and_a_place(view: TeamView) -> None:
+def test_motes_keep_the_latest_of_each_quantity_and_a_place(view: ShownTeam) -> None:
     truth = ArenaTruth(sim_time_s=1.0, robots=[], motes=[MoteTruth(mote="m1", place=Point2D(3, 4))])
     tell(view, ARENA_TRUTH, truth)
     for stamp_ns, (quantity, value) in enumerate([("light", 1.0), ("temperature", 20.0), ("light", 2.0)]):
@@ -207,13 +207,13 @@ def sensed(sequence: int, value: float, *, via: str = "r1", taken_s: int, told_s
     )  # fmt: skip
 
 
-def test_a_reading_that_two_robots_bring_in_is_shown_as_the_first_told_it(view: TeamView) -> None:
+def test_a_reading_that_two_robots_bring_in_is_shown_as_the_first_told_it(view: ShownTeam) -> None:
     tell(view, MOTE_READING, sensed(5, 20.0, taken_s=100, told_s=100), mote="m1")
     tell(view, MOTE_READING, sensed(5, 20.0, via="r2", taken_s=101, told_s=101), mote="m1")
     assert view.motes["m1"].readings["light"].via == "r1"
 
 
-def test_an_old_reading_out_of_a_mote_s_log_does_not_take_the_place_of_a_newer_one(view: TeamView) -> None:
+def test_an_old_reading_out_of_a_mote_s_log_does_not_take_the_place_of_a_newer_one(view: ShownTeam) -> None:
     tell(view, MOTE_READING, sensed(5, 20.0, taken_s=100, told_s=100), mote="m1")
     tell(view, MOTE_READING, sensed(3, 18.0, taken_s=92, told_s=101), mote="m1")
     assert view.motes["m1"].readings["light"].value == 20.0
@@ -221,7 +221,7 @@ def test_an_old_reading_out_of_a_mote_s_log_does_not_take_the_place_of_a_newer_o
     assert view.motes["m1"].readings["light"].value == 21.0
 
 
-def test_halt_of_the_team_counts_until_its_end(view: TeamView) -> None:
+def test_halt_of_the_team_counts_until_its_end(view: ShownTeam) -> None:
     assert not view.halted
     tell(view, HALT, Halt(halted=True, by="somebody"))
     assert view.halted
@@ -229,12 +229,12 @@ def test_halt_of_the_team_counts_until_its_end(view: TeamView) -> None:
     assert not view.halted
 
 
-def test_late_joiner_sees_by_a_halted_robot_that_the_team_is_halted(view: TeamView) -> None:
+def test_late_joiner_sees_by_a_halted_robot_that_the_team_is_halted(view: ShownTeam) -> None:
     tell(view, ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
     assert view.halted
 
 
-def test_speed_and_traffic_are_measured_on_the_callers_clock(view: TeamView) -> None:
+def test_speed_and_traffic_are_measured_on_the_callers_clock(view: ShownTeam) -> None:
     assert view.speed is None
     for tick in range(21):
         tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=tick * 0.3), now_s=tick * 0.1)
@@ -243,7 +243,7 @@ def test_speed_and_traffic_are_measured_on_the_callers_clock(view: TeamView) -> 
     assert view.messages_per_s == pytest.approx(70.0)
 
 
-def test_explored_share_is_kept_for_a_long_run_in_bounded_space(view: TeamView) -> None:
+def test_explored_share_is_kept_for_a_long_run_in_bounded_space(view: ShownTeam) -> None:
     for second in range(5000):
         truth = ArenaTruth(sim_time_s=float(second), robots=[], explored_fraction=second / 5000)
         tell(view, ARENA_TRUTH, truth)
@@ -253,7 +253,7 @@ def test_explored_share_is_kept_for_a_long_run_in_bounded_space(view: TeamView) 
     assert view.explored[-1][0] > 4980
 
 
-def test_clock_that_starts_over_begins_another_run(view: TeamView) -> None:
+def test_clock_that_starts_over_begins_another_run(view: ShownTeam) -> None:
     view.apply_presence(token("r1", True))
     tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=100.0))
     tell(view, ROBOT_MAP, patch([[0]]), robot="r1")
@@ -267,7 +267,7 @@ def test_clock_that_starts_over_begins_another_run(view: TeamView) -> None:
     assert view.robots["r1"].present
 
 
-def test_known_area_is_the_coordinators_while_it_is_up(view: TeamView) -> None:
+def test_known_area_is_the_coordinators_while_it_is_up(view: ShownTeam) -> None:
     tell(view, ROBOT_MAP, patch([[0, 0]]), robot="r1")
     tell(view, COORDINATOR_STATE, TeamState(robots=[RobotSummary(name="r1", up=True, age_s=0.1)], known_area_m2=9.0))
     assert view.known_area_m2 == pytest.approx(0.5)
@@ -276,7 +276,7 @@ def test_known_area_is_the_coordinators_while_it_is_up(view: TeamView) -> None:
     assert view.robots["r1"].summary is not None
 
 
-def test_robot_that_has_gone_stays_until_the_coordinator_lists_it_no_more(view: TeamView) -> None:
+def test_robot_that_has_gone_stays_until_the_coordinator_lists_it_no_more(view: ShownTeam) -> None:
     gone = RobotSummary(name="r1", up=False, age_s=400.0, task="visit-3", out=Gone())
     tell(view, COORDINATOR_STATE, TeamState(robots=[gone]))
     assert task_text(view.robots["r1"], view) == "gone for 7 min, with visit-3"
@@ -284,7 +284,7 @@ def test_robot_that_has_gone_stays_until_the_coordinator_lists_it_no_more(view: 
     assert not view.robots
 
 
-def test_scan_belongs_to_its_robot(view: TeamView) -> None:
+def test_scan_belongs_to_its_robot(view: ShownTeam) -> None:
     scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
     tell(view, ARENA_SCAN, scan, robot="r1")
     assert view.robots["r1"].scan == scan
@@ -293,14 +293,14 @@ def test_scan_belongs_to_its_robot(view: TeamView) -> None:
 @pytest.mark.parametrize(
     "changes", [{"ranges_mm": [10**400]}, {"ranges_mm": [-1]}, {"angle_min_rad": 1e300}, {"angle_increment_rad": 1e300}]
 )
-def test_scan_that_makes_no_sense_is_refused(view: TeamView, changes: dict[str, object]) -> None:
+def test_scan_that_makes_no_sense_is_refused(view: ShownTeam, changes: dict[str, object]) -> None:
     scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
     tell(view, ARENA_SCAN, msgspec.structs.replace(scan, **changes), robot="r1")
     assert view.rejected == 1
     assert view.robots == {}
 
 
-def test_other_topics_are_left_out(view: TeamView) -> None:
+def test_other_topics_are_left_out(view: ShownTeam) -> None:
     view.apply(Received(ROBOT_IMAGE, "robrain/default/robot/r1/image/i", {"robot": "r1", "image": "i"}, b""), 0.0)
     assert view.robots == {}
     assert ROBOT_IMAGE not in view.topics
