@@ -10,8 +10,8 @@ from typing import TypeVar
 
 import msgspec
 
+from robrain.lab.soak.fault_script import CancelOrder, FaultScript, HaltOrder, TaskInput
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, TaskInput
 
 TRIALS_MAX = 300
 """Trials for one script, unless the caller says otherwise."""

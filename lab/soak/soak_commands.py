@@ -32,7 +32,7 @@ def soak(
         bool, typer.Option("--planted", help="Run scripts with each of ten planted bugs until one finds it.")
     ] = False,
     full: Annotated[
-        bool, typer.Option("--full", help="Run the full stack with the stock plugins in a scenario, not the stand-in.")
+        bool, typer.Option("--full", help="Run with fidelity full in a scenario, instead of points.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -91,9 +91,9 @@ def _soak(
 
 def _repeat(file: Path, *, as_json: bool) -> None:
     from robrain.deploy.run.kernels import prepare_kernels
+    from robrain.lab.soak.fault_script import read_script
     from robrain.lab.soak.soak_display import show_script
     from robrain.lab.soak.soaking import run_script
-    from robrain.sim.stand_in.fault_script import read_script
 
     script = read_script(file)
     prepare_kernels(quiet=as_json)

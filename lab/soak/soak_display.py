@@ -7,12 +7,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedCo
 from rich.table import Table
 
 from robrain.deploy.command_line.terminal import both_at_a_terminal, console, print_line, results, text_column
+from robrain.lab.soak.fault_script import FaultScript
+from robrain.lab.soak.judge import Broken
 from robrain.lab.soak.planted import BUGS
 from robrain.lab.soak.soaking import PlantedFind, SoakResult
+from robrain.lab.soak.trial import TrialVerdict
 from robrain.sim.faults.fault_spec import FaultSpec
-from robrain.sim.stand_in.fault_script import FaultScript
-from robrain.sim.stand_in.judge import Broken
-from robrain.sim.stand_in.trial import TrialVerdict
 
 SHOWN_FAILURES = 20
 

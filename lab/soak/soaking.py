@@ -15,8 +15,22 @@ import numpy as np
 from robrain.deploy.recordings.surroundings import surroundings_of
 from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.mapping_plan import errors_alone
+from robrain.lab.soak.fault_script import (
+    CancelOrder,
+    FaultScript,
+    HaltOrder,
+    PointRobot,
+    ScriptRadio,
+    TaskInput,
+    script_json,
+)
+from robrain.lab.soak.judge import QUIET_S, Broken, TeamRule, broken_in
+from robrain.lab.soak.operator import OPERATOR, Operator, Promises
 from robrain.lab.soak.planted import BUGS, planted
+from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.shrink import TRIALS_MAX, Shrinker, with_sides_of
+from robrain.lab.soak.soak_run import quiet
+from robrain.lab.soak.trial import TrialVerdict, run_trial
 from robrain.lab.sweep.crew import LocalCrew
 from robrain.lab.sweep.execution import execute_all
 from robrain.lab.sweep.run_outcome import RunState
@@ -30,20 +44,6 @@ from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, Faul
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.lockstep.pacing import StopOnInterrupt
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.stand_in.fault_script import (
-    CancelOrder,
-    FaultScript,
-    HaltOrder,
-    PointRobot,
-    ScriptRadio,
-    TaskInput,
-    script_json,
-)
-from robrain.sim.stand_in.judge import QUIET_S, Broken, TeamRule, broken_in
-from robrain.sim.stand_in.operator import OPERATOR, PointOperator
-from robrain.sim.stand_in.promises import Promises
-from robrain.sim.stand_in.script_drawing import draw_script
-from robrain.sim.stand_in.trial import TrialVerdict, quiet, run_trial
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.robot_specs import RobotSpec
@@ -52,7 +52,7 @@ SCENARIO = "arena_small"
 ROBOTS = 3
 TASKS = 7
 FASTER = 0.6
-"""Times of a stand-in's script are shortened to this share: ways are shorter."""
+"""Times of a script are shortened to this share: paths are shorter than in the hall of points."""
 ROOM_M = 0.45
 """Between a drawn place and the nearest wall."""
 APART_M = 1.0
@@ -141,7 +141,7 @@ class _Trial:
         self._run = run
         with run.acting(OPERATOR):
             wire = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
-            self._operator = PointOperator(wire, script, repeats=True)
+            self._operator = Operator(wire, script, repeats=True)
         self._script = script
         self._promises = Promises({order.task.id: order.task for order in script.tasks}, self._operator)
         self._ticks = 0
@@ -213,7 +213,7 @@ class _Trial:
 
 
 def draw_full_script(seed: int) -> FaultScript:
-    """The script of a seed: that of the stand-in, made smaller, on a floor with walls.
+    """The script of a seed: that of points, made smaller, on a floor with walls.
 
     An agent's clock is never wrong, as sensors are stamped by the simulator's, and no battery is drained at once, as
     energy would not balance.
@@ -401,7 +401,7 @@ class SoakResult(msgspec.Struct, kw_only=True):
 
 
 def draw(seed: int, *, is_full: bool) -> FaultScript:
-    """The script of a seed, for the full stack or for the stand-in."""
+    """The script of a seed, for the full stack or for points."""
     return draw_full_script(seed) if is_full else draw_script(seed)
 
 

@@ -18,6 +18,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.plugin import PluginState
+from robrain.agent.witness import WitnessExtension, WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
@@ -70,6 +71,7 @@ class LockstepRun:
         rules: by which the coordinator makes tasks.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: what it takes to make the run again, for the recording.
+        processes: whether components are processes that a script may kill, also in a world without faults.
 
     Raises:
         RobrainError: saying what cannot be opened.
@@ -91,6 +93,7 @@ class LockstepRun:
         rules: Sequence[Rule] = (),
         should_stop: Callable[[], bool] = lambda: False,
         setup: RunSetup | None = None,
+        processes: bool = False,
     ) -> None:
         self.world = world
         self.clock = VirtualClock()
@@ -117,7 +120,9 @@ class LockstepRun:
         self._closers.append(self.session.close)
         self._radio = RadioRun(world, self.session, self.clock) if world.links is not None else None
         self._faults: TeamFaults | None = None
-        if any(not fault.is_plain for fault in world.faults):
+        self.memories = {robot.name: WitnessInMemory() for robot in world.robots}
+        """What robots have answered as witnesses; it outlives their agents."""
+        if processes or any(not fault.is_plain for fault in world.faults):
             check_faults_alone(scenario or world.plan.name, is_alone=is_alone)
             self._faults = TeamFaults(world, self.session, self.clock, self._radio)
         if self._faults is not None:
@@ -190,6 +195,7 @@ class LockstepRun:
             has_one_thread=True,
             distributions=self._distributions,
             manifests=self._manifests_found,
+            extensions={"witness": partial(WitnessExtension, memory=self.memories[robot_file.robot.name])},
         )
         if self._faults is None:
             self._closers.append(host.close)
@@ -211,6 +217,12 @@ class LockstepRun:
     def _end_killed_coordinator(self, coordinator: Component) -> None:
         coordinator.close()
         self._coordinator_wire.close()
+
+    @property
+    def team_faults(self) -> TeamFaults:
+        """Processes and faults of a run that has some."""
+        assert self._faults is not None
+        return self._faults
 
     def _apply_faults(self) -> None:
         """Note who runs."""

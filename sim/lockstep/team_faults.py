@@ -62,10 +62,13 @@ class TeamFaults:
         else:
             self.exchange, self.wire = radio.exchange, radio.wire
         faults = [fault for fault in world.faults if not fault.is_plain]
-        self._times = FaultTimes(faults, world.seed)
+        self.times = FaultTimes(faults, world.seed)
+        """When what fails."""
         self._waits = any(fault.on is not None for fault in faults)
-        self._disk = JournalDisk()
-        self._processes: dict[str, Process] = {}
+        self.disk = JournalDisk()
+        """Of the coordinator's journal."""
+        self.processes: dict[str, Process] = {}
+        """By component."""
         self._clock = clock
         self._names = [robot.name for robot in world.robots]
         self._accepted: set[str] = set()
@@ -84,60 +87,61 @@ class TeamFaults:
         if self._waits:
             watcher.subscribe(self._events, TASK_EVENT)
         self._end_coordinator = starts.end_coordinator
-        self._add(COORDINATOR, lambda process: starts.coordinator(process, self._disk), self._pull_disk)
+        self.add(COORDINATOR, lambda process: starts.coordinator(process, self.disk), self._pull_disk)
         for number, name in enumerate(self._names):
             if should_stop():
                 raise KeyboardInterrupt
-            self._add(name, _Agent(number, starts.host), partial(self._end_host, name))
+            self.add(name, _Agent(number, starts.host), partial(self._end_host, name))
 
     @property
     def coordinator(self) -> Coordinator | None:
         """The one that runs; None while it is dead."""
-        found = self._processes[COORDINATOR].component
+        found = self.processes[COORDINATOR].component
         return found if isinstance(found, Coordinator) else None
 
     @property
     def hosts(self) -> list[AgentHost]:
         """The agents that run, in the order of their robots."""
-        components = [self._processes[name].component for name in self._names]
+        components = [self.processes[name].component for name in self._names]
         return [component for component in components if isinstance(component, AgentHost)]
 
     @property
     def is_over(self) -> bool:
         """Whether nothing fails or is mended any more, unless an event still comes for which a fault waits."""
-        return self._times.is_over
+        return self.times.is_over
 
     def begin_tick(self, now_ns: int) -> None:
         """Have begin and end what is due, and deliver what has been late until now."""
-        for number, fault, begins in self._times.due(now_ns):
-            self._set(number, fault, begins=begins)
+        for number, fault, begins in self.times.due(now_ns):
+            self.set(number, fault, begins=begins)
         self.wire.step()
 
     def step(self, now_ns: int, is_paused: Callable[[str], bool]) -> None:
         """Have all agents take their steps, then the coordinator."""
         for name in self._names:
             if not is_paused(name):
-                self._processes[name].step(now_ns)
-        self._processes[COORDINATOR].step(now_ns)
+                self.processes[name].step(now_ns)
+        self.processes[COORDINATOR].step(now_ns)
         if self._waits:
             self._record_moments(now_ns)
 
     def kill(self, name: str) -> None:
         """Kill a component that runs, besides the faults."""
-        self._processes[name].set(BY_HAND, _killed(name), begins=True)
+        self.processes[name].set(BY_HAND, _killed(name), begins=True)
 
     def start_again(self, name: str) -> None:
         """Start one that was killed by `kill`, unless a fault keeps it dead."""
-        self._processes[name].set(BY_HAND, _killed(name), begins=False)
+        self.processes[name].set(BY_HAND, _killed(name), begins=False)
 
     def close(self) -> None:
         """End all components."""
         for name in reversed(self._names):
-            if name in self._processes:
-                self._processes[name].close()
+            if name in self.processes:
+                self.processes[name].close()
 
-    def _add(self, name: str, start: Callable[[Process], object], end: Callable[[Component], None]) -> None:
-        self._processes[name] = process = Process(name, self._clock, self.wire, start, end)
+    def add(self, name: str, start: Callable[[Process], object], end: Callable[[Component], None]) -> None:
+        """Start a component as a process."""
+        self.processes[name] = process = Process(name, self._clock, self.wire, start, end)
         process.start()
 
     def _end_host(self, name: str, host: Component) -> None:
@@ -145,19 +149,20 @@ class TeamFaults:
             host.close()
 
     def _pull_disk(self, coordinator: Component) -> None:
-        self._disk.pull()
+        self.disk.pull()
         self._end_coordinator(coordinator)
 
-    def _set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
+    def set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
+        """Have a fault begin or end."""
         if fault.kind in WIRE:
             if begins:
                 self.wire.begin(number, fault)
             else:
                 self.wire.end(number)
         elif fault.kind in PROCESS:
-            self._processes[fault.robot].set(number, fault, begins=begins)
+            self.processes[fault.robot].set(number, fault, begins=begins)
         elif fault.kind is FaultKind.DISK_FULL:
-            self._disk.is_full = begins
+            self.disk.is_full = begins
         else:
             self._arena.set_fault(fault, breaks=begins)
 
@@ -167,17 +172,17 @@ class TeamFaults:
             # A task of the coordinator's own is never queued before it is offered.
             if event.task.id not in self._accepted and event.state is TaskState.QUEUED:
                 self._accepted.add(event.task.id)
-                self._times.note(FaultMoment.TASK_ACCEPTED, COORDINATOR, now_ns)
+                self.times.note(FaultMoment.TASK_ACCEPTED, COORDINATOR, now_ns)
         for host in self.hosts:
             name, status = host.name, host.desk.facts.task
             if status is not None and self._at.get(name) != (status.id, status.state.ended):
                 self._at[name] = (status.id, status.state.ended)
                 moment = FaultMoment.TASK_DONE if status.state.ended else FaultMoment.TASK_ASSIGNED
-                self._times.note(moment, name, now_ns)
+                self.times.note(moment, name, now_ns)
             battery = host.board.battery
             is_docked = battery is not None and battery.charging
             if is_docked and not self._docked.get(name, False):
-                self._times.note(FaultMoment.DOCKED, name, now_ns)
+                self.times.note(FaultMoment.DOCKED, name, now_ns)
             self._docked[name] = is_docked
 
 

@@ -1,5 +1,7 @@
 """A copied journal: nothing acknowledged is missing in it, whatever the wire does to the changes."""
 
+from functools import cache
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,10 +23,13 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.table.standing_topics import ROBOT_WITNESS
 from robrain.protocol.table.topics import TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.kept_journal import JournalDisk
-from robrain.sim.stand_in.stand_in_run import shared_session
+
+shared_session = cache(open_lockstep_session)
+
 
 ALL = TaskFilter(own=True, limit=10_000)
 OTHER, WITNESS = "stand_by", "r1"

@@ -1,6 +1,6 @@
 import pytest
 
-from robrain.sim.stand_in import judge
+from robrain.lab.soak import judge
 
 
 @pytest.fixture

@@ -9,15 +9,7 @@ from typer.testing import CliRunner
 from robrain.cli import app
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.surroundings import surroundings_of_recording
-from robrain.lab.soak.planted import planted
-from robrain.lab.soak.soaking import KNOWS, draw_full_script, run_full_trial, scenario_of
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task
-from robrain.recording.invariants import findings as recorded
-from robrain.recording.invariants.judging import JUDGES
-from robrain.recording.reader.checking import check_recording
-from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
-from robrain.sim.stand_in.fault_script import (
+from robrain.lab.soak.fault_script import (
     CancelOrder,
     FaultScript,
     HaltOrder,
@@ -26,7 +18,15 @@ from robrain.sim.stand_in.fault_script import (
     TaskInput,
     script_json,
 )
-from robrain.sim.stand_in.judge import TeamRule
+from robrain.lab.soak.judge import TeamRule
+from robrain.lab.soak.planted import planted
+from robrain.lab.soak.soaking import KNOWS, draw_full_script, run_full_trial, scenario_of
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
+from robrain.recording.invariants import findings as recorded
+from robrain.recording.invariants.judging import JUDGES
+from robrain.recording.reader.checking import check_recording
+from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
 
 NEAR = Task(id="t1", kind="visit", place=Point2D(7.2, 3.0), service_s=12.0)
 CUT_OFF = FaultScript(

@@ -1,8 +1,8 @@
 import msgspec
 
+from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.shrink import Shrinker
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.stand_in.script_drawing import draw_script
 
 SCRIPT = next(script for script in map(draw_script, range(100)) if len(script.faults) >= 6 and script.halts)
 

@@ -1,4 +1,4 @@
-"""A run of the stand-in with two coordinators, each on its own machine, and robots as their witnesses."""
+"""A run of points with two coordinators, each on its own machine, and robots as their witnesses."""
 
 import numpy as np
 
@@ -6,13 +6,12 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.leadership.candidate import Candidate
 from robrain.coordinator.leadership.election import Elected, Election
+from robrain.lab.soak.fault_script import FaultScript
+from robrain.lab.soak.operator import OPERATOR
+from robrain.lab.soak.soak_run import SoakRun
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.faults.fault_times import FaultTimes
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Process
-from robrain.sim.stand_in.fault_script import FaultScript
-from robrain.sim.stand_in.operator import OPERATOR
-from robrain.sim.stand_in.stand_in_run import StandInRun
 
 OTHER = "stand_by"
 SITES = (COORDINATOR, OTHER)
@@ -50,10 +49,10 @@ class Site:
 
     def _lead(self, elected: Elected) -> None:
         self._wire.close()
-        self._wire = self._run._endpoint(self._process)
+        self._wire = self._run.wire_of(self._process)
         try:
             self._journal.own()
-            self.coordinator = Coordinator(self._wire, self._journal, self._run._policy, elected=elected)
+            self.coordinator = Coordinator(self._wire, self._journal, self._run._planning, elected=elected)
             self._run.elections.append(elected.won.election)
         except JournalUnwritable:  # its disk is full: as in live, it stands for election again
             self._wire.close()
@@ -65,29 +64,28 @@ class Site:
         return self.coordinator is not None and self.coordinator.leadership.mandate.leads(now_ns)
 
     def _begin(self) -> None:
-        self._wire = self._run._endpoint(self._process)
+        self._wire = self._run.wire_of(self._process)
         election = Election(self._wire, self._run.witnesses, self._journal.name)
         self.candidate = Candidate(self._wire, self._journal, self._process.name, election)
 
 
-class ElectedRun(StandInRun):
+class ElectedRun(SoakRun):
     """Robots remember over restarts what they have answered; both coordinators have disks of their own."""
 
     def __init__(self, script: FaultScript, faults: tuple[FaultSpec, ...]) -> None:
         self.witnesses = [robot.name for robot in script.robots]
         self.elections: list[int] = []
         self.disks = {name: JournalDisk(name) for name in SITES}
-        super().__init__(script)
-        self.times = FaultTimes((*script.faults, *faults), script.seed)
-        self.disk = self.disks[COORDINATOR]
-        self._add(OTHER, self._start_coordinator)
+        super().__init__(script, faults)
+        self.team_faults.disk = self.disks[COORDINATOR]
+        self.team_faults.add(OTHER, lambda process: Site(self, process, self.disks[OTHER]), self._end_other)
 
     def site(self, name: str) -> Site | None:
         found = self.processes[name].component
         return found if isinstance(found, Site) else None
 
     @property
-    def coordinator(self) -> Coordinator | None:
+    def leader(self) -> Coordinator | None:
         """The one that leads; None if none does."""
         for name in self.leading():
             return self.site(name).coordinator
@@ -105,13 +103,15 @@ class ElectedRun(StandInRun):
         super().tick()
         self.processes[OTHER].step(self.clock.now_ns())
 
-    def _start_coordinator(self, process: Process) -> Site:
-        return Site(self, process, self.disks[process.name])
+    def _start_coordinator(self, process: Process, disk: JournalDisk) -> Site:
+        self._coordinator_wire = self.wire_of(process)
+        return Site(self, process, self.disks[COORDINATOR])
 
-    def _set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
-        if fault.robot == OTHER and fault.kind is FaultKind.KILL and begins:
-            self.disks[OTHER].pull()
-        super()._set(number, fault, begins=begins)
+    def _end_other(self, _site: Site) -> None:
+        self.disks[OTHER].pull()
+
+    def _end_killed_coordinator(self, coordinator: Site) -> None:
+        """As a process that is killed, it says nothing."""
 
 
 def faults_of_sites(seed: int, robots: list[str]) -> tuple[FaultSpec, ...]:

@@ -1,4 +1,4 @@
-"""Judges a run of the stand-in while it runs: what must hold whatever fails.
+"""Judges a run of points while it runs: what must hold whatever fails.
 
 The judge sees what no component sees: bodies, books, processes and the wire at every tick. It allows what the design
 allows: a robot that is cut off works on until its lease has run out, and a coordinator gives its task away after that.
@@ -10,6 +10,8 @@ from enum import StrEnum
 
 import msgspec
 
+from robrain.lab.soak.operator import OPERATOR, Promises
+from robrain.lab.soak.soak_run import SoakRun
 from robrain.protocol.border.border import Border
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
@@ -21,10 +23,7 @@ from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, 
 from robrain.recording.invariants import findings as recorded
 from robrain.recording.invariants.judging import Judging
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskOnce
-from robrain.sim.faults.fault_spec import COORDINATOR
-from robrain.sim.stand_in.operator import OPERATOR
-from robrain.sim.stand_in.promises import Promises
-from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind
 
 OVERLAP_S = 1.0
 """Two robots may be at one task for this long, beside what slow robots and late messages add."""
@@ -97,7 +96,7 @@ class Judge:
 
     """
 
-    def __init__(self, run: StandInRun) -> None:
+    def __init__(self, run: SoakRun) -> None:
         self.broken: list[Broken] = []
         """What did not hold, each invariant once for each task or robot."""
         script = run.script
@@ -115,7 +114,7 @@ class Judge:
         self._said: set[tuple[str, int, str, int]] = set()
         """Ends that were noted: robot, start of its process, task and epoch; without a coordinator epochs are alike."""
         self._told: set[tuple[TeamRule, str]] = set()
-        self._cut_ns = dict.fromkeys(run.bodies, 0)
+        self._cut_ns = dict.fromkeys(run.robots, 0)
         """When a robot that goes on by itself was last cut off from the coordinator."""
         self._at: dict[str, str] = {}
         self._overlap_s: dict[str, float] = {}
@@ -125,8 +124,9 @@ class Judge:
         self._slack_s = 2.0 * (late_s + slow_s)
         skews_s = [abs(fault.skew_s) for fault in script.faults if fault.skew_s is not None]
         self._skew_ns = to_ns(sum(skews_s))
-        self._halts = _HaltWatch(run, self._slack_s)
-        self._unhealthy_ns = dict.fromkeys(run.bodies, 0)
+        self._halts = _Halts(run, self._slack_s)
+        self._unhealthy_ns = dict.fromkeys(run.robots, 0)
+        self._drained = {fault.robot for fault in script.faults if fault.kind is FaultKind.DRAIN}
         work_s = TASK_S * len(self._asked) / max(1, len(script.robots) // 2)
         self.settled_by_s = script.faults_end_s + PATIENCE_S + work_s
         """When everything must have settled; later by what faults that wait for events add."""
@@ -153,11 +153,11 @@ class Judge:
     @property
     def _is_settled(self) -> bool:
         run = self._run
-        if run.coordinator is None or not run.times.is_over or not run.operator.is_content:
+        if run.leader is None or not run.faults_are_over or not run.operator.is_content:
             return False
         if any(task not in self._ends for task in run.operator.acknowledged):
             return False
-        return not any(body.work for body in run.bodies.values())
+        return not any(run.work(name) for name in run.robots)
 
     def step(self) -> None:
         """Look at the run after a tick."""
@@ -173,7 +173,7 @@ class Judge:
             if received.topic is ROBOT_STATE:
                 self._check_ends(message.robot, (message.task_before, message.task), now_ns)
         self._check_work(now_ns)
-        for name in run.bodies:
+        for name in run.robots:
             host = run.host(name)
             if host is not None:
                 facts = host.desk.facts
@@ -225,13 +225,13 @@ class Judge:
     def _check_work(self, now_ns: int) -> None:
         run = self._run
         robots: dict[str, list[str]] = {}
-        for name, body in run.bodies.items():
+        for name in run.robots:
             if run.script.consensus and not self._hears_coordinator(name):
                 self._cut_ns[name] = now_ns
-            if body.work is None:
+            task_id = run.work(name)
+            if not task_id:
                 self._at.pop(name, None)
                 continue
-            task_id = body.work[0]
             robots.setdefault(task_id, []).append(name)
             if self._at.get(name) != task_id:
                 self._at[name] = task_id
@@ -244,7 +244,7 @@ class Judge:
             del self._overlap_s[task_id]
         for task_id, names in robots.items():
             if len(names) > 1:
-                self._overlap_s[task_id] = self._overlap_s.get(task_id, 0.0) + TICK_S
+                self._overlap_s[task_id] = self._overlap_s.get(task_id, 0.0) + run.tick_s
                 if self._overlap_s[task_id] > OVERLAP_S + self._slack_s:
                     what = f"{' and '.join(names)} are both at {task_id} for more than {OVERLAP_S + self._slack_s:g} s"
                     self._break(TeamRule.TWO_AT_ONCE, task_id, what)
@@ -252,7 +252,7 @@ class Judge:
     def _hears_coordinator(self, robot: str) -> bool:
         """Whether both hear each other."""
         one, other = self._run.processes[robot], self._run.processes[COORDINATOR]
-        return one.is_awake and other.is_awake and self._run.exchange.faults.is_linked(robot, COORDINATOR)
+        return one.is_awake and other.is_awake and self._run.is_linked(robot, COORDINATOR)
 
     def _check_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
         """What a robot has done, as it stands at its desk or was told: in one tick several tasks may end."""
@@ -280,7 +280,7 @@ class Judge:
                 self._break(TeamRule.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
 
     def _judge_end(self, task_id: str) -> None:
-        coordinator = self._run.coordinator
+        coordinator = self._run.leader
         record = None if coordinator is None else coordinator.tasks.find(task_id)
         if coordinator is None or (record is not None and task_id not in self._ends):
             return  # told already, as not settled
@@ -294,13 +294,13 @@ class Judge:
     def _check_energy(self, now_ns: int) -> None:
         run = self._run
         is_halted = run.operator.halt is not None
-        for name, body in run.bodies.items():
+        for name, robot in run.robots.items():
             host = run.host(name)
             stands = is_halted or host is None or not run.processes[name].is_awake or host.manager.halted
-            if stands or name in run.drained:
+            if stands or name in self._drained:
                 self._unhealthy_ns[name] = now_ns
-            elif body.is_empty and now_ns - self._unhealthy_ns[name] > to_ns(HEALTHY_S):
-                self._break(TeamRule.STRANDED, name, f"{name} has run out of energy {body.home_m:.1f} m from a charger")
+            elif robot.energy_j <= 0.0 and now_ns - self._unhealthy_ns[name] > to_ns(HEALTHY_S):
+                self._break(TeamRule.STRANDED, name, f"{name} has run out of energy")
 
     def _judge_refusals(self, refused: Refused) -> None:
         for one in () if refused is msgspec.UNSET else refused:
@@ -313,14 +313,14 @@ class Judge:
             self.broken.append(Broken(invariant, round(to_seconds(self._run.now_ns), 1), what))
 
 
-class _HaltWatch:
+class _Halts:
     """Who could know of the halt that is in force.
 
     A component knows of a halt if it is linked with the operator while the operator says it, or with somebody who
     knows: robots tell the coordinator, the coordinator tells robots. Who dies has forgotten.
     """
 
-    def __init__(self, run: StandInRun, slack_s: float) -> None:
+    def __init__(self, run: SoakRun, slack_s: float) -> None:
         self._run = run
         self._slack_ns = to_ns(HALT_S + slack_s)
         self._halt: object = None
@@ -340,14 +340,14 @@ class _HaltWatch:
         if halt is not self._halt:
             self._halt = halt
             for name in run.processes:
-                if self._hears(name) and run.exchange.faults.is_linked(OPERATOR, name) and not self._is_lossy:
+                if self._hears(name) and run.is_linked(OPERATOR, name) and not self._is_lossy:
                     self._knows_ns[name] = now_ns
         self._forget()
         self._spread(now_ns)
-        for name, body in run.bodies.items():
+        for name, robot in run.robots.items():
             since_ns = self._knows_ns.get(name)
             host = run.host(name)
-            is_free = host is not None and (body.moved_m > 0 or not host.manager.halted)
+            is_free = host is not None and (robot.forward_m > 0 or not host.manager.halted)
             if since_ns is not None and now_ns - since_ns > self._slack_ns and is_free and self._hears(name):
                 yield name
 
@@ -360,8 +360,8 @@ class _HaltWatch:
 
     def _spread(self, now_ns: int) -> None:
         run = self._run
-        for name in run.bodies:
-            is_linked = run.exchange.faults.is_linked(name, COORDINATOR)
+        for name in run.robots:
+            is_linked = run.is_linked(name, COORDINATOR)
             if not (self._hears(name) and self._hears(COORDINATOR) and is_linked):
                 self._linked_ns.pop(name, None)
                 continue

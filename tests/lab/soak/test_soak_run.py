@@ -2,14 +2,7 @@ import msgspec
 import pytest
 
 from robrain.algorithms.allocation.allocator import AUCTION
-from robrain.protocol.border.border import Border
-from robrain.protocol.clock import to_seconds
-from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
-from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.stand_in.fault_script import (
+from robrain.lab.soak.fault_script import (
     CancelOrder,
     FaultScript,
     HaltOrder,
@@ -19,10 +12,18 @@ from robrain.sim.stand_in.fault_script import (
     read_script,
     script_json,
 )
-from robrain.sim.stand_in.judge import Judge, TeamRule
-from robrain.sim.stand_in.script_drawing import draw_script
-from robrain.sim.stand_in.stand_in_run import TICK_S, StandInRun
-from robrain.sim.stand_in.trial import run_trial
+from robrain.lab.soak.judge import Judge, TeamRule
+from robrain.lab.soak.script_drawing import draw_script
+from robrain.lab.soak.soak_run import SoakRun
+from robrain.lab.soak.trial import run_trial
+from robrain.protocol.border.border import Border
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
+from robrain.sim.points.point_team import POINT_TICK_S
 
 
 def visit(name, x_m, y_m, at_s=0.0, **fields):
@@ -43,7 +44,7 @@ def with_faults(*faults, **changes):
 
 def said(script, *topics):
     """Times, s, and messages of a run, to its end."""
-    run = StandInRun(script)
+    run = SoakRun(script)
     judge, inbox, found = Judge(run), Inbox(every=True, border=Border()), []
     for topic in topics:
         run.wire.subscribe(inbox, topic)
@@ -110,12 +111,12 @@ def test_a_robot_that_could_not_know_of_a_halt_is_told_by_the_coordinator():
 
 def ticks_at_two_robots(script):
     """In how many ticks two robots are at work, the robots that ever were, and what the judge found."""
-    run = StandInRun(script)
+    run = SoakRun(script)
     judge, both, begun = Judge(run), 0, set()
     while not judge.is_over:
         run.tick()
         judge.step()
-        at = [name for name, body in run.bodies.items() if body.work is not None]
+        at = [name for name in run.robots if run.work(name)]
         both += len(at) > 1
         begun |= set(at)
     broken = judge.finish()
@@ -148,7 +149,7 @@ def test_a_robot_that_stood_still_does_not_take_old_summaries_for_new_ones():
     both, begun, broken = ticks_at_two_robots(with_faults(hang, cut, tasks=(visit("t1", 10.0, 19.0, at_s=1.0),)))
     assert begun == {"r1", "r2"}
     assert broken == []
-    assert both <= (6.0 - 5.0) / TICK_S + 2  # while it hangs, and the step in which it wakes
+    assert both <= (6.0 - 5.0) / POINT_TICK_S + 2  # while it hangs, and the step in which it wakes
 
 
 def test_a_script_is_the_same_after_its_file(tmp_path):
@@ -188,25 +189,24 @@ def test_drawn_scripts_differ_by_seed_and_are_equal_for_equal_seeds():
 
 
 def test_the_judge_sees_a_task_that_is_at_two_robots():
-    run = StandInRun(TEAM)
+    run = SoakRun(TEAM)
+    run.work = lambda robot: "t1"
     judge = Judge(run)
-    for _ in range(30):
+    for _ in range(15):
         run.tick()
-        for body in run.bodies.values():
-            body.work = ("t1", 1)
         judge.step()
     run.close()
     assert [broken.invariant for broken in judge.broken] == [TeamRule.TWO_AT_ONCE]
 
 
 def test_the_judge_sees_a_task_that_the_book_has_lost():
-    run = StandInRun(TEAM)
+    run = SoakRun(TEAM)
     judge = Judge(run)
     for _ in range(10):
         run.tick()
         judge.step()
-    del run.coordinator.tasks._open["t2"]
-    run.coordinator.tasks.journal._db.execute("DELETE FROM task WHERE id = 't2'")
+    del run.leader.tasks._open["t2"]
+    run.leader.tasks.journal._db.execute("DELETE FROM task WHERE id = 't2'")
     broken = judge.finish()
     run.close()
     assert (TeamRule.LOST, "t2 was acknowledged, and the coordinator does not know it") in [
@@ -215,12 +215,12 @@ def test_the_judge_sees_a_task_that_the_book_has_lost():
 
 
 def test_records_end_in_the_journal_as_the_run_has_seen_them():
-    run = StandInRun(with_faults(FAULTS["coordinator killed"]))
+    run = SoakRun(with_faults(FAULTS["coordinator killed"]))
     judge = Judge(run)
     while not judge.is_over:
         run.tick()
         judge.step()
-    assert {record.task.id: record.state for record in run.coordinator.tasks.journal.last_changed(99)} == dict.fromkeys(
+    assert {record.task.id: record.state for record in run.leader.tasks.journal.last_changed(99)} == dict.fromkeys(
         ("t1", "t2", "t3", "t4"), TaskState.DONE
     )
     run.close()

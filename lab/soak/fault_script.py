@@ -62,13 +62,13 @@ class ScriptRadio(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One run of the stand-in. Raises ValueError for values that do not fit."""
+    """One run. Raises ValueError for values that do not fit."""
 
     seed: int
     """Draws what the wire loses, and the times of faults that leave them open."""
     robots: Annotated[tuple[PointRobot, ...], Meta(min_length=1, max_length=100)]
     scenario: Annotated[str, Meta(max_length=100)] = ""
-    """A scenario that is shipped, in which it is run with the full stack; empty for the stand-in."""
+    """A scenario that is shipped, in which it is run with the full stack; empty for points in a hall."""
     chargers: tuple[Point2D, ...] = ()
     method: Name = NEAREST
     """Allocator of the coordinator's plans, or `nearest`."""
@@ -84,12 +84,12 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     def __post_init__(self) -> None:
         names = [robot.name for robot in self.robots]
         if self.radio is not None and not self.scenario:
-            raise ValueError("expected no radio without a scenario: components of the stand-in have none")
+            raise ValueError("expected no radio without a scenario: only the full stack has one")
         for fault in self.faults:
             if fault.robot not in (*names, COORDINATOR):
                 raise ValueError(f"expected one of {', '.join(names)} or {COORDINATOR}, got robot = {fault.robot!r}")
             if fault.kind in HARDWARE and not self.scenario:
-                raise ValueError(f"expected no fault of hardware, got {fault.kind}: robots of the stand-in are points")
+                raise ValueError(f"expected no fault of hardware, got {fault.kind}: robots are points")
             if fault.kind is FaultKind.KILL and fault.robot == COORDINATOR and fault.until_s is None:
                 raise ValueError("expected until_s for kill of the coordinator: nobody else would do the tasks")
 

@@ -1,15 +1,12 @@
 """One trial: a fault script, run and judged."""
 
-import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import msgspec
 
-from robrain.protocol.clock import to_seconds
-from robrain.sim.stand_in.fault_script import FaultScript
-from robrain.sim.stand_in.judge import Broken, Judge
-from robrain.sim.stand_in.stand_in_run import StandInRun
+from robrain.lab.soak.fault_script import FaultScript
+from robrain.lab.soak.judge import Broken, Judge
+from robrain.lab.soak.soak_run import SoakRun, quiet
 
 
 class TrialVerdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -25,9 +22,9 @@ class TrialVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_trial(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> TrialVerdict:
-    """Run a script to its end, or to `should_stop`, and judge it."""
+    """Run a script with points to its end, or to `should_stop`, and judge it."""
     with quiet():
-        run = StandInRun(script)
+        run = SoakRun(script)
         judge = Judge(run)
         try:
             while not judge.is_over and not should_stop():
@@ -40,16 +37,5 @@ def run_trial(script: FaultScript, should_stop: Callable[[], bool] = lambda: Fal
         finally:
             run.close()
     return TrialVerdict(
-        broken=tuple(broken), sim_time_s=round(to_seconds(run.now_ns), 1), done=judge.done_count, lost=run.exchange.lost
+        broken=tuple(broken), sim_time_s=round(run.sim_time_s, 1), done=judge.done_count, lost=run.lost_by_faults
     )
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Without the warnings that the product logs of each fault."""
-    before = logging.root.manager.disable
-    logging.disable(logging.ERROR)
-    try:
-        yield
-    finally:
-        logging.disable(before)

@@ -11,6 +11,9 @@ from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.journal_feed import JournalFeed
 from robrain.coordinator.planning.policy import NEAREST
+from robrain.lab.soak.fault_script import FaultScript, PointRobot
+from robrain.lab.soak.operator import OPERATOR
+from robrain.lab.soak.soak_run import CAPACITY_J, quiet
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -22,14 +25,10 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
 from robrain.protocol.table.topics import TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.stand_in.fault_script import FaultScript, PointRobot
-from robrain.sim.stand_in.operator import OPERATOR
-from robrain.sim.stand_in.point_body import CAPACITY_J
-from robrain.sim.stand_in.stand_in_run import shared_session
-from robrain.sim.stand_in.trial import quiet
+from tests.lab.soak.elected_team import OTHER, ElectedRun
 from tests.plain_reason import Plain
-from tests.sim.stand_in.elected_team import OTHER, ElectedRun
 
 ROBOTS = ("r1", "r2", "r3")
 NOT_NOW_S = 0.001
@@ -39,7 +38,7 @@ FIRST, SECOND = "coordinator-1", "stand_by-2"
 
 
 def kill(team: "Team", name: str, *, begins: bool = True) -> None:
-    team.run._set(500, FaultSpec(robot=name, kind=FaultKind.KILL, at_s=0.0), begins=begins)
+    team.run.team_faults.set(500, FaultSpec(robot=name, kind=FaultKind.KILL, at_s=0.0), begins=begins)
 
 
 class Team:
@@ -54,15 +53,15 @@ class Team:
             consensus=False, faults=(),
         )  # fmt: skip
         self.run = ElectedRun(script, ())
-        with self.run.exchange.acting(OPERATOR):
-            self._wire = self.run._endpoint()
+        with self.run.acting(OPERATOR):
+            self._wire = self.run.wire_of()
         self._faults = 0
         self.acknowledged: list[str] = []
         self.refused: dict[str, CallError] = {}
         self._waiting: set[str] = set()
 
     def pass_s(self, time_s: float) -> None:
-        for _ in range(round(time_s / 0.1)):
+        for _ in range(max(1, round(time_s / self.run.tick_s))):
             self.run.tick()
             assert len(self.run.leading()) < 2
             for name in sorted(self._waiting):
@@ -72,7 +71,7 @@ class Team:
         """Ask, and in the next ticks again, until the task is acknowledged."""
         self._waiting.add(name)
         asked = TaskSubmission(task=Task(id=name, kind="visit", place=Point2D(5.0, 5.0)))
-        with self.run.exchange.acting(OPERATOR):
+        with self.run.acting(OPERATOR):
             try:
                 self._wire.ask(TASK_SUBMIT, asked, timeout_s=NOT_NOW_S)
             except (CallError, NobodyThere) as error:
@@ -90,9 +89,9 @@ class Team:
             self._faults,
             FaultSpec(robot=side[0], kind=FaultKind.PARTITION, at_s=0.0, until_s=1.0, side=side[1:]),
         )
-        self.run._set(number, fault, begins=True)
+        self.run.team_faults.set(number, fault, begins=True)
         yield
-        self.run._set(number, fault, begins=False)
+        self.run.team_faults.set(number, fault, begins=False)
 
     def mandate(self, site: str):
         return self.run.site(site).coordinator.leadership.mandate
@@ -136,7 +135,7 @@ def test_one_that_is_cut_off_acknowledges_nothing_and_the_other_leads(team: Team
     team.pass_s(4.0)
     assert site.coordinator is None  # it stands by, and copies the other's journal
     assert team.acknowledged == ["t1"]
-    assert team.run.coordinator.tasks.find("t1") is not None
+    assert team.run.leader.tasks.find("t1") is not None
 
 
 def test_robots_that_are_switched_off_one_by_one_do_not_suspend_it(team: Team) -> None:
@@ -161,7 +160,7 @@ def test_without_its_stand_by_and_most_witnesses_it_does_not_lead_until_they_are
 
 
 def test_one_that_takes_over_listens_before_its_first_offer(team: Team) -> None:
-    team.run._set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
+    team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
     while team.run.leading() != [OTHER]:
         team.pass_s(0.1)
     began_ns = team.run.now_ns
@@ -174,10 +173,10 @@ def test_one_that_takes_over_listens_before_its_first_offer(team: Team) -> None:
 def test_the_loss_of_the_first_loses_nothing_that_was_acknowledged(team: Team) -> None:
     team.submit("t1")
     team.pass_s(1.0)
-    team.run._set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
+    team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(8.0)
     assert team.run.leading() == [OTHER]
-    assert team.run.coordinator.tasks.find("t1") is not None
+    assert team.run.leader.tasks.find("t1") is not None
     team.submit("t2")  # by the second alone: the first lacks it
     team.pass_s(1.0)
     assert team.acknowledged == ["t1", "t2"]
@@ -203,13 +202,13 @@ def test_a_witness_that_took_part_in_a_later_election_follows_again_soon(team: T
 
 def test_a_stand_by_that_could_not_be_elected_is_not_depended_on(team: Team) -> None:
     kill = FaultSpec(robot="r1", kind=FaultKind.KILL, at_s=0.0)
-    team.run._set(1, FaultSpec(robot=OTHER, kind=FaultKind.KILL, at_s=0.0), begins=True)
+    team.run.team_faults.set(1, FaultSpec(robot=OTHER, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(3.0)
     for number, name in enumerate(("r1", "r2")):
         team.run.processes[name].set(100 + number, kill, begins=True)
-    team.run._set(1, FaultSpec(robot=OTHER, kind=FaultKind.KILL, at_s=0.0), begins=False)
+    team.run.team_faults.set(1, FaultSpec(robot=OTHER, kind=FaultKind.KILL, at_s=0.0), begins=False)
     team.pass_s(5.0)
-    team.run._set(2, FaultSpec(robot=OTHER, kind=FaultKind.KILL, at_s=0.0), begins=True)
+    team.run.team_faults.set(2, FaultSpec(robot=OTHER, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(5.0)
     team.submit("t1")
     team.pass_s(1.0)
@@ -226,17 +225,17 @@ def charge_in_a_cut(team: Team) -> None:
     team.pass_s(6.0)
     with team.cut(COORDINATOR, OPERATOR, "r1"):
         team.pass_s(4.0)
-        team.run.bodies["r1"].energy_j = 0.15 * CAPACITY_J
+        team.run.robots["r1"].energy_j = 0.15 * CAPACITY_J
         for _ in range(12):
             team.pass_s(0.5)
             assert team.run.site(COORDINATOR).coordinator.tasks.of_robot("r1") is None
     team.pass_s(6.0)
-    assert team.run.coordinator.tasks.of_robot("r1") is not None
+    assert team.run.leader.tasks.of_robot("r1") is not None
 
 
 def test_one_that_robots_do_not_hear_stops_before_its_stand_by_may_be_elected(team: Team) -> None:
     """While the stand-by follows it, it leads without them; they are long ready to elect another one."""
-    faults = team.run.exchange.faults
+    faults = team.run.team_faults.wire.faults
     passes, is_apart = faults.fate, False
 
     def fate(sender: str, receiver: str) -> int | None:
@@ -245,7 +244,7 @@ def test_one_that_robots_do_not_hear_stops_before_its_stand_by_may_be_elected(te
         return None if is_cut else passes(sender, receiver)
 
     faults.fate = fate
-    team.run._set(1, FaultSpec(robot="unused", kind=FaultKind.LOSE, at_s=0.0, share=0.5), begins=True)
+    team.run.team_faults.set(1, FaultSpec(robot="unused", kind=FaultKind.LOSE, at_s=0.0, share=0.5), begins=True)
     team.pass_s(5.0)
     assert team.run.leading() == [COORDINATOR]
     is_apart = True
@@ -263,8 +262,8 @@ def test_a_witness_with_an_absurd_number_is_left_alone(team: Team) -> None:
         team.submit("t1")
         team.pass_s(2.0)
         assert team.acknowledged == ["t1"]
-    team.run._set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
-    team.run._set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=False)
+    team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
+    team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=False)
     team.pass_s(8.0)
     (leader,) = team.run.leading()
     assert team.mandate(leader).lead(team.run.now_ns).election < 10
@@ -296,7 +295,7 @@ def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: 
 
 
 def lead_by_word(team: Team) -> list[str]:
-    with team.run.exchange.acting(OPERATOR):
+    with team.run.acting(OPERATOR):
         return team._wire.ask(COORDINATOR_LEAD, LeadRequest(by="ann")).left_out
 
 
@@ -379,9 +378,9 @@ def test_one_with_other_witnesses_neither_follows_nor_stands(team: Team) -> None
     candidate.election.witnesses = ("r1", "r2")
     team.pass_s(3.0)
     assert candidate.unlike == "the coordinator that is heard has other witnesses: r1, r2, r3"
-    assert team.run.coordinator.leadership.feed.status().why == candidate.unlike
+    assert team.run.leader.leadership.feed.status().why == candidate.unlike
     assert team.journals() == [{FIRST}] * 3
-    team.run._set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
+    team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(6.0)
     assert team.run.leading() == []
 
@@ -413,7 +412,7 @@ class Undecided:
 
 def test_a_change_on_both_disks_is_not_acknowledged_while_a_third_journal_may_be_elected() -> None:
     clock = VirtualClock()
-    wire = Endpoint(shared_session(), DEFAULT_TEAM, clock, Drive.LOCKSTEP)
+    wire = Endpoint(open_lockstep_session(), DEFAULT_TEAM, clock, Drive.LOCKSTEP)
     journal = Journal()
     feed = JournalFeed(wire, journal, term=7, mandate=Undecided())
     said = StandByState(process="p", term=7, on_disk=0, journal="b", led=Led(election=1, stamp_ns=0))

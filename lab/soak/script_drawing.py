@@ -6,14 +6,14 @@ import numpy as np
 
 from robrain.algorithms.allocation.allocator import AUCTION, OPTIMAL
 from robrain.coordinator.planning.policy import NEAREST
+from robrain.lab.soak.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskInput
+from robrain.lab.soak.soak_run import SIDE_M
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
-from robrain.sim.stand_in.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskInput
 
-SIDE_M = 20.0
 SPAN_S = 40.0
 """Orders and faults begin within this time."""
 METHODS = {NEAREST: 0.6, AUCTION: 0.37, OPTIMAL: 0.03}

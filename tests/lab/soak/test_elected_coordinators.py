@@ -6,11 +6,11 @@ from functools import cache
 import msgspec
 import pytest
 
+from robrain.lab.soak.judge import Broken, Judge, TeamRule
+from robrain.lab.soak.script_drawing import draw_script
+from robrain.lab.soak.soak_run import quiet
 from robrain.sim.faults.fault_spec import FaultKind
-from robrain.sim.stand_in.judge import Broken, Judge, TeamRule
-from robrain.sim.stand_in.script_drawing import draw_script
-from robrain.sim.stand_in.trial import quiet
-from tests.sim.stand_in.elected_team import ElectedRun, faults_of_sites
+from tests.lab.soak.elected_team import ElectedRun, faults_of_sites
 
 pytestmark = pytest.mark.slow
 

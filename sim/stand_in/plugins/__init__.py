@@ -1,1 +1,0 @@
-"""Plugins of the stand-in: a base that moves a point, and behaviors that need nothing else."""

@@ -1,1 +1,0 @@
-"""Point base: moves the point."""

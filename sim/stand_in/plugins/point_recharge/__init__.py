@@ -1,1 +1,0 @@
-"""Point recharge: goes to a charger, when told and when it must."""

@@ -1,1 +1,0 @@
-"""Point visit: goes to a place and stays there."""
