@@ -2,7 +2,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.algorithms.energy.consumption import Consumption, Drawn, MotionTerms, PowerLearner, PowerPrior
+from robrain.algorithms.energy.consumption import Consumption, Drawn, PowerLearner, PowerPrior
 from robrain.protocol.model.energy_model import Work, estimate
 
 TRUE = (9.0, 0.3, 12.0, 1.0, 10.0)
@@ -57,16 +57,6 @@ def test_what_things_cost_is_learned_from_what_they_did_cost():
     assert told.low_j(0.99) < cost_j < told.high_j(0.99)
 
 
-def test_doubt_shrinks_as_it_learns():
-    robot = Robot()
-    sigmas_j = [estimate(robot.consumption.model(0.0), Work(path_m=20.0)).sigma_j]
-    for _ in range(3):
-        robot.live(3)
-        sigmas_j.append(estimate(robot.consumption.model(0.0), Work(path_m=20.0)).sigma_j)
-    assert sigmas_j[0] > 2.0 * sigmas_j[1]
-    assert sigmas_j[1] > sigmas_j[3]
-
-
 def test_a_computer_that_takes_more_from_now_on_is_followed():
     robot = Robot()
     robot.live(10)
@@ -86,63 +76,6 @@ def test_an_hours_wait_does_not_make_it_forget_what_driving_costs():
     assert estimate(after, work).sigma_j < 1.5 * estimate(before, work).sigma_j
 
 
-def test_measurements_that_are_not_trusted_teach_nothing():
-    robot = Robot()
-    robot.live(5)
-    before = robot.consumption.model(0.0)
-    robot.standing_w = 100.0
-    robot.go(60.0, 0.5, trusted=False)
-    after = robot.consumption.model(0.0)
-    assert (after.coefficients, after.covariance) == (before.coefficients, before.covariance)
-    assert after.power_w == before.power_w
-
-
-def test_the_mean_powers_follow_what_is_drawn():
-    robot = Robot(noise_w=0.0)
-    robot.go(600.0)
-    model = robot.consumption.model(0.0)
-    assert (model.power_w, model.usual_power_w) == (pytest.approx(9.0), pytest.approx(9.0, abs=0.05))
-
-
-def test_the_pace_and_the_rate_of_turns_are_learned():
-    robot = Robot()
-    for _ in range(20):
-        robot.go(30.0, 0.7)
-        robot.go(10.0, 0.0, 0.9)
-    model = robot.consumption.model(0.0)
-    assert model.pace_m_s == pytest.approx(0.7, abs=0.03)
-    assert model.turn_rate_rad_s == pytest.approx(0.9, abs=0.05)
-
-
-def test_ways_that_cost_a_tenth_more_than_planned_are_planned_dearer_and_less_sure_at_first():
-    robot = Robot()
-    robot.live(10)
-    work, plans = Work(path_m=30.0), []
-    base_j = estimate(robot.consumption.model(0.0), work).mean_j
-    for _ in range(25):
-        plans.append(estimate(robot.consumption.model(0.0), work))
-        robot.consumption.compare(work, 1.1 * base_j)
-    assert plans[0].mean_j < 1.02 * base_j
-    assert plans[-1].mean_j == pytest.approx(1.1 * base_j, rel=0.02)
-    assert plans[1].sigma_j > plans[-1].sigma_j
-
-
-def test_one_work_that_went_all_wrong_does_not_spoil_the_plans():
-    robot = Robot()
-    robot.live(10)
-    work = Work(path_m=30.0)
-    planned_j = estimate(robot.consumption.model(0.0), work).mean_j
-    robot.consumption.compare(work, 10.0 * planned_j)
-    assert estimate(robot.consumption.model(0.0), work).mean_j < 1.1 * planned_j
-
-
-def test_waiting_says_nothing_of_ways():
-    robot = Robot()
-    before = robot.consumption.model(0.0)
-    robot.consumption.compare(Work(wait_s=100.0), 5000.0)
-    assert robot.consumption.model(0.0) == before
-
-
 def test_what_is_known_is_told_with_few_digits():
     consumption = Consumption(PowerPrior(pace_m_s=0.512345, turn_rate_rad_s=0.712345), 0.001, 0.0323456)
     model = consumption.model(1234.5678)
@@ -159,25 +92,6 @@ def test_the_covariance_stays_one():
         learner.learn((2.0, 2.0 * (speed_m_s > 0), 2.0 * speed_m_s, 0.0, 0.0), rng.normal(20.0, 3.0))
     assert np.linalg.eigvalsh(learner._covariance).min() > 0
     assert msgspec.json.encode(learner.covariance)
-
-
-def test_integrals_are_asked_for_between_samples():
-    terms = MotionTerms()
-    for tenth in range(21):
-        terms.move(tenth * NS // 10, 0.5 if tenth >= 10 else 0.0, 0.0)
-    assert terms.between(NS + NS // 20, 2 * NS - NS // 20) == pytest.approx((0.9, 0.9, 0.45, 0.0, 0.0))
-    duration_s, moving_s, path_m, _, started = terms.between(0, 2 * NS)
-    assert (duration_s, moving_s, path_m, started) == pytest.approx((2.0, 1.1, 0.525, 0.125))
-
-
-def test_integrals_that_nobody_kept_are_not_made_up():
-    terms = MotionTerms()
-    terms.move(NS, 0.5, 0.0)
-    terms.move(NS + NS // 10, 0.5, 0.0)
-    assert terms.between(0, NS + NS // 20) is None
-    assert terms.between(NS, 2 * NS) is None
-    terms.move(9 * NS, 0.5, 0.0)  # a hole: what was before is forgotten
-    assert terms.between(NS, NS + NS // 10) is None
 
 
 @pytest.mark.parametrize("prior", [{"standing_w": 0.0}, {"memory_s": float("inf")}, {"pace_m_s": -1.0}])

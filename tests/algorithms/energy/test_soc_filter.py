@@ -23,16 +23,6 @@ def test_a_first_voltage_tells_the_charge_where_the_curve_is_steep():
     assert full.soc_sd < 0.08 < flat.soc_sd
 
 
-def test_counting_alone_takes_out_what_flows_and_gets_less_sure():
-    one = SocFilter(PACK)
-    one.start_at(0.9, 0.01)
-    before = one.soc_sd
-    for _ in range(5 * 600):
-        one.count(1.0, 0.2)
-    assert one.soc == pytest.approx(0.9 - 600.0 / (PACK.health * one.rated_c))
-    assert one.soc_sd > before
-
-
 def test_a_pack_is_taken_for_full_until_something_is_known_of_it():
     one = SocFilter(PACK)
     assert one.soc == 1.0
@@ -75,25 +65,6 @@ def test_the_capacity_and_the_resistance_of_an_old_pack_are_found():
     assert one.health == pytest.approx(health, abs=0.04)
     assert one.resistance_ohm == pytest.approx(resistance_ohm, abs=0.05)
     assert one.soc == pytest.approx(soc, abs=0.02)
-
-
-def test_what_is_left_is_the_curves_integral_less_the_losses():
-    one = SocFilter(PackModel(rate_loss_s=0.0, resistance_ohm=1e-6, health=1.0))
-    one.start_at(1.0, 0.0)
-    above_cut_off = [(soc, at_rest(soc)) for soc in np.linspace(0.0, 1.0, 20_001) if at_rest(soc) >= 12.0]
-    mean_v = sum(voltage_v for _, voltage_v in above_cut_off) / 20_001
-    assert one.remaining_j()[0] == pytest.approx(mean_v * one.rated_c, rel=1e-3)
-
-
-def test_the_interval_widens_with_doubt_and_ends_at_nothing():
-    one = SocFilter(PACK)
-    one.start_at(0.5, 0.01)
-    mean_j, low_j, high_j = one.interval_j()
-    one.doubt(0.1)
-    assert one.interval_j()[0] == mean_j
-    assert one.interval_j()[1] < low_j < mean_j < high_j < one.interval_j()[2]
-    one.start_at(0.0, 0.05)
-    assert one.interval_j()[:2] == (0.0, 0.0)
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,5 +1,4 @@
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -103,41 +102,9 @@ def test_the_sum_of_costs_is_the_least_that_there_is(navigation, starts, ends, t
     assert len({choice.robot for choice in choices}) == len(choices)
 
 
-@settings(max_examples=30, deadline=None)
-@given(
-    starts=st.lists(PLACES, min_size=1, max_size=4, unique=True),
-    ends=st.lists(PLACES, min_size=1, max_size=6, unique=True),
-)
-def test_no_two_robots_get_the_same_frontier(starts, ends):
-    seekers = [seeker(f"r{number}", *place) for number, place in enumerate(starts)]
-    choices = assign_frontiers(OPEN, [candidate(*place) for place in ends], seekers, [])
-    assert len(choices) == min(len(starts), len(ends))
-    assert len(set(goals(choices).values())) == len(choices)
-
-
-def test_the_nearest_frontiers_are_swapped_where_the_sum_gains():
-    """Both robots are nearest to the same frontier: the one that loses less goes to the other."""
-    choices = assign_frontiers(
-        OPEN,
-        [candidate(5.0, 3.0), candidate(1.0, 3.0)],
-        [seeker("r1", 4.0, 3.0), seeker("r2", 6.0, 3.0)],
-        [],
-    )
-    assert goals(choices) == {"r1": (1.0, 3.0), "r2": (5.0, 3.0)}
-
-
 def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():
     (choice,) = assign_frontiers(OPEN, [candidate(7.0, 3.0, 1.5)], [seeker("r1", 3.0, 3.0)], [])
     assert choice.cost_m == pytest.approx(4.0 - GAIN_M_PER_M2 * 1.5, abs=0.3)
-
-
-@pytest.mark.parametrize(("unknown_m2", "away_m"), [(0.52, 3.7), (15.22, 4.1), (1.1, 3.5), (4.04, 1.9)])
-def test_who_is_there_already_has_no_way_to_go(unknown_m2, away_m):
-    """Recomputed from its cost it was less than nothing by a rounding, which ended the coordinator."""
-    near = Point2D(0.0, 3.0 + away_m)
-    ends, one = [candidate(0.0, 3.0, unknown_m2)], [seeker("r1", 0.0, 3.0)]
-    (choice,) = joint(Situation(ends, one, [Busy(near, near)], lambda _place: np.zeros(1)))
-    assert choice.way_m == 0.0
 
 
 def test_of_two_frontiers_as_far_away_the_one_with_more_unknown_floor_is_taken():
@@ -178,19 +145,5 @@ def test_a_place_where_a_robot_failed_is_not_for_that_robot():
     assert goals(assign_frontiers(OPEN, ends, both, [])) == {"r2": (4.0, 3.0)}
 
 
-def test_what_lies_behind_a_wall_is_for_the_robot_that_is_there():
-    ends = [candidate(4.0, 3.0), candidate(6.0, 3.0)]
-    assert goals(assign_frontiers(PARTED, ends, [seeker("r1", 8.0, 3.0)], [])) == {"r1": (6.0, 3.0)}
-    both = [seeker("r1", 8.0, 3.0), seeker("r2", 9.0, 3.0)]
-    choices = assign_frontiers(PARTED, ends, both, [])
-    assert goals(choices) == {"r1": (6.0, 3.0)}
-    assert all(math.isfinite(choice.cost_m) for choice in choices)
-
-
 def test_a_robot_off_the_map_gets_nothing():
     assert assign_frontiers(OPEN, [candidate(4.0, 3.0)], [seeker("r1", -50.0, 3.0)], []) == []
-
-
-@pytest.mark.parametrize(("ends", "robots"), [([], [seeker("r1", 1.0, 1.0)]), ([candidate(1.0, 1.0)], [])])
-def test_with_nobody_or_nothing_there_is_nothing_to_hand_out(ends, robots):
-    assert assign_frontiers(OPEN, ends, robots, []) == []

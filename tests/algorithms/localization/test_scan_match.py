@@ -72,16 +72,6 @@ def test_a_wrong_guess_in_a_room_is_found_out(x_m, y_m, yaw_rad, dx_m, dy_m, tur
         assert direction.offset_m == pytest.approx(wanted, abs=0.05 * max(1.0, float(np.linalg.norm(direction.row))))
 
 
-def test_along_a_corridor_the_walls_say_nothing_and_nothing_is_believed():
-    guess = Pose2D(6.1, 4.0, 0.0)
-    fit = match_scan(
-        CORRIDOR_MAP, GEOMETRY, guess, beam_ends(ANGLES_RAD, seen(CORRIDOR, Pose2D(6.0, 4.1, 0.0)), RANGE_M)
-    )
-    assert len(fit.directions) == 2
-    assert all(abs(direction.row[0]) < 0.1 for direction in fit.directions)
-    assert offset(fit)[1] == pytest.approx(0.1, abs=0.04)
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     x_m=st.floats(3.0, 9.0),
@@ -100,31 +90,9 @@ def test_nowhere_in_a_corridor_is_the_way_along_it_believed(x_m, y_m, yaw_rad, d
     assert offset(fit)[1] == pytest.approx(dy_m, abs=0.04)
 
 
-@pytest.mark.slow
-def test_where_nothing_is_known_nothing_is_said():
-    unknown = np.zeros(GEOMETRY.shape, np.int8)
-    fit = match_scan(unknown, GEOMETRY, Pose2D(2, 2, 0), beam_ends(ANGLES_RAD, seen(ROOM, Pose2D(2, 2, 0)), RANGE_M))
-    assert (fit.directions, fit.beams) == ([], 0)
-
-
 def test_a_scan_from_elsewhere_fits_badly():
     ends = beam_ends(ANGLES_RAD, seen(ROOM, Pose2D(6.9, 1.0, 0.0)), RANGE_M)
     assert match_scan(ROOM_MAP, GEOMETRY, Pose2D(1.0, 5.0, 1.0), ends).fit < 0.6
-
-
-def test_a_place_two_metres_off_is_found_by_searching():
-    true = Pose2D(2.2, 3.3, 0.4)
-    guess = Pose2D(3.6, 4.4, 0.1)
-    ends = beam_ends(ANGLES_RAD, seen(ROOM, true), RANGE_M)
-    found = search_scan(ROOM_MAP, GEOMETRY, guess, ends, within_m=2.0, within_rad=0.5)
-    assert found is not None
-    assert found.distance_m(true) < 0.15
-    assert found.yaw_rad == pytest.approx(0.4, abs=0.05)
-
-
-def test_a_search_along_a_corridor_has_no_answer():
-    ends = beam_ends(ANGLES_RAD, seen(CORRIDOR, Pose2D(6.0, 4.0, 0.0)), RANGE_M)
-    assert search_scan(CORRIDOR_MAP, GEOMETRY, Pose2D(6.5, 4.0, 0.0), ends, within_m=2.0, within_rad=0.3) is None
 
 
 def test_a_robot_beyond_the_map_is_no_crash():

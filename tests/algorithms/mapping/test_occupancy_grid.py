@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robrain.algorithms.mapping.occupancy_grid import LOG_ODDS_LIMIT, OccupancyGrid
-from robrain.algorithms.mapping.ray_cast import cast_rays
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
@@ -51,121 +50,6 @@ def test_row_zero_is_at_the_lowest_y_and_cells_are_found_by_their_middle() -> No
 def test_geometry_without_cells_is_refused(arguments: tuple[float, float, float, int, int], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         GridGeometry(*arguments)
-
-
-def test_one_beam_classifies_the_way_and_its_end() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    assert look(grid, 0.5, stamp_ms=7) == 6
-    classes = grid.classes()
-    assert (classes[14, 20:25] == FREE).all()
-    assert classes[14, 25] == OCCUPIED
-    assert np.count_nonzero(classes != UNKNOWN) == 6
-    assert (grid.stamp_ms[14, 20:26] == 7).all()
-    assert grid.known_count == np.count_nonzero(grid.known()) == 6
-    assert grid.version == 1
-
-
-@pytest.mark.parametrize("range_m", [1.5, 9.0, math.inf])
-def test_miss_frees_the_way_up_to_the_maximum_range_only(range_m: float) -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    look(grid, range_m)
-    classes = grid.classes()
-    assert (classes[14, 20:35] == FREE).all()
-    assert grid.known_count == 15
-
-
-@pytest.mark.parametrize("range_m", [math.nan, 0.0, -1.0])
-def test_range_that_measures_nothing_says_nothing(range_m: float) -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    assert look(grid, range_m) == 0
-    assert grid.known_count == 0
-    assert grid.version == 0
-
-
-def test_team_mate_is_not_drawn_into_the_map() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    look(grid, 0.5, ignore=np.array([[1.7, -0.55, 0.2]]))
-    assert (grid.classes()[14, 20:25] == FREE).all()
-    assert not (grid.classes() == OCCUPIED).any()
-
-
-@pytest.mark.parametrize("yaw_rad", [0.0, math.pi / 2, math.pi, -math.pi / 2])
-def test_surface_on_a_border_marks_the_cell_behind_it(yaw_rad: float) -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    sensor = Pose2D(MIDDLE.x_m, MIDDLE.y_m, yaw_rad)
-    grid.integrate_scan(sensor, AHEAD, np.array([0.45]), 1.5, 0, NOBODY)
-    row, column = 14 + 5 * round(math.sin(yaw_rad)), 20 + 5 * round(math.cos(yaw_rad))
-    assert np.argwhere(grid.classes() == OCCUPIED).tolist() == [[row, column]]
-
-
-def test_wall_seen_once_survives_a_few_beams_through_it_but_not_many() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    look(grid, 0.5)
-    for _ in range(3):
-        look(grid, 1.0)
-        assert grid.classes()[14, 25] == OCCUPIED
-    look(grid, 1.0)
-    assert grid.classes()[14, 25] == FREE
-
-
-def test_known_cell_stays_known_whatever_is_seen() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    rng = np.random.default_rng(1)
-    known = grid.known()
-    for _ in range(200):
-        look(grid, float(rng.uniform(0.1, 1.6)))
-        assert grid.known()[known].all()
-        known = grid.known()
-        assert np.abs(grid.log_odds.astype(int)).max() <= 100
-        assert grid.known_count == np.count_nonzero(known)
-
-
-def test_beam_does_not_free_what_another_of_the_same_scan_hit() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    for _ in range(50):
-        grid.integrate_scan(MIDDLE, np.array([0.0, 0.0]), np.array([0.5, 1.2]), 1.5, 0, NOBODY)
-    assert grid.log_odds[14, 25] == LOG_ODDS_LIMIT
-    assert grid.classes()[14, 26] == FREE
-
-
-def test_wall_seen_at_grazing_incidence_is_not_erased() -> None:
-    # The wall's surface halves the cells of row 20: every grazing beam runs through some of them before it ends.
-    fine = GridGeometry(0.05, -1.0, -2.0, 80, 60)
-    world = np.zeros(fine.shape, np.bool_)
-    world[41:45] = True
-    grid = OccupancyGrid(GEOMETRY)
-    angles_rad = np.linspace(-math.pi, math.pi, 180, endpoint=False)
-    for x_m in np.arange(-0.7, 2.7, 0.2):
-        sensor = Pose2D(float(x_m), -0.35, 0.0)
-        grid.integrate_scan(sensor, angles_rad, cast_rays(world, fine, sensor, angles_rad, 4.0, NOBODY), 4.0, 0, NOBODY)
-    walls = grid.classes() == OCCUPIED
-    for _ in range(100):
-        sensor = Pose2D(-0.95, -0.07, 0.0)
-        ranges_m = cast_rays(world, fine, sensor, angles_rad, 4.0, NOBODY)
-        grid.integrate_scan(sensor, angles_rad, ranges_m, 4.0, 1, NOBODY)
-    assert walls[20, 2:38].all()
-    assert (grid.classes()[walls] == OCCUPIED).all()
-
-
-@settings(deadline=None, max_examples=60)
-@given(
-    x_m=st.floats(-1e7, 1e7) | st.floats(-3.0, 5.0),
-    y_m=st.floats(-1e7, 1e7) | st.floats(-3.0, 3.0),
-    yaw_rad=st.floats(-10.0, 10.0),
-    ranges_m=arrays(np.float64, 12, elements=st.floats(width=64)),
-)
-def test_any_pose_and_any_ranges_are_survived(x_m: float, y_m: float, yaw_rad: float, ranges_m: np.ndarray) -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    angles_rad = np.linspace(-3.0, 3.0, 12)
-    grid.integrate_scan(Pose2D(x_m, y_m, yaw_rad), angles_rad, ranges_m, 4.0, 0, NOBODY)
-    assert grid.known_count == np.count_nonzero(grid.known())
-
-
-def test_scan_from_outside_still_maps_what_lies_inside() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    grid.integrate_scan(Pose2D(-1.55, -0.55, 0.0), AHEAD, np.array([1.0]), 3.0, 0, NOBODY)
-    assert (grid.classes()[14, :4] == FREE).all()
-    assert grid.classes()[14, 4] == OCCUPIED
 
 
 @pytest.mark.parametrize(

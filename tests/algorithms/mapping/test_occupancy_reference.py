@@ -53,7 +53,6 @@ def assert_equal(grid, reference):
     assert {tuple(cell) for cell in grid.recent_surfaces().tolist()} == walls & reference.recent
 
 
-@pytest.mark.slow
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 100_000), st.lists(st.sampled_from(["scan", "again", "stretch", "contradict"]), max_size=12))
 def test_whatever_is_scanned_the_grid_is_as_defined(seed, events):

@@ -70,27 +70,10 @@ def test_ranges_agree_with_marching_in_small_steps(seed: int, x_m: float, y_m: f
             assert obstacle_apart_m(occupied, end_x_m, end_y_m, circles) < 1e-9
 
 
-def test_wall_is_measured_to_the_border_of_its_cell() -> None:
-    occupied = NOTHING.copy()
-    occupied[:, 20] = True
-    angles_rad = np.array([0.0, math.pi / 4])
-    ranges_m = cast_rays(occupied, GEOMETRY, SENSOR, angles_rad, 5.0, NO_CIRCLES)
-    assert ranges_m == pytest.approx([0.95, 0.95 * math.sqrt(2)])
-
-
-def test_nothing_within_range_reads_exactly_the_maximum_range() -> None:
-    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 0.7, NO_CIRCLES)[0] == 0.7
-
-
 def test_arena_is_closed_at_its_edge() -> None:
     angles_rad = np.array([0.0, math.pi / 2, math.pi, -math.pi / 2])
     ranges_m = cast_rays(NOTHING, GEOMETRY, SENSOR, angles_rad, 9.0, NO_CIRCLES)
     assert ranges_m == pytest.approx([2.95, 1.55, 1.05, 1.45])
-
-
-def test_angles_are_in_the_sensors_frame() -> None:
-    turned = Pose2D(SENSOR.x_m, SENSOR.y_m, math.pi / 2)
-    assert cast_rays(NOTHING, GEOMETRY, turned, AHEAD, 9.0, NO_CIRCLES)[0] == pytest.approx(1.55)
 
 
 def test_circle_is_measured_to_its_rim_and_hides_what_is_behind_it() -> None:

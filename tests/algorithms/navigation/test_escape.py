@@ -32,26 +32,6 @@ def escape(mask, column, *tracks, row=20):
     return escape_cells(mask, GEOMETRY, (row, column), SPEED_M_S, tracks, APART_M)
 
 
-def test_the_bay_ahead_is_taken_if_it_is_reached_before_the_other():
-    cells = escape(floor(CORRIDOR, BAY_AHEAD, BAY_BEHIND), 30, oncoming(9.0, 0.6))
-    assert 40 <= cells[-1][1] < 44
-    assert cells[-1][0] >= 26
-
-
-def test_the_robot_backs_out_where_the_bay_ahead_is_too_near_to_the_other():
-    cells = escape(floor(CORRIDOR, BAY_AHEAD, BAY_BEHIND), 30, oncoming(4.6, 0.6))
-    assert 10 <= cells[-1][1] < 14
-
-
-def test_there_is_no_refuge_in_a_dead_end():
-    assert escape(floor(CORRIDOR), 30, oncoming(9.0, 0.6)) is None
-
-
-def test_where_nobody_comes_the_robot_stays():
-    assert escape(floor(CORRIDOR), 30).tolist() == [[20, 30]]
-    assert escape(floor(CORRIDOR), 30, oncoming(5.0, 9.0)).tolist() == [[20, 30]]
-
-
 def test_robot_does_not_brush_past_one_that_stands_even_on_its_first_step():
     corridor, bay = (20, 5, 21, 95), (10, 33, 20, 35)
     behind = oncoming(1.0, 9.0)

@@ -37,32 +37,6 @@ def test_head_on_who_yields_must_leave_and_who_goes_first_drives_on():
     assert release(OWN, SPEED_M_S, [track(oncoming, first=False)], MARGINS).is_whole  # it is far away yet
 
 
-def test_before_a_crossing_the_robot_waits_out_of_reach_of_the_others_whole_way():
-    crossing = line(4, -4, 4, 4)
-    allowed = release(OWN, SPEED_M_S, [track(crossing)], MARGINS)
-    assert not allowed.is_whole
-    assert not allowed.must_leave
-    end = OWN[allowed.positions - 1]
-    assert np.hypot(*(crossing - end).T).min() >= KEEP_M + MARGINS.contest_m - 1e-9
-    assert end[0] > 3.0
-
-
-def test_who_is_through_in_time_need_not_wait():
-    late = line(4, -12, 4, 4)
-    assert release(OWN, SPEED_M_S, [track(late)], MARGINS).is_whole
-
-
-def test_one_that_is_held_may_come_any_time_later_than_foreseen():
-    """It has passed before the robot is there, but for whoever holds it."""
-    early = line(4, -0.6, 4, 4)
-    assert release(OWN, SPEED_M_S, [track(early)], MARGINS).is_whole
-    assert not release(OWN, SPEED_M_S, [track(early, held_at=0)], MARGINS).is_whole
-
-
-def test_one_that_goes_the_same_way_ahead_is_followed():
-    assert release(OWN, SPEED_M_S, [track(line(1.5, 0, 9, 0))], MARGINS).is_whole
-
-
 def test_nobody_drives_on_into_one_that_stands_whoever_goes_first():
     stands = track(np.array([(1.0, 0.0)]), first=False)
     allowed = release(OWN, SPEED_M_S, [stands], MARGINS)
