@@ -59,14 +59,6 @@ def test_what_a_way_costs_is_learned_over_the_bus_and_told_in_the_state(robot):
     assert (told.mean_j, told.sigma_j) == pytest.approx((own["mean_j"], own["sigma_j"]))
 
 
-@pytest.mark.slow
-def test_a_wait_costs_what_standing_costs(robot):
-    robot.run(30.0)
-    told = robot.call("energy", "estimate", {"wait_s": 30.0})
-    assert told["mean_j"] == pytest.approx(cost_j(robot, lambda: robot.run(30.0)), rel=0.03)
-    assert robot.call("energy", "power_w") == pytest.approx(8.0, rel=0.03)
-
-
 def test_the_plugins_give_the_same_over_the_bus_as_the_estimators_they_are_made_of(stage, room):
     one = stage(room(10.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
     one.host("energy")

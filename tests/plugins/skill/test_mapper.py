@@ -14,7 +14,7 @@ from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 
@@ -104,32 +104,6 @@ def test_walls_stay_straight_while_the_robot_turns(stage, room):
     assert class_at(view(host), 0.05, 2.0) == OCCUPIED
 
 
-def test_patches_merge_into_an_equal_map_elsewhere(stage, room):
-    plan = room(6.0, 4.0, (2.9, 0.0, 3.1, 2.4))
-    one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0))
-    patches = one.inbox(ROBOT_MAP)
-    host = one.host("mapper", "localisation")
-    drive(host, (2.0, 3.2), (5.0, 3.2))
-    one.run(12.0)
-    elsewhere = SubmapAtlas(view(host).geometry)
-    for received in patches.drain():
-        merge_message(elsewhere, received.message)
-    # The last scans may not have been told yet.
-    one.run(0.5)
-    for received in patches.drain():
-        merge_message(elsewhere, received.message)
-    assert np.count_nonzero(elsewhere.grid.classes() != UNKNOWN) > 1500
-    assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
-
-
-def test_nothing_new_is_not_told_again(stage):
-    one = stage()
-    one.host("mapper", "localisation", mapper=GRID)
-    patches = one.inbox(ROBOT_MAP)
-    one.run(5.0, lambda: one.stand_and_scan([2.0] * 360))
-    assert len(patches.drain()) in (1, 2)
-
-
 def test_two_robots_end_with_one_map(stage, room):
     plan = room(8.0, 4.0, (3.9, 0.0, 4.1, 2.6))
     one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(7.0, 1.0, 0.0))
@@ -163,18 +137,6 @@ def test_one_who_joins_late_has_the_whole_map(stage, room):
     known = before != UNKNOWN
     # Zenoh tells of tokens that were there before on a thread of its own, a little later.
     one.run_until(lambda: np.array_equal(view(late).classes[known], before[known]), 60.0)
-
-
-def test_the_whole_map_is_there_for_the_asking(stage):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
-    assert one.wire.ask(ROBOT_MAP_WHOLE, robot="r1") is None
-    one.run(1.0, lambda: one.stand_and_scan([2.0] * 360))
-    whole = one.wire.ask(ROBOT_MAP_WHOLE, robot="r1")
-    elsewhere = SubmapAtlas(view(host).geometry)
-    merge_message(elsewhere, whole)
-    assert np.array_equal(elsewhere.grid.classes(), view(host).classes)
-    assert one.call("mapper", "known_area_m2") == pytest.approx(0.01 * np.count_nonzero(elsewhere.grid.known()))
 
 
 def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog):
