@@ -1,8 +1,7 @@
 """The board: what a robot's plugins know of the robot, and the host tells the team."""
 
 from collections import deque
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from robrain.algorithms.localization.odometry import YawRate
 from robrain.algorithms.localization.rssi_ranging import RssiSample
@@ -12,9 +11,9 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
 
 if TYPE_CHECKING:  # a robot that does not navigate has no arrays
-    from robrain.algorithms.mapping.local_map import ArenaFix, LocalMap, LocalPose
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-    from robrain.algorithms.numeric.kernel_array import Floats
+
+T = TypeVar("T")
 
 IDLE = "idle"
 """What a robot does that does nothing."""
@@ -63,24 +62,8 @@ class Board:
         """Signals of motes of known place; mote_ranges leaves them here for localisation."""
         self.frame = ARENA
         """The map frame of the pose and of the map: the arena frame, or the robot's own; mapper writes it."""
-        self.arena_fix: ArenaFix | None = None
-        """How that frame lies in the arena, as motes have it; localisation writes it, mapper takes it away."""
-        self.may_be_at: Callable[[Pose2D], bool] = lambda _pose: True
-        """Whether motes' signals allow the robot to be at a pose of the arena frame; localisation writes it."""
         self.map: OccupancyGrid | None = None
         """The team's map as this robot knows it, read-only; mapper writes it."""
-        self.local_map: LocalMap | None = None
-        """The robot's own recent map, against which scans are matched; mapper writes it."""
-        self.local_pose: LocalPose | None = None
-        """Pose of the odometry frame in the frame of that map; localisation writes it."""
-        self.robot_places: Floats | None = None
-        """(K, 3) published places and radii of other robots: x, y, radius in metres, arena frame; mapper writes it."""
-        self.map_of_others: OccupancyGrid | None = None
-        """What the others had mapped when this robot came, for some seconds after it; mapper writes it."""
-        self.false_start = False
-        """Whether this has shown that the robot did not start at its configured pose; written by localisation."""
-        self.misplaced = ""
-        """Why the robot's recent map lies wrong and a new one must begin; mapper writes it, localisation empties it."""
         self.map_paused = ""
         """Why scans are not put into the map now; empty if they are. Mapper writes it."""
         self.velocity = Twist2D()
@@ -91,3 +74,11 @@ class Board:
         """Places of the chargers that the robot knows, arena frame; home writes it."""
         self.behavior = ""
         """What the robot does; the behavior that drives writes it."""
+        self._shared: dict[type, Any] = {}
+
+    def shared(self, kind: type[T]) -> T:
+        """The one object of a class that some plugins of this robot share; the first of them to ask makes it."""
+        if kind not in self._shared:
+            self._shared.setdefault(kind, kind())
+        shared: T = self._shared[kind]
+        return shared

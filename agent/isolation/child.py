@@ -131,11 +131,12 @@ class RemoteHandle:
 
 
 class RemoteBoard(Board):
-    """The robot's board, read and written where it is; queues on it do not reach a process of its own."""
+    """The robot's board, read and written where it is; its queues and shared objects do not reach a process."""
 
     def __init__(self, parent: Parent) -> None:
         self.__dict__["_parent"] = parent
         self.__dict__["yaw_rates"] = deque[YawRate](maxlen=256)
+        self.__dict__["_shared"] = {}
 
     def __getattr__(self, name: str) -> Any:
         return decoder(BOARD_TYPES.get(name, Any)).decode(self.__dict__["_parent"].ask(ReadBoard(name)))

@@ -1,5 +1,6 @@
 """The map that localisation matches scans against: the robot's recent surroundings, and the pose of their frame."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
@@ -74,3 +75,26 @@ class LocalPose(NamedTuple):
     """Why the robot does not know its place in the arena: a trajectory that begins so has a map frame of its own."""
     checked: tuple[int, ...] | None = None
     """Stamps of the last scans that were matched; only these may be mapped. None if none has to be matched."""
+
+
+class OwnMap:
+    """What localisation and the mapper share of the robot's own map; nobody else writes to it."""
+
+    def __init__(self) -> None:
+        self.local_map: LocalMap | None = None
+        """The map against which scans are matched; the mapper writes it."""
+        self.robot_places: Floats | None = None
+        """(K, 3) published places and radii of other robots: x, y, radius in metres, robot's map frame; by the
+        mapper."""
+        self.map_of_others: OccupancyGrid | None = None
+        """The map that the others had when this robot came, for some seconds after it; the mapper writes it."""
+        self.misplaced = ""
+        """Why the map lies wrong and a new one must begin; the mapper writes it, localisation empties it."""
+        self.local_pose: LocalPose | None = None
+        """Pose of the odometry frame in the frame of that map; localisation writes it."""
+        self.arena_fix: ArenaFix | None = None
+        """How the robot's map frame lies in the arena, by motes; localisation writes it, the mapper removes it."""
+        self.may_be_at: Callable[[Pose2D], bool] = lambda _pose: True
+        """Whether motes' signals allow the robot to be at a pose of the arena frame; localisation writes it."""
+        self.false_start = False
+        """Whether the robot did not start at its configured pose; localisation writes it."""

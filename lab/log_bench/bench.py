@@ -18,6 +18,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.plugin import Device, Unit
 from robrain.algorithms.localization.odometry import PoseTrack
+from robrain.algorithms.mapping.local_map import OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.warm_up import warm_up
 from robrain.deploy.command_line.terminal import new_console, print_line
@@ -235,7 +236,8 @@ class _Run:
 
     def _look(self, board: Board) -> None:
         """Where the scans lie that were taken in by now."""
-        local_pose, local_map, T_arena_odom = board.local_pose, board.local_map, board.T_arena_odom
+        own, T_arena_odom = board.shared(OwnMap), board.T_arena_odom
+        local_pose, local_map = own.local_pose, own.local_map
         if local_pose is None or T_arena_odom is None:
             return
         while self._waiting and self._waiting[0] <= local_pose.until_ns:

@@ -18,7 +18,7 @@ from robrain.algorithms.localization.odometry import chord
 from robrain.algorithms.localization.pose_filter import DriftModel
 from robrain.algorithms.localization.rssi_ranging import PathLoss
 from robrain.algorithms.localization.surface_match import COMPARED_MIN, agreement
-from robrain.algorithms.mapping.local_map import ArenaFix, LocalPose
+from robrain.algorithms.mapping.local_map import ArenaFix, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.mates_in_scan import robot_circles, wall_ends
@@ -183,6 +183,7 @@ class Localisation(Skill):
     diverged = Event[Divergence](outside=True)
 
     def activate(self) -> None:
+        self._own_map = self.env.board.shared(OwnMap)
         self._driver = self.env.use("driver", DriverInterface)
         start = self.parameters
         self._odometry = self._driver.pose()
@@ -195,10 +196,10 @@ class Localisation(Skill):
             self._localiser.part(board.lost)
         elif not start.start_known and board.T_arena_odom is None:
             self._localiser.lose("nobody has said where it starts")
-        board.may_be_at = self._localiser.may_be_at
+        self._own_map.may_be_at = self._localiser.may_be_at
         self._lost = board.lost
-        self._T_arena_local = IDENTITY if board.local_map is None else board.local_map.T_arena_local
-        self._trajectories_before = 0 if board.local_pose is None else board.local_pose.trajectory
+        self._T_arena_local = IDENTITY if self._own_map.local_map is None else self._own_map.local_map.T_arena_local
+        self._trajectories_before = 0 if self._own_map.local_pose is None else self._own_map.local_pose.trajectory
         self._centred = self._trajectories_before
         """The last trajectory that needs not be moved to the middle of the map any more."""
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
@@ -290,11 +291,10 @@ class Localisation(Skill):
 
     def _update_from_map(self) -> None:
         """Move the estimate with the robot's own map, which loop closures may have moved."""
-        board = self.env.board
-        if board.misplaced:
-            self._localiser.lose(board.misplaced)
-            board.misplaced = ""
-        local = board.local_map
+        if self._own_map.misplaced:
+            self._localiser.lose(self._own_map.misplaced)
+            self._own_map.misplaced = ""
+        local = self._own_map.local_map
         if local is None or local.trajectory != self._trajectory:
             return
         if local.T_arena_local != self._T_arena_local:
@@ -334,8 +334,8 @@ class Localisation(Skill):
         self._matched_path_m = self._localiser.way_m
         T_robot_sensor = self._T_robot_sensor(scan)
         points = self._wall_points(scan, T_robot_sensor)
-        if board.local_map is not None and board.local_map.trajectory == self._trajectory:
-            fit = self._localiser.see(points, board.local_map, T_robot_sensor)
+        if self._own_map.local_map is not None and self._own_map.local_map.trajectory == self._trajectory:
+            fit = self._localiser.see(points, self._own_map.local_map, T_robot_sensor)
             if fit.directions:
                 self._matches += 1
                 self._last_fit = fit.fit
@@ -356,7 +356,7 @@ class Localisation(Skill):
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> Floats:
         """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
-        told = self.env.board.robot_places
+        told = self._own_map.robot_places
         mates = NO_MATES if told is None else told
         circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
         return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
@@ -367,7 +367,7 @@ class Localisation(Skill):
 
     def _check_start(self, scan: LaserScan) -> None:
         """Is the robot where it was told that it starts? What the others had mapped before it came may tell."""
-        others = self.env.board.map_of_others
+        others = self._own_map.map_of_others
         if others is None or others.version == self._checked_version:
             return
         self._checked_version = others.version
@@ -377,21 +377,21 @@ class Localisation(Skill):
             others.log_odds, others.geometry, self._wall_points(scan, T_robot_sensor), T_robot_sensor
         )
         if self._localiser.lost:
-            self.env.board.false_start = True
+            self._own_map.false_start = True
             self._tell()
 
     def _handle_fix(self) -> None:
         """Motes have found where the robot is in the arena: the frame in which it maps is placed by that."""
-        localiser, board = self._localiser, self.env.board
+        localiser = self._localiser
         fix, localiser.arena_fix = localiser.arena_fix, None
         if fix is None:
             return
         pose, covariance = fix
-        if board.local_map is None or board.local_map.trajectory != self._trajectory:
+        if self._own_map.local_map is None or self._own_map.local_map.trajectory != self._trajectory:
             localiser.place(pose, covariance)
         else:
             T_arena_frame = pose.compose(localiser.pose.inverse())
-            board.arena_fix = ArenaFix(T_arena_frame, pose, covariance, self._trajectory)
+            self._own_map.arena_fix = ArenaFix(T_arena_frame, pose, covariance, self._trajectory)
 
     def _centre(self) -> None:
         """Begin a frame of the robot's own in the middle of the map: nearer to an edge less fits on it."""
@@ -419,7 +419,7 @@ class Localisation(Skill):
         T_local_odom = self._T_arena_odom
         if self._T_arena_local != IDENTITY:
             T_local_odom = self._T_arena_local.inverse().compose(T_local_odom)
-        board.local_pose = LocalPose(
+        self._own_map.local_pose = LocalPose(
             T_local_odom,
             self._trajectory,
             told.drift,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
-from robrain.algorithms.mapping.local_map import LocalPose
+from robrain.algorithms.mapping.local_map import LocalPose, OwnMap
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.map_patch import map_stamp_ms
 from robrain.algorithms.slam.mates_in_scan import robot_circles, sees_through, wall_ends
@@ -130,6 +130,7 @@ class Mapper(Skill):
     """Why scans are left out, from now on; empty when they are taken in again."""
 
     def init(self) -> None:
+        self._own_map = self.env.board.shared(OwnMap)
         self._taken = self._skipped = 0
         geometry = self.parameters.geometry()
         self._atlas = SubmapAtlas(geometry)
@@ -151,8 +152,8 @@ class Mapper(Skill):
     def activate(self) -> None:
         wire, robot = self.env.wire, self.env.robot
         self.env.board.map = self._atlas.grid
-        if self.env.board.local_map is not None:
-            self._own.T_arena_local = self.env.board.local_map.T_arena_local
+        if self._own_map.local_map is not None:
+            self._own.T_arena_local = self._own_map.local_map.T_arena_local
         if self._began_ns is None:
             self._began_ns = self.env.clock.now_ns()
             self._hearing.begin(self._began_ns)
@@ -168,9 +169,9 @@ class Mapper(Skill):
     def step(self) -> None:
         self._hearing.step()
         self._publish_move()
-        self.env.board.robot_places = self._others()
+        self._own_map.robot_places = self._others()
         self._integrate()
-        if self.env.board.false_start:
+        if self._own_map.false_start:
             self._restart()
         if not self._is_starting(START_S):
             self._hearing.others = None
@@ -218,7 +219,7 @@ class Mapper(Skill):
 
     def _integrate(self) -> None:
         """Map the waiting scans whose pose is known by now."""
-        while self._waiting and (local_pose := self.env.board.local_pose) is not None:
+        while self._waiting and (local_pose := self._own_map.local_pose) is not None:
             stamp_ns = self._waiting[0].stamp_ns
             if stamp_ns > local_pose.until_ns or stamp_ns > self._driver.odometry_until_ns():
                 return
@@ -228,7 +229,7 @@ class Mapper(Skill):
                 self._handle_scan(scan, local_pose)
 
     def _handle_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
-        if self.env.board.false_start:
+        if self._own_map.false_start:
             self._restart()
         self._pause(self._why_not(local_pose))
         if self.env.board.map_paused:
@@ -245,7 +246,7 @@ class Mapper(Skill):
             self._desk.begin_anew()
             self._frames.begin(map_stamp_ms(scan.stamp_ns), local_pose.lost)
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
-        self.env.board.robot_places = told = self._others()
+        self._own_map.robot_places = told = self._others()
         sensor = self._own.T_arena_local.compose(local)
         circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, told)
         if self._own.is_over():
@@ -319,21 +320,20 @@ class Mapper(Skill):
             self._update_board()
 
     def _update_board(self) -> None:
-        board = self.env.board
-        board.local_map, board.frame = self._own.local_map(), self._own.frame
+        self._own_map.local_map, self.env.board.frame = self._own.local_map(), self._own.frame
 
     def _find_frame(self) -> None:
         """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
-        board, now_ns = self.env.board, self.env.clock.now_ns()
+        now_ns = self.env.clock.now_ns()
         if why := self._desk.misplacement_reason():
             # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
             nodes = self._graph.own.values()
             self._withdraw([node.number for node in nodes if node.trajectory == self._own.trajectory])
             self._own.begin_trajectory(self._own.trajectory)
-            board.misplaced = why
+            self._own_map.misplaced = why
         elif why := self._frames.uncertainty_reason():
             self._frames.part(why)
-        fix, board.arena_fix = board.arena_fix, None
+        fix, self._own_map.arena_fix = self._own_map.arena_fix, None
         if fix is not None:
             self._frames.apply_fix(fix)
         is_due = self._frames.frame != ARENA and now_ns >= self._search_due_ns and self._own.number is not None
@@ -349,11 +349,11 @@ class Mapper(Skill):
         self._telling.moved(self._frames.told)
         self._frames.told = []
         self._update_board()
-        self.env.board.robot_places = self._others()
+        self._own_map.robot_places = self._others()
 
     def _may_be_at(self, frame: MapFrame, pose: Pose2D) -> bool:
         """Whether motes and the mates of a frame allow the robot to be at a pose of it."""
-        if frame == ARENA and not self.env.board.may_be_at(pose):
+        if frame == ARENA and not self._own_map.may_be_at(pose):
             return False
         if self._seen is None:
             return True
@@ -367,8 +367,8 @@ class Mapper(Skill):
         a robot that maps finds any.
         """
         board = self.env.board
-        if board.misplaced:
-            return board.misplaced
+        if self._own_map.misplaced:
+            return self._own_map.misplaced
         if board.lost and not local_pose.lost:
             return f"the robot does not know where it is: {board.lost}"
         # With some slack, so that it does not go on and off.
@@ -380,7 +380,7 @@ class Mapper(Skill):
     def _tell_others(self) -> None:
         """What the others had mapped before is the measure of where the robot starts."""
         others = self._hearing.others
-        self.env.board.map_of_others = None if others is None else others.grid
+        self._own_map.map_of_others = None if others is None else others.grid
 
     def _is_starting(self, for_s: float) -> bool:
         return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)

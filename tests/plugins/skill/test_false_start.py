@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.local_map import OwnMap
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import OCCUPIED
 from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_MAP
@@ -131,7 +132,7 @@ def test_a_robot_whose_start_is_not_known_is_lost_until_the_walls_on_its_teams_m
     assert ghosts(first, plan, body=one.truth("r2").pose) == []
     stroll(one, late, (5.2, 4.2), (4.6, 3.0), (4.4, 3.6), robot="r2")
     assert late.board.lost == ""
-    assert late.board.local_pose.trajectory == 1, "its map begins where it was found"
+    assert late.board.shared(OwnMap).local_pose.trajectory == 1, "its map begins where it was found"
     assert late.board.pose.distance_m(one.truth("r2").pose) < 0.15
     assert ghosts(late, plan, body=one.truth("r1").pose) == []
 

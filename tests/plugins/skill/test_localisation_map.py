@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.plugins.skill.localisation import PAUSE_M, PAUSE_RAD, Localisation
@@ -89,53 +89,53 @@ MOVED = Pose2D(0.3, -0.2, 0.4)
 
 def test_a_robot_moves_with_the_frame_of_the_map_that_it_goes_by(stage):
     one, host, localisation = localised(stage, x_m=2.0, y_m=1.0, yaw_rad=0.3)
-    before, local = localisation.pose(), host.board.local_pose.T_local_odom
-    host.board.local_map = in_frame(MOVED)
+    before, local = localisation.pose(), host.board.shared(OwnMap).local_pose.T_local_odom
+    host.board.shared(OwnMap).local_map = in_frame(MOVED)
     one.run(0.2)
     assert off(localisation.pose(), MOVED.compose(before)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    assert off(host.board.local_pose.T_local_odom, local) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    host.board.local_map = in_frame(IDENTITY)
+    assert off(host.board.shared(OwnMap).local_pose.T_local_odom, local) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    host.board.shared(OwnMap).local_map = in_frame(IDENTITY)
     one.run(0.2)
     assert off(localisation.pose(), before) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_the_map_of_another_trajectory_moves_nobody(stage):
     one, host, localisation = localised(stage, x_m=2.0)
-    host.board.local_map = in_frame(MOVED, trajectory=1)
+    host.board.shared(OwnMap).local_map = in_frame(MOVED, trajectory=1)
     one.run(0.2)
     assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
 
 
 def test_a_lost_robot_is_not_moved_by_the_map_from_before_it_was_lost(stage):
     one, host, localisation = localised(stage, start_known=False, x_m=2.0)
-    host.board.local_map = in_frame(MOVED)
+    host.board.shared(OwnMap).local_map = in_frame(MOVED)
     one.run(0.2)
-    assert localisation.pose() == host.board.local_pose.T_local_odom == Pose2D(2.0, 0.0, 0.0)
+    assert localisation.pose() == host.board.shared(OwnMap).local_pose.T_local_odom == Pose2D(2.0, 0.0, 0.0)
     assert host.board.lost
 
 
 def test_a_lost_robot_moves_with_the_map_in_its_own_frame_and_is_found_when_that_lies_in_the_arena(stage):
     one, host, localisation = localised(stage, start_known=False, x_m=2.0)
     lost = host.board.lost
-    host.board.local_map = in_frame(MOVED, trajectory=1, frame=OWN, why=lost)
+    host.board.shared(OwnMap).local_map = in_frame(MOVED, trajectory=1, frame=OWN, why=lost)
     one.run(0.2)
     moved = MOVED.compose(Pose2D(2.0, 0.0, 0.0))
     assert off(localisation.pose(), moved) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    assert host.board.lost == host.board.local_pose.lost == lost
-    host.board.local_map = in_frame(IDENTITY, trajectory=1)
+    assert host.board.lost == host.board.shared(OwnMap).local_pose.lost == lost
+    host.board.shared(OwnMap).local_map = in_frame(IDENTITY, trajectory=1)
     one.run(0.2)
     assert localisation.pose().x_m == pytest.approx(2.0)
-    assert host.board.lost == host.board.local_pose.lost == ""
-    assert host.board.local_pose.trajectory == 1, "its map goes on"
+    assert host.board.lost == host.board.shared(OwnMap).local_pose.lost == ""
+    assert host.board.shared(OwnMap).local_pose.trajectory == 1, "its map goes on"
 
 
 def test_a_robot_whose_map_leaves_the_arena_frame_is_lost_for_the_same_reason_and_stays_where_it_is(stage):
     one, host, localisation = localised(stage, x_m=2.0)
-    host.board.local_map = in_frame(IDENTITY, frame=OWN, why="mates contradict it")
+    host.board.shared(OwnMap).local_map = in_frame(IDENTITY, frame=OWN, why="mates contradict it")
     one.run(0.2)
     assert host.board.lost == "mates contradict it"
     assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
-    assert host.board.local_pose.trajectory == 0
+    assert host.board.shared(OwnMap).local_pose.trajectory == 0
     assert localisation.health().sigma_m < 0.1
 
 
@@ -215,11 +215,11 @@ def test_a_frame_of_its_own_begins_in_the_middle_of_the_map_so_that_there_is_roo
 def test_a_robot_whose_map_lies_wrong_begins_another(stage):
     one, host, _ = localised(stage, "mapper")
     standing(one, 1.0)
-    trajectory = host.board.local_pose.trajectory
-    host.board.misplaced = "mates contradict"
+    trajectory = host.board.shared(OwnMap).local_pose.trajectory
+    host.board.shared(OwnMap).misplaced = "mates contradict"
     standing(one, 0.3)
-    assert (host.board.misplaced, host.board.lost) == ("", "mates contradict")
-    assert host.board.local_pose.trajectory == trajectory + 1
+    assert (host.board.shared(OwnMap).misplaced, host.board.lost) == ("", "mates contradict")
+    assert host.board.shared(OwnMap).local_pose.trajectory == trajectory + 1
     standing(one, 1.0)
-    assert host.board.local_map.trajectory == trajectory + 1
+    assert host.board.shared(OwnMap).local_map.trajectory == trajectory + 1
     assert host.board.frame != ARENA

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
-from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap
+from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
@@ -48,9 +48,9 @@ def standing(one, seconds, ranges_m=SQUARE_M):
 def test_a_robot_that_does_not_see_what_the_others_have_mapped_there_started_elsewhere(stage, half_m, is_lost):
     one, host = started(stage)
     events = one.inbox(ROBOT_EVENT, robot="r1", plugin="localisation", event="diverged")
-    host.board.map_of_others = room_of_others(half_m)
+    host.board.shared(OwnMap).map_of_others = room_of_others(half_m)
     standing(one, 0.3)
-    assert bool(host.board.lost) == host.board.false_start == is_lost
+    assert bool(host.board.lost) == host.board.shared(OwnMap).false_start == is_lost
     said = [received.message.value for received in events.drain()]
     assert [each["is_lost"] for each in said] == [True] * is_lost
     assert all("on the map of the others" in each["why"] for each in said)
@@ -60,29 +60,29 @@ def test_without_a_map_of_others_every_start_is_believed(stage):
     one, host = started(stage)
     standing(one, 0.3)
     assert host.board.lost == ""
-    host.board.map_of_others = OccupancyGrid(GEOMETRY)
+    host.board.shared(OwnMap).map_of_others = OccupancyGrid(GEOMETRY)
     standing(one, 0.3)
-    assert (host.board.lost, host.board.false_start) == ("", False)
+    assert (host.board.lost, host.board.shared(OwnMap).false_start) == ("", False)
 
 
 def test_each_state_of_the_others_map_is_looked_at_once(stage):
     """What comes to stand in the way afterwards does not make the start a false one."""
     one, host = started(stage)
-    others = host.board.map_of_others = room_of_others()
+    others = host.board.shared(OwnMap).map_of_others = room_of_others()
     standing(one, 0.3)
     standing(one, 0.3, NARROW_M)
     assert host.board.lost == ""
     others.merge_patch(0, 0, np.full((1, 1), FREE, np.int8), 6)
     standing(one, 0.3, NARROW_M)
-    assert host.board.false_start
+    assert host.board.shared(OwnMap).false_start
     assert "on the map of the others" in host.board.lost
 
 
 def test_a_robot_that_was_told_that_it_starts_elsewhere_is_held_against_the_map_there(stage):
     one, host = started(stage, x_m=1.0, y_m=-0.5, yaw_rad=0.3)
-    host.board.map_of_others = room_of_others()
+    host.board.shared(OwnMap).map_of_others = room_of_others()
     standing(one, 0.3)
-    assert host.board.false_start, "what it sees is seen from the middle"
+    assert host.board.shared(OwnMap).false_start, "what it sees is seen from the middle"
 
 
 @pytest.mark.parametrize(("beams", "is_told"), [(0, False), (1, True), (90, True)])
@@ -110,7 +110,7 @@ def test_where_the_teams_map_knows_less_than_half_of_what_is_seen_nothing_is_tol
 def test_scans_wait_for_localisation_only_if_it_lays_them_on_the_map(stage, scan_matching):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID, localisation={"scan_matching": scan_matching})
-    assert (host.board.local_pose.until_ns > 0) != scan_matching
+    assert (host.board.shared(OwnMap).local_pose.until_ns > 0) != scan_matching
     standing(one, 1.0)
     assert one.call("mapper", "counters")["scans"] > 0
     assert (one.call("localisation", "health")["matches"] > 0) == scan_matching
@@ -126,22 +126,22 @@ def walls_at(T_arena_local):
 
 def test_a_scan_is_laid_on_the_map_in_the_tick_in_which_odometry_covers_its_time(stage):
     one, host = started(stage)
-    host.board.map, host.board.local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
+    host.board.map, host.board.shared(OwnMap).local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
     standing(one, 0.1)
-    assert host.board.local_pose.until_ns == one.clock.now_ns()
-    assert host.board.local_pose.checked
+    assert host.board.shared(OwnMap).local_pose.until_ns == one.clock.now_ns()
+    assert host.board.shared(OwnMap).local_pose.checked
 
 
 def test_a_scan_that_comes_just_after_a_loop_closure_moved_the_map_still_lies_on_it(stage):
     one, host = started(stage, scan_period_s=0.001)
-    host.board.map, host.board.local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
+    host.board.map, host.board.shared(OwnMap).local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
     standing(one, 0.3)
     for number in range(1, 7):
         moved = Pose2D(0.7 * number, -0.4, 0.2)
-        host.board.local_map = walls_at(moved)
+        host.board.shared(OwnMap).local_map = walls_at(moved)
         for _ in range(3):
             standing(one, 0.02)
-            assert host.board.local_pose.fits
+            assert host.board.shared(OwnMap).local_pose.fits
     assert host.manager.get("localisation").plugin.pose().distance_m(moved) < 0.05
 
 
@@ -175,14 +175,14 @@ def unknown_start(stage):
 def test_motes_tell_a_lost_robot_where_the_frame_that_it_maps_in_lies(stage):
     one, host = unknown_start(stage)
     lost = host.board.lost
-    host.board.local_map = walls_at(IDENTITY)._replace(trajectory=1, frame=MapFrame(20, "r1"), why=lost)
+    host.board.shared(OwnMap).local_map = walls_at(IDENTITY)._replace(trajectory=1, frame=MapFrame(20, "r1"), why=lost)
     true = drive_past_motes(one, host)
-    fix = host.board.arena_fix
+    fix = host.board.shared(OwnMap).arena_fix
     assert fix.trajectory == 1
     assert fix.at.distance_m(true) < 0.5
     assert fix.T_arena_frame.compose(host.board.pose).distance_m(true) < 0.3
-    assert host.board.may_be_at(true)
-    assert not host.board.may_be_at(Pose2D(true.x_m + 6.0, true.y_m - 5.0, true.yaw_rad))
+    assert host.board.shared(OwnMap).may_be_at(true)
+    assert not host.board.shared(OwnMap).may_be_at(Pose2D(true.x_m + 6.0, true.y_m - 5.0, true.yaw_rad))
     assert host.board.lost == lost, "until the mapper has moved its map there"
     assert host.board.pose.distance_m(true) > 3.0
 
@@ -191,6 +191,6 @@ def test_a_lost_robot_that_has_mapped_nothing_is_where_motes_tell(stage):
     one, host = unknown_start(stage)
     true = drive_past_motes(one, host)
     assert host.board.lost == ""
-    assert host.board.arena_fix is None
+    assert host.board.shared(OwnMap).arena_fix is None
     assert host.board.pose.distance_m(true) < 0.5
-    assert host.board.local_pose.trajectory == 2, "its map begins where it was found"
+    assert host.board.shared(OwnMap).local_pose.trajectory == 2, "its map begins where it was found"

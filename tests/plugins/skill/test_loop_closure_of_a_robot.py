@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.localization.odometry import moved_along
+from robrain.algorithms.mapping.local_map import OwnMap
 from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.algorithms.slam.map_patch import merge_message
@@ -93,7 +94,7 @@ class Driver:
         self.one.run(0.02)
         self.errors_m.append(self.localisation.pose().distance_m(self.true))
         self.sigmas_m.append(self.localisation.health().sigma_m)
-        self.frames.append((self.host.board.T_arena_odom, self.host.board.local_pose.T_local_odom))
+        self.frames.append((self.host.board.T_arena_odom, self.host.board.shared(OwnMap).local_pose.T_local_odom))
 
     def _scan(self):
         ranges_m = BLOCK.ranges_m(self.true, range_max_m=RANGE_M)

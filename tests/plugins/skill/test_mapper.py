@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose
+from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import merge_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
@@ -176,13 +176,13 @@ def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later
     host = one.host("mapper", mapper=GRID)
     paused = one.inbox(ROBOT_EVENT, robot="r1", plugin="mapper", event="paused")
     board = host.board
-    board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0), sigma_m=3.0)
+    board.shared(OwnMap).local_pose = lies_at(Pose2D(0.0, 0.0, 0.0), sigma_m=3.0)
     board.pose_covariance = (9.0, 0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.01)
     one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
     assert not np.any(view(host).classes != UNKNOWN)
     assert one.call("mapper", "counters")["scans_left_out"] > 10
     # Where the own map lies in the arena may be as unsure as it likes: closures move it, and only who maps finds any.
-    board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
+    board.shared(OwnMap).local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
     one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
     assert np.any(view(host).classes == OCCUPIED)
     said = [received.message.value for received in paused.drain()]
@@ -197,9 +197,9 @@ def test_after_a_correction_walls_are_put_where_they_are_in_the_arena(stage):
     host = one.host("mapper", mapper=GRID)
     patches = one.inbox(ROBOT_MAP)
     host.board.pose_covariance = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-5)
-    host.board.local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
+    host.board.shared(OwnMap).local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
     one.run(1.0, lambda: one.stand_and_scan([3.0]))  # one ray, backwards
-    host.board.local_pose = lies_at(Pose2D(0.0, 1.0, math.pi))
+    host.board.shared(OwnMap).local_pose = lies_at(Pose2D(0.0, 1.0, math.pi))
     one.run(1.0, lambda: one.stand_and_scan([3.0]))
     seen = view(host)
     assert class_at(seen, -3.02, 0.0) == OCCUPIED

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose
+from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose, OwnMap
 from robrain.algorithms.slam.map_patch import pose_message, to_message
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
@@ -64,7 +64,7 @@ class Scene:
     def scan(self, x_m, seconds, *, y_m=0.0, **says):
         """Stand there for so long, where localisation says so."""
         fields = {"trajectory": 0, "lost": "", "checked": None, "fits": True} | says
-        self.host.board.local_pose = LocalPose(
+        self.host.board.shared(OwnMap).local_pose = LocalPose(
             Pose2D(x_m, y_m, 0.0),
             fields["trajectory"],
             NO_DRIFT,
@@ -91,7 +91,7 @@ def test_a_closure_is_told_once_and_with_all_that_the_mate_needs(stage):
     (message,) = [received.message for received in scene.told.drain()]
     (closure,) = message.closures
     assert (message.robot, closure.mate, closure.mate_submap) == ("r1", "r2", 7)
-    assert closure.submap == scene.host.board.local_map.number
+    assert closure.submap == scene.host.board.shared(OwnMap).local_map.number
 
 
 def test_a_robot_that_drives_fast_lays_one_scan_a_second_on_the_submaps_of_others(stage):
@@ -120,7 +120,7 @@ def test_a_robot_that_maps_in_a_frame_of_its_own_goes_on_mapping_while_it_is_los
     scene.scan(0.0, 0.5, trajectory=1, lost="it was carried")
     assert scene.counters()["scans"] > 10
     assert scene.host.board.frame != ARENA
-    assert scene.host.board.local_map.why == "it was carried"
+    assert scene.host.board.shared(OwnMap).local_map.why == "it was carried"
 
 
 def test_scans_that_localisation_has_not_laid_on_the_map_are_passed_over(stage):
@@ -137,7 +137,7 @@ def test_scans_that_localisation_has_not_laid_on_the_map_are_passed_over(stage):
 def test_scans_are_mapped_up_to_the_limit_that_was_set(stage, sigma_m, is_mapped):
     one = stage()
     host = one.host("mapper", mapper=GRID | {"sigma_max_m": 0.5})
-    host.board.local_pose = LocalPose(IDENTITY, 0, NO_DRIFT, STAMP_MAX, True, sigma_m)
+    host.board.shared(OwnMap).local_pose = LocalPose(IDENTITY, 0, NO_DRIFT, STAMP_MAX, True, sigma_m)
     host.board.pose_covariance = tuple(np.eye(3).ravel().tolist())
     one.run(0.2, lambda: one.stand_and_scan(square_from(0.0).tolist()))
     assert (one.call("mapper", "counters")["scans"] > 0) == is_mapped
@@ -148,7 +148,7 @@ def test_scans_are_mapped_up_to_the_limit_that_was_set(stage, sigma_m, is_mapped
 def test_each_scan_that_is_left_out_is_counted_once(stage, says):
     one = stage()
     host = one.host("mapper", mapper=GRID)
-    host.board.local_pose = LocalPose(
+    host.board.shared(OwnMap).local_pose = LocalPose(
         IDENTITY, 0, NO_DRIFT, STAMP_MAX, says.get("fits", True), says.get("sigma_m", 0.1)
     )
     one.run(1.0, lambda: one.stand_and_scan(square_from(0.0).tolist()))
@@ -180,16 +180,16 @@ def test_a_robot_that_sees_something_else_than_two_mates_have_mapped_leaves_the_
     one.run(0.6)
     for turn in range(8):
         x_m = (-0.4, 0.4)[turn % 2]
-        host.board.local_pose = LocalPose(Pose2D(x_m, 0.0, 0.0), 0, NO_DRIFT, STAMP_MAX, True, 0.03)
+        host.board.shared(OwnMap).local_pose = LocalPose(Pose2D(x_m, 0.0, 0.0), 0, NO_DRIFT, STAMP_MAX, True, 0.03)
         ranges_m = 0.5 * square_from(2.0 * x_m)
         one.run(1.2, lambda ranges_m=ranges_m: one.stand_and_scan(ranges_m.tolist()))
     assert one.call("mapper", "counters")["contradictions"] >= 6
-    assert bool(host.board.misplaced) == leaves
+    assert bool(host.board.shared(OwnMap).misplaced) == leaves
     withdrawn = {part.submap for each in told.drain() for part in _parts(each.message) if part.withdrawn}
     assert bool(withdrawn) == leaves
     if not leaves:
         return
-    assert "contradict what the lidar sees" in host.board.misplaced
+    assert "contradict what the lidar sees" in host.board.shared(OwnMap).misplaced
     mapper = host.manager.get("mapper").live_plugin()
     assert not mapper._graph.own, "with all that it has mapped"
     left_out = one.call("mapper", "counters")["scans_left_out"]

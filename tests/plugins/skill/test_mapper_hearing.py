@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose
+from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import joined_message, to_message
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
@@ -60,9 +60,15 @@ def test_a_start_is_held_only_against_what_was_seen_before_it(stage):
     mates.put(floor_at(96, "r2", 500, 2_000))
     one.run(0.6)
     assert [known(host.board.map, 16 * n) for n in range(5)] == [True] * 5
-    assert [known(host.board.map_of_others, 16 * n) for n in range(5)] == [True, True, False, False, False]
-    assert not known(host.board.map_of_others, 96), "only whole maps are asked for at the start"
-    assert np.count_nonzero(host.board.map_of_others.classes() != UNKNOWN) == 200
+    assert [known(host.board.shared(OwnMap).map_of_others, 16 * n) for n in range(5)] == [
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]
+    assert not known(host.board.shared(OwnMap).map_of_others, 96), "only whole maps are asked for at the start"
+    assert np.count_nonzero(host.board.shared(OwnMap).map_of_others.classes() != UNKNOWN) == 200
 
 
 class Lost:
@@ -85,7 +91,7 @@ class Lost:
 
     def scan(self, place, seconds=0.6, each=lambda: None):
         local = T_OWN_FLOOR.compose(place)
-        self.board.local_pose = LocalPose(local, 1, NO_DRIFT, STAMP_MAX, True, 0.1, WHY)
+        self.board.shared(OwnMap).local_pose = LocalPose(local, 1, NO_DRIFT, STAMP_MAX, True, 0.1, WHY)
         ranges_m = ROOM.ranges_m(place).tolist()
 
         def tick():
@@ -100,7 +106,7 @@ class Lost:
 
     @property
     def T_arena_floor(self):
-        return self.board.local_map.T_arena_local.compose(T_OWN_FLOOR)
+        return self.board.shared(OwnMap).local_map.T_arena_local.compose(T_OWN_FLOOR)
 
 
 def test_a_lost_robot_that_sees_what_a_mate_has_mapped_moves_its_map_there_and_tells_the_team(stage):
@@ -109,7 +115,7 @@ def test_a_lost_robot_that_sees_what_a_mate_has_mapped_moves_its_map_there_and_t
     robot.mates_map()
     assert any(robot.way())
     assert robot.T_arena_floor.distance_m(IDENTITY) < 0.15
-    assert robot.board.local_map.why == ""
+    assert robot.board.shared(OwnMap).local_map.why == ""
     frames = [part.frame for each in robot.told.drain() for part in (each.message, *each.message.parts) if part.submap]
     assert frames[0] != ARENA
     assert frames[-1] == ARENA
@@ -122,7 +128,7 @@ def test_a_lost_robot_that_sees_what_a_mate_has_mapped_moves_its_map_there_and_t
 def test_where_motes_speak_against_it_a_lost_robot_does_not_join(stage):
     robot = Lost(stage)
     asked = []
-    robot.board.may_be_at = lambda pose: bool(asked.append(pose))
+    robot.board.shared(OwnMap).may_be_at = lambda pose: bool(asked.append(pose))
     robot.mates_map()
     assert not any(robot.way())
     assert len(asked) > 2
@@ -142,11 +148,11 @@ def test_motes_that_have_found_a_lost_robot_move_its_map_at_once(stage):
     robot.scan(PLACES[0])
     at, T_arena_frame = Pose2D(3.0, 2.0, 0.4), Pose2D(1.0, -1.0, 0.3)
     covariance = np.diag((0.04, 0.04, 0.01))
-    robot.board.arena_fix = ArenaFix(T_arena_frame, at, covariance, 0)
+    robot.board.shared(OwnMap).arena_fix = ArenaFix(T_arena_frame, at, covariance, 0)
     robot.one.run(0.6)
     assert robot.board.frame != ARENA, "it is of a map that was given up since"
-    robot.board.arena_fix = ArenaFix(T_arena_frame, at, covariance, 1)
+    robot.board.shared(OwnMap).arena_fix = ArenaFix(T_arena_frame, at, covariance, 1)
     robot.one.run(0.6)
     assert robot.board.frame == ARENA
-    assert robot.board.arena_fix is None
-    assert robot.board.local_map.T_arena_local.distance_m(T_arena_frame) < 1e-6
+    assert robot.board.shared(OwnMap).arena_fix is None
+    assert robot.board.shared(OwnMap).local_map.T_arena_local.distance_m(T_arena_frame) < 1e-6

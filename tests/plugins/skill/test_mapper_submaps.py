@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose
+from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
@@ -33,9 +33,9 @@ def mapping(stage, *, local_map=None, **settings):
     """A robot whose localisation says that it stands at the origin."""
     one = stage()
     host = one.host("mapper", mapper=GRID | settings, start=False)
-    host.board.local_map = local_map
+    host.board.shared(OwnMap).local_map = local_map
     host.start()
-    host.board.local_pose = lies_at()
+    host.board.shared(OwnMap).local_pose = lies_at()
     host.board.pose_covariance = covariance(0.1)
     return one, host
 
@@ -56,7 +56,7 @@ def test_a_mapper_that_has_paused_goes_on_only_when_the_place_is_clearly_surer(s
     one, host = mapping(stage)
     paused = []
     for sigma_m in (1.9, 2.1, 1.9, 1.7, 1.5, 1.9):
-        host.board.local_pose = lies_at(sigma_m=sigma_m)
+        host.board.shared(OwnMap).local_pose = lies_at(sigma_m=sigma_m)
         scanned(one, 0.1)
         paused.append(bool(one.call("mapper", "counters")["why_left_out"]))
     assert paused == [False, True, True, True, False, False]
@@ -64,10 +64,10 @@ def test_a_mapper_that_has_paused_goes_on_only_when_the_place_is_clearly_surer(s
 
 def test_scans_wait_until_localisation_has_laid_them_on_its_map(stage):
     one, host = mapping(stage)
-    host.board.local_pose = lies_at(until_ns=0)
+    host.board.shared(OwnMap).local_pose = lies_at(until_ns=0)
     scanned(one, 0.2)
     assert one.call("mapper", "counters")["scans"] == 0
-    host.board.local_pose = lies_at()
+    host.board.shared(OwnMap).local_pose = lies_at()
     scanned(one, 0.02)
     assert 5 < one.call("mapper", "counters")["scans"] <= 16
 
@@ -76,13 +76,13 @@ def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage
     one, host = mapping(stage)
     patches = one.inbox(ROBOT_MAP)
     scanned(one, 1.1)
-    first = host.board.local_map
+    first = host.board.shared(OwnMap).local_map
     assert first.number == first.oldest == 20, "milliseconds of its first scan"
     assert first.variances == pytest.approx((0.01, 0.0001, 0.0001), rel=1e-3)
     for x_m in (1.5, 0.0, 1.5, 0.0):
-        host.board.local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
+        host.board.shared(OwnMap).local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
         scanned(one, 0.5)
-    second = host.board.local_map
+    second = host.board.shared(OwnMap).local_map
     assert second.number > first.number
     assert second.oldest == first.number
     scanned(one)
@@ -101,7 +101,7 @@ def test_old_submaps_that_the_map_no_longer_shows_go_and_those_that_it_shows_sta
     patches, team = one.inbox(ROBOT_MAP), SubmapAtlas(GEOMETRY)
     seen_once_m = 5.2
     for way in range(40):
-        host.board.local_pose = lies_at(Pose2D(seen_once_m if way == 1 else 1.5 * (way % 2), 0.0, 0.0))
+        host.board.shared(OwnMap).local_pose = lies_at(Pose2D(seen_once_m if way == 1 else 1.5 * (way % 2), 0.0, 0.0))
         scanned(one, 0.5)
         for received in patches.drain():
             merge_message(team, received.message)
@@ -118,7 +118,7 @@ def test_what_was_seen_last_of_a_submap_is_told_with_it(stage):
     one, host = mapping(stage)
     scanned(one, 1.1)
     for x_m in (5.2, 0.0):  # one scan at either place: with the second the submap ends
-        host.board.local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
+        host.board.shared(OwnMap).local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
         scanned(one, 0.02)
     scanned(one)
     assert class_at(host, 7.25, 0.0) == OCCUPIED
@@ -127,18 +127,18 @@ def test_what_was_seen_last_of_a_submap_is_told_with_it(stage):
 def test_what_the_others_had_mapped_before_is_there_to_check_the_start_for_five_seconds(stage):
     one, host = mapping(stage)
     scanned(one, 4.6)
-    assert host.board.map_of_others is not None
+    assert host.board.shared(OwnMap).map_of_others is not None
     scanned(one, 1.2)
-    assert host.board.map_of_others is None
+    assert host.board.shared(OwnMap).map_of_others is None
 
 
 def test_a_robot_that_was_found_again_begins_its_map_anew(stage):
     one, host = mapping(stage)
     scanned(one)
-    before = host.board.local_map
-    host.board.local_pose = lies_at(Pose2D(3.0, 0.0, 0.0), trajectory=1)
+    before = host.board.shared(OwnMap).local_map
+    host.board.shared(OwnMap).local_pose = lies_at(Pose2D(3.0, 0.0, 0.0), trajectory=1)
     scanned(one)
-    after = host.board.local_map
+    after = host.board.shared(OwnMap).local_map
     assert (after.trajectory, after.number, after.oldest) == (1, after.oldest, after.number)
     assert after.number > before.number
     assert after.anchor.x_m == 3.0
@@ -156,7 +156,7 @@ def in_frame(T_arena_local):
 def test_a_mapper_that_is_started_again_goes_on_in_the_frame_that_it_had(stage):
     one, host = mapping(stage, local_map=in_frame(QUARTER))
     scanned(one)
-    assert host.board.local_map.T_arena_local == QUARTER
+    assert host.board.shared(OwnMap).local_map.T_arena_local == QUARTER
     wall, floor = QUARTER.compose(Pose2D(2.05, 0.35, 0.0)), QUARTER.compose(Pose2D(1.55, 0.35, 0.0))
     assert class_at(host, wall.x_m, wall.y_m) == OCCUPIED
     assert class_at(host, floor.x_m, floor.y_m) == FREE
@@ -210,17 +210,17 @@ def test_a_mates_scan_on_an_own_submap_moves_it_and_the_team_is_told(stage):
     scanned(one, 1.2)
     mates_submap(one)
     patches = one.inbox(ROBOT_MAP, robot="r1")
-    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(host.board.local_map.number, 0.3))
+    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(host.board.shared(OwnMap).local_map.number, 0.3))
     scanned(one, 1.2)
-    moved = host.board.local_map.T_arena_local
+    moved = host.board.shared(OwnMap).local_map.T_arena_local
     assert moved.x_m == pytest.approx(0.3 * 0.01 / (0.01 + 4e-4), rel=0.02)
-    assert host.board.local_map.variances[0] == pytest.approx(1 / (1 / 0.01 + 1 / 4e-4), rel=0.05)
+    assert host.board.shared(OwnMap).local_map.variances[0] == pytest.approx(1 / (1 / 0.01 + 1 / 4e-4), rel=0.05)
     assert class_at(host, 2.35, 0.0) == OCCUPIED
     assert class_at(host, -2.05, 0.0) == UNKNOWN, "the wall is where it is now, and not where it was"
     (part,) = [part for received in patches.drain() for part in received.message.parts]
-    assert (part.robot, part.submap, part.T_arena_local) == ("r1", host.board.local_map.number, moved)
-    assert part.variance_m2 == pytest.approx(max(host.board.local_map.variances[:2]))
-    assert part.variance_rad2 == pytest.approx(host.board.local_map.variances[2])
+    assert (part.robot, part.submap, part.T_arena_local) == ("r1", host.board.shared(OwnMap).local_map.number, moved)
+    assert part.variance_m2 == pytest.approx(max(host.board.shared(OwnMap).local_map.variances[:2]))
+    assert part.variance_rad2 == pytest.approx(host.board.shared(OwnMap).local_map.variances[2])
 
 
 @pytest.mark.slow
@@ -230,9 +230,9 @@ def test_the_graph_is_solved_every_two_seconds_at_most(stage):
     mates_submap(one)
     publisher, places = one.publisher(ROBOT_CLOSURES, robot="r2"), []
     for off_m in (0.03, 0.06, 0.09, 0.12, 0.15, 0.18):
-        publisher.put(closure(host.board.local_map.number, off_m))
+        publisher.put(closure(host.board.shared(OwnMap).local_map.number, off_m))
         scanned(one, 1.0)
-        places.append(round(host.board.local_map.T_arena_local.x_m, 2))
+        places.append(round(host.board.shared(OwnMap).local_map.T_arena_local.x_m, 2))
     assert len(set(places)) in {3, 4}
     assert places == sorted(places)
 
@@ -242,40 +242,40 @@ def test_a_mate_that_moves_its_submap_takes_along_what_is_closed_with_it(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)
     mates_submap(one)
-    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(host.board.local_map.number, 0.0))
+    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(host.board.shared(OwnMap).local_map.number, 0.0))
     scanned(one, 3.0)
-    assert host.board.local_map.T_arena_local == IDENTITY
+    assert host.board.shared(OwnMap).local_map.T_arena_local == IDENTITY
     one.publisher(ROBOT_MAP, robot="r2").put(pose_message("r2", GEOMETRY, 7, Pose2D(0.2, 0.0, 0.0)))
     scanned(one, 3.0)
-    assert host.board.local_map.T_arena_local.x_m == pytest.approx(0.19, abs=0.01)
+    assert host.board.shared(OwnMap).local_map.T_arena_local.x_m == pytest.approx(0.19, abs=0.01)
 
 
 def test_closures_of_a_robot_that_is_not_there_are_refused(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)
-    one.publisher(ROBOT_CLOSURES, robot="r3").put(closure(host.board.local_map.number, 0.3))
+    one.publisher(ROBOT_CLOSURES, robot="r3").put(closure(host.board.shared(OwnMap).local_map.number, 0.3))
     scanned(one, 1.0)
-    assert host.board.local_map.T_arena_local == IDENTITY
+    assert host.board.shared(OwnMap).local_map.T_arena_local == IDENTITY
 
 
 def test_what_was_mapped_from_a_false_start_is_withdrawn_and_the_team_is_told(stage):
     one, host = mapping(stage)
     patches = one.inbox(ROBOT_MAP)
     scanned(one, 1.2)
-    wrong = host.board.local_map.number
+    wrong = host.board.shared(OwnMap).local_map.number
     team = SubmapAtlas(view(host).geometry)
     for received in patches.drain():
         merge_message(team, received.message)
     assert team.grid.known_count > 1000
-    host.board.false_start = True
+    host.board.shared(OwnMap).false_start = True
     one.run(0.4, lambda: one.stand_and_scan([0.0] * 4))
     assert not np.any(view(host).classes == OCCUPIED)
     for received in patches.drain():
         merge_message(team, received.message)
     assert ("r1", wrong) not in team.submaps
-    host.board.local_pose = lies_at(Pose2D(1.0, 0.0, 0.0), trajectory=1)
+    host.board.shared(OwnMap).local_pose = lies_at(Pose2D(1.0, 0.0, 0.0), trajectory=1)
     scanned(one, 1.2)
-    assert host.board.local_map.number > wrong
+    assert host.board.shared(OwnMap).local_map.number > wrong
     assert class_at(host, 3.05, 0.0) == OCCUPIED, "from now on it maps again, though the start was false"
     assert class_at(host, -2.05, 0.0) == UNKNOWN
 
@@ -284,8 +284,8 @@ def test_a_mates_closure_does_not_bring_back_a_submap_that_was_withdrawn(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)
     mates_submap(one)
-    wrong = host.board.local_map.number
-    host.board.false_start = True
+    wrong = host.board.shared(OwnMap).local_map.number
+    host.board.shared(OwnMap).false_start = True
     one.run(0.6, lambda: one.stand_and_scan([0.0] * 4))
     patches = one.inbox(ROBOT_MAP, robot="r1")
     one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(wrong, 0.3))
@@ -298,7 +298,7 @@ def test_nothing_that_was_not_told_yet_is_told_of_a_withdrawn_submap(stage):
     one, host = mapping(stage)
     patches = one.inbox(ROBOT_MAP)
     scanned(one, 0.3)
-    host.board.false_start = True
+    host.board.shared(OwnMap).false_start = True
     one.run(1.0, lambda: one.stand_and_scan([0.0] * 4))
     told = [received.message for received in patches.drain()]
     assert all(not message.cells or message.submap > 300 for message in told)
