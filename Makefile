@@ -48,7 +48,7 @@ browser: ## Chromium for the dashboard's tests, from the distribution's packages
 	@test -x /usr/bin/chromium || echo "no /usr/bin/chromium: the dashboard's browser tests will be skipped" >&2
 
 kernels: install ## compiled once, before many tests at a time need them
-	@$(BIN)/python -c "from robrain.deploy.run.kernels import prepare_kernels; prepare_kernels()"
+	@$(BIN)/python -c "from robrain.deploy.processes.kernels import prepare_kernels; prepare_kernels()"
 
 ros2-interfaces: install ## interfaces of ROS 2 that the package index lacks, for tests: built once, for a minute
 	@$(BIN)/python -m tests.ros2_interfaces.build

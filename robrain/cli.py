@@ -35,8 +35,8 @@ from robrain.deploy.command_line.options import (
     UntilOption,
     WireFormat,
     WitnessesOption,
-    print_json,
 )
+from robrain.deploy.command_line.output import print_json
 from robrain.deploy.commands.journal_commands import journal_app
 from robrain.deploy.commands.plugin_commands import plugin_app
 from robrain.deploy.commands.supervision_commands import supervision_app
@@ -141,7 +141,7 @@ def run(
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
     from robrain.deploy.command_line.options import new_recording
-    from robrain.deploy.run.starting import RunOptions, start_run
+    from robrain.deploy.processes.starting import RunOptions, start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.command_line.scenario_choice import choose_scenario
@@ -174,7 +174,7 @@ def demo(
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
     from robrain.deploy.command_line.options import next_file
-    from robrain.deploy.run.starting import RunOptions, start_run
+    from robrain.deploy.processes.starting import RunOptions, start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.command_line.scenario_choice import choose_scenario

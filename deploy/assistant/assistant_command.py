@@ -61,7 +61,7 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     from robrain.deploy.assistant.audit_log import AuditLog
     from robrain.deploy.assistant.mcp_server import HOST, McpServer
     from robrain.deploy.assistant.ordering import Rehearsal
-    from robrain.deploy.processes.live_process import note
+    from robrain.deploy.command_line.output import print_note
     from robrain.protocol.access.identity import member_on
 
     who = f"{PREFIX}:{check_name('assistant', by or os.environ.get('USER', '') or 'unknown')}"
@@ -81,11 +81,11 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
                 new_id=lambda: secrets.token_hex(ID_BYTES),
                 now=lambda: datetime.now(UTC),
                 elapsed_s=time.monotonic,
-                note=note,
+                note=print_note,
             )
         )
         where = "stdin and stdout" if listening is None else f"http://{HOST}:{listening.getsockname()[1]}/mcp"
-        note(f"assistant: of team {team} as {client.by}, on {where}; log {audit.path}")
+        print_note(f"assistant: of team {team} as {client.by}, on {where}; log {audit.path}")
         if listening is None:
             anyio.run(served.on_stdio)
         else:

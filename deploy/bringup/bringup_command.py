@@ -17,10 +17,10 @@ from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_r
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
 from robrain.deploy.bringup.findings import CheckFinding, Operator, TerminalOperator, YesOperator
+from robrain.deploy.command_line.output import print_json, print_note
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.agent_process import endpoints_of
-from robrain.deploy.processes.live_process import note, print_json_line
 from robrain.deploy.processes.name_claim import claim_robot
 from robrain.deploy.processes.process_setup import limit_zenoh_threads
 from robrain.protocol.access.identity import TLS_VARIABLE
@@ -119,10 +119,10 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
     with ExitStack() as stack:
         session = stack.enter_context(closing(_open(robot_file, robot.parent, connect)))
         claim = stack.enter_context(claim_robot(session, robot_file.robot.team, robot_file.robot.name))
-        claim.take(lambda text: note(f"bringup: {text}"), lambda: False)
+        claim.take(lambda text: print_note(f"bringup: {text}"), lambda: False)
         bench = LiveBench(session, robot.parent)
         stack.callback(bench.close)
-        said = note if as_json else print_line
+        said = print_note if as_json else print_line
 
         def tell(finding: CheckFinding) -> None:
             for line in lines_of(finding):
@@ -130,7 +130,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
 
         report = BringUp(robot, bench, operator, tell, robot_file).run(wanted)
     if as_json:
-        print_json_line(report)
+        print_json(report)
     elif report.backup:
         print_line(f"{report.file} has what was found; {report.backup} is the file as it was")
     return report.is_good
@@ -158,7 +158,7 @@ def _open(robot_file: RobotFile, base: Path, connect: str | None) -> zenoh.Sessi
             f"nobody answers at {', '.join(where) or 'any endpoint'}, and the base is reached over it: "
             "start `robrain arena`, or set interface in [parameters.mocdevice]"
         )
-    note("bringup: no team answers; going on without one. See that the robot's agent does not run")
+    print_note("bringup: no team answers; going on without one. See that the robot's agent does not run")
     return open_lockstep_session()
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from robrain.deploy.processes.live_process import note
+from robrain.deploy.command_line.output import print_note
 
 
 class Operator(Protocol):
@@ -55,14 +55,14 @@ class TerminalOperator:
 
     def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
         """As Operator."""
-        note(question)
+        print_note(question)
         for key, meaning in choices.items():
-            note(f"  {key:<3} {meaning}{'  (Enter)' if key == default else ''}")
+            print_note(f"  {key:<3} {meaning}{'  (Enter)' if key == default else ''}")
         while True:
             answer = self._read("> ").strip().lower() or default
             if answer in choices:
                 return answer
-            note(f"expected one of {', '.join(choices)}")
+            print_note(f"expected one of {', '.join(choices)}")
 
     def number(self, question: str) -> float:
         """As Operator."""
@@ -74,7 +74,7 @@ class TerminalOperator:
                 value = math.nan
             if math.isfinite(value):
                 return value
-            note("expected a number, such as -0.015")
+            print_note("expected a number, such as -0.015")
 
     def _read(self, prompt: str) -> str:
         sys.stderr.write(prompt)

@@ -1,7 +1,6 @@
 """Options that commands share, how they are read, and how results are printed; light, as every command loads it."""
 
 import re
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -35,24 +34,6 @@ def connect_team(connect: str | None, team: str) -> "Team":
     from robrain.client.team import Team
 
     return Team.connect(connect, team=team)
-
-
-def print_json(value: object) -> None:
-    """Anything that has a place on the wire, as one line of JSON."""
-    import msgspec
-
-    from robrain.protocol.safe_text import safe_json
-
-    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
-    sys.stdout.flush()
-
-
-def say(text: str) -> None:
-    """One line on stdout, at once; the lines of a longer text are indented."""
-    from robrain.protocol.safe_text import safe_lines
-
-    sys.stdout.write(safe_lines(text, "  ") + "\n")
-    sys.stdout.flush()
 
 
 RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]

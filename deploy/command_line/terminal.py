@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import TextColumn
 
-from robrain.deploy.processes.live_process import tell
+from robrain.deploy.command_line.output import print_result
 from robrain.protocol.safe_text import safe_lines
 
 PLAIN_WIDTH = 200
@@ -39,7 +39,7 @@ def say(text: str) -> None:
 def print_line(text: str) -> None:
     """Print a line of the result on stdout, unbuffered; made safe as by `say`."""
     for line in text.split("\n"):
-        tell(line)
+        print_result(line)
 
 
 def results() -> Console:

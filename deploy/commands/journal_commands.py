@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption, print_json, say
+from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
+from robrain.deploy.command_line.output import print_json, print_result
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -100,4 +101,4 @@ def _print(value: object, text: str, *, as_json: bool) -> None:
         print_json(value)
         return
     for line in text.split("\n"):
-        say(line)
+        print_result(line)

@@ -5,14 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.options import (
-    ConnectOption,
-    RobotArgument,
-    TeamOption,
-    connect_team,
-    print_json,
-    say,
-)
+from robrain.deploy.command_line.options import ConnectOption, RobotArgument, TeamOption, connect_team
+from robrain.deploy.command_line.output import print_json, print_result
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -98,7 +92,7 @@ def new(
     from robrain.agent.authoring.skeleton import write_skeleton
 
     for path in write_skeleton(name, level, folder, active=active, hidden=hidden):
-        say(str(path))
+        print_result(str(path))
 
 
 @plugin_app.command()
@@ -112,12 +106,12 @@ def check(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder w
         raise UsageError(f"{folder}: no such folder; expected one with plugins")
     findings = check_plugins(folder)
     for finding in findings:
-        say(str(finding))
+        print_result(str(finding))
     mistakes = sum(not finding.is_warning for finding in findings)
     words = [_count(len(find_manifests(folder)), "plugin"), _count(mistakes, "mistake")]
     if len(findings) > mistakes:
         words.append(_count(len(findings) - mistakes, "warning"))
-    say(", ".join(words))
+    print_result(", ".join(words))
     if mistakes:
         raise typer.Exit(EXIT_MISTAKES)
 
@@ -172,14 +166,14 @@ def _show(infos: "list[PluginInfo]") -> None:
     results().print(table)
     for info in infos:
         if info.detail:
-            say("")
-            say(f"{info.name}: {info.where}\n{info.detail}")
+            print_result("")
+            print_result(f"{info.name}: {info.where}\n{info.detail}")
 
 
 def _tell(infos: "list[PluginInfo]") -> None:
     for info in infos:
         where = f" ({info.where})" if info.where else ""
-        say(f"{info.name}: {info.state}{f': {info.why}{where}' if info.why else ''}")
+        print_result(f"{info.name}: {info.state}{f': {info.why}{where}' if info.why else ''}")
 
 
 def _count(number: int, what: str) -> str:

@@ -13,8 +13,8 @@ from prompt_toolkit.history import FileHistory, History, InMemoryHistory
 
 from robrain.agent.host.command_door import Question, answer_question, parse_command, usage, visible_to_command
 from robrain.client.team import Team
+from robrain.deploy.command_line.output import print_result
 from robrain.deploy.command_line.terminal import print_line
-from robrain.deploy.processes.live_process import tell
 from robrain.protocol.errors import CallError, RobrainError
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.state_folder import state_folder
@@ -140,7 +140,7 @@ def _talk(commands: RemoteCommands, robot: str) -> int:
         history=_history(),
         complete_while_typing=True,
     )
-    tell(f"{robot}: {len(commands.plugins)} plugins; `help` tells what can be called, `exit` or Ctrl-D ends")
+    print_result(f"{robot}: {len(commands.plugins)} plugins; `help` tells what can be called, `exit` or Ctrl-D ends")
     while True:
         try:
             line = session.prompt().strip()
@@ -169,10 +169,10 @@ def _execute(commands: RemoteCommands, line: str) -> bool:
     try:
         answer = commands.answer(line)
     except CallError as error:
-        tell(f"error {error.code}: {error.message}")
+        print_result(f"error {error.code}: {error.message}")
         return False
     except RobrainError as error:
-        tell(f"error: {error}")
+        print_result(f"error: {error}")
         return False
     if answer:
         print_line(answer)

@@ -103,7 +103,7 @@ def up(
         check_name("team", team)
         chosen = choose_scenario(scenario, map_file, robots, motes, seed, idle=idle)
         if rules is not None:
-            from robrain.deploy.run.table_files import read_rules
+            from robrain.deploy.processes.table_files import read_rules
 
             chosen = chosen.replace(rules=read_rules(rules))
         site = ScenarioSite(team, listen, dashboard, port, new_recording(record), journal, stand_by, secured, pki)

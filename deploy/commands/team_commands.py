@@ -13,9 +13,8 @@ from robrain.deploy.command_line.options import (
     TeamOption,
     WireFormat,
     connect_team,
-    print_json,
-    say,
 )
+from robrain.deploy.command_line.output import print_json, print_result
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -57,9 +56,9 @@ def lead(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None
     with connect_team(connect, team) as client:
         skipped = client.lead()
     if skipped:
-        say(f"silent robots that do not count until they are heard again: {', '.join(skipped)}")
+        print_result(f"silent robots that do not count until they are heard again: {', '.join(skipped)}")
     else:
-        say("all robots count: none of them is silent, or the coordinator leads already")
+        print_result("all robots count: none of them is silent, or the coordinator leads already")
 
 
 @team_app.command()
@@ -67,7 +66,7 @@ def remove(robot: RobotArgument, connect: ConnectOption = None, team: TeamOption
     """Remove a robot that has gone: status and page show it as gone until then."""
     with connect_team(connect, team) as client:
         client.remove_robot(check_name("robot", robot))
-    say(f"{robot}: removed")
+    print_result(f"{robot}: removed")
 
 
 @team_app.command()
@@ -142,7 +141,7 @@ def log(
             if plugin in ("", record.source):
                 level = "" if record.level == "info" else f" {record.level}"
                 time = datetime.fromtimestamp(record.stamp_ns / 1e9).astimezone()
-                say(f"{time:%H:%M:%S} {record.source}{level}: {record.text}")
+                print_result(f"{time:%H:%M:%S} {record.source}{level}: {record.text}")
 
 
 @team_app.command()
@@ -171,9 +170,9 @@ def _end(report: "HaltReport", team: str | None) -> None:
     lines = dict.fromkeys(report.confirmed, done)
     lines |= {name: f"NOT {done}: {why}" for name, why in report.unconfirmed.items()}
     for name, text in sorted(lines.items()):
-        say(f"{name}: {text}")
+        print_result(f"{name}: {text}")
     if team is not None:
-        say(f"team {team}: {len(report.confirmed)} of {len(lines)} robots {done}")
+        print_result(f"team {team}: {len(report.confirmed)} of {len(lines)} robots {done}")
     if report.unconfirmed:
         raise typer.Exit(EXIT_DISOBEYED)
 

@@ -20,6 +20,7 @@ from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_r
 from robrain.agent.lifecycle.plugin_folders import PluginFolders, entry_point_places
 from robrain.agent.manifest import Manifest, read_manifest
 from robrain.agent.plugin import Level
+from robrain.deploy.command_line.output import print_json
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.machine.team_checks import (
@@ -35,7 +36,7 @@ from robrain.deploy.machine.team_checks import (
     stamp_skews_s,
 )
 from robrain.deploy.pki.folder import PkiError
-from robrain.deploy.processes.live_process import live_endpoint, print_json_line
+from robrain.deploy.processes.live_process import live_endpoint
 from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, is_team_file, read_team_file
@@ -553,7 +554,7 @@ def doctor_command(
     else:
         checks = examine_robot(file, connect, team) if file is not None else examine_hub(connect, team)
     if as_json:
-        print_json_line(checks)
+        print_json(checks)
     else:
         for line in lines_of(checks):
             print_line(line)

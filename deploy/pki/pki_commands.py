@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.options import say
+from robrain.deploy.command_line.output import print_result
 
 if TYPE_CHECKING:
     from robrain.protocol.access.member import Member
@@ -32,7 +32,7 @@ def init(
     from robrain.deploy.pki import issuing
 
     issuing.init(folder, team, datetime.now(UTC))
-    say(f"{folder}: CA of team {team}; keep {folder / 'ca.key'} where no robot is")
+    print_result(f"{folder}: CA of team {team}; keep {folder / 'ca.key'} where no robot is")
 
 
 @pki_app.command()
@@ -53,7 +53,7 @@ def issue(
     wanted = _member(pki, role, team, name)
     life = issuing.DAYS if days is None else days
     issued = issuing.issue(pki, wanted, datetime.now(UTC), life, host or ())
-    say(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
+    print_result(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
 
 
 @pki_app.command()
@@ -77,15 +77,17 @@ def renew(
             raise UsageError("--team, --days: expected ROLE and NAME beside them")
         renewed = issuing.renew_due(pki, datetime.now(UTC))
         if not renewed:
-            say(f"{pki}: no certificate ends soon; `robrain pki show` lists them")
+            print_result(f"{pki}: no certificate ends soon; `robrain pki show` lists them")
         for one in renewed:
-            say(f"{folder_of(pki, one.member)}: {one.member.common_name} until {one.not_after:%Y-%m-%d %H:%M} UTC")
+            print_result(
+                f"{folder_of(pki, one.member)}: {one.member.common_name} until {one.not_after:%Y-%m-%d %H:%M} UTC"
+            )
         return
     if not name:
         raise UsageError(f"expected ROLE and NAME, such as `robrain pki renew {role} NAME`, or neither")
     wanted = _member(pki, role, team, name)
     issued = issuing.renew(pki, wanted, datetime.now(UTC), days)
-    say(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
+    print_result(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
 
 
 @pki_app.command()
@@ -97,12 +99,14 @@ def revoke(role: RoleArgument, name: NameArgument, pki: PkiOption = DEFAULT_PKI,
     wanted = _member(pki, role, team, name)
     revoked = issuing.revoke(pki, wanted)
     if wanted.role is MemberRole.ROUTER:
-        say(
+        print_result(
             f"{wanted.common_name} gets no new certificate; members accept the one it has until "
             f"{revoked.not_after:%Y-%m-%d %H:%M} UTC: if its key is lost, make a new CA"
         )
         return
-    say(f"{wanted.common_name} is revoked: copy members.json to the routers that run from a copy of their folder")
+    print_result(
+        f"{wanted.common_name} is revoked: copy members.json to the routers that run from a copy of their folder"
+    )
 
 
 @pki_app.command()
@@ -115,7 +119,7 @@ def show(pki: PkiOption = DEFAULT_PKI) -> None:
     for one in read_members(pki / MEMBERS_FILE).members:
         left_s = (one.not_after - now).total_seconds()
         state = "revoked" if one.revoked else f"ends in {duration(left_s)}" if left_s > 0 else "has ended"
-        say(f"{one.member.common_name:<40} {state:<20} {one.serial}")
+        print_result(f"{one.member.common_name:<40} {state:<20} {one.serial}")
 
 
 def router(

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import zenoh
 
+from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.pki.folder import MEMBERS_FILE, PkiError, read_members
-from robrain.deploy.processes.live_process import LiveStop, note, tell
+from robrain.deploy.processes.live_process import LiveStop
 from robrain.protocol.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
 from robrain.protocol.access.member import MemberRole
 from robrain.protocol.access.rules import access_control
@@ -135,13 +136,13 @@ def router_command(folder: Path | None, listen: str | None, connect: Sequence[st
     said = ""
     try:
         if listen and not is_loopback(listen):
-            note(f"router: other machines can reach {listen}; they need a certificate of this CA")
+            print_note(f"router: other machines can reach {listen}; they need a certificate of this CA")
         others = f"joined to {', '.join(connect)}, " if connect else ""
-        tell(f"{ROUTER_READY}{router.endpoint}, {others}{router.members} members may connect; Ctrl-C ends it")
+        print_result(f"{ROUTER_READY}{router.endpoint}, {others}{router.members} members may connect; Ctrl-C ends it")
         should_stop.ready()
         while not should_stop():
             time.sleep(LOOK_S)
-            said = _log_once(said, router.look(), note)
+            said = _log_once(said, router.look(), print_note)
     finally:
         router.close()
 

@@ -17,13 +17,12 @@ from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_
 from robrain.agent.host.robot_log import plugin_here
 from robrain.agent.lifecycle.registry import plugin_faults
 from robrain.agent.witness import Kept, WitnessExtension
+from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.processes.live_process import (
     LiveStop,
     check_certificate,
     check_rights,
-    note,
     open_when_there,
-    tell,
     warn_of_listening,
 )
 from robrain.deploy.processes.name_claim import NameWatch, claim_robot
@@ -106,16 +105,16 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
     where = endpoints_of(settings, connect)
     if isinstance(settings.tls, TlsTable):  # for plugins in processes of their own as well
         os.environ[TLS_VARIABLE] = str(folder_of(robot.parent, settings.tls.folder).resolve())
-    warn_of_listening("agent", settings.listen, note)
-    identity = check_certificate("agent", note, where, table.team, MemberRole.ROBOT, table.name)
+    warn_of_listening("agent", settings.listen, print_note)
+    identity = check_certificate("agent", print_note, where, table.team, MemberRole.ROBOT, table.name)
     should_stop = LiveStop()
     session = open_when_there("agent", where, should_stop, mode=settings.mode, listen=settings.listen)
     if session is None:
         return
     if identity is not None:
-        check_rights("agent", note, session, where, identity)
+        check_rights("agent", print_note, session, where, identity)
     with closing(session), claim_robot(session, table.team, table.name) as claim:
-        if not claim.take(lambda text: note(f"agent: {text}"), should_stop):
+        if not claim.take(lambda text: print_note(f"agent: {text}"), should_stop):
             return
         # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
@@ -129,15 +128,15 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
             plugins = host.manager.plugins
             should_stop.ready()
             running = sum(plugin.state.is_running for plugin in plugins.values())
-            tell(f"agent: {host.name} is up with {running} plugins")
+            print_result(f"agent: {host.name} is up with {running} plugins")
             uninstalled: dict[str, list[str]] = {}
             for fault in plugin_faults(host.manager.registry):
                 if needed := plugins[fault.plugin].needs:
                     uninstalled.setdefault(needed, []).extend([fault.plugin, *fault.dependants])
                 else:
-                    tell(f"agent: {host.name}: {fault.words}")
+                    print_result(f"agent: {host.name}: {fault.words}")
             for needed, names in uninstalled.items():
-                tell(f"agent: {host.name} without {', '.join(dict.fromkeys(names))}: pip install '{needed}'")
+                print_result(f"agent: {host.name} without {', '.join(dict.fromkeys(names))}: pip install '{needed}'")
 
         watch, compiler, began_s = NameWatch(claim, should_stop), CompilerPages(), time.monotonic()
 

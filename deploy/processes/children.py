@@ -18,20 +18,22 @@ from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.live_process import LIFELINE_VARIABLE, PARENT_VARIABLE, LifelineEnd
 
 STOP_TIMEOUT_S = 5.0
+COMMANDS = "robrain.cli"
 KEPT_LINES = 200
 
 
 class Child:
-    """One `robrain` process.
+    """One process of this Python: of `robrain`, or of another module.
 
     Its last 200 lines of output are kept; each line is passed to `on_line`.
 
     Args:
         name: its name in messages.
-        arguments: the command line after `robrain`.
+        arguments: the command line after the module.
         on_line: called with each line, on a thread of the child's own.
         lifeline: a new one, whose other end the child gets; closed with the child's end. None for a child that is not
             supervised.
+        module: what it runs; another one than `robrain` is sent lines, and prints answers alone.
 
     """
 
@@ -41,16 +43,18 @@ class Child:
         arguments: Sequence[str],
         on_line: Callable[[str], None] | None = None,
         lifeline: LifelineEnd | None = None,
+        module: str = COMMANDS,
     ) -> None:
+        is_command = module == COMMANDS
         self.name = name
         passed = {} if lifeline is None else {LIFELINE_VARIABLE: str(lifeline.pass_on)}
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
         self._on_line = on_line
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "robrain.cli", *arguments],
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.DEVNULL if is_command else subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            stderr=subprocess.STDOUT if is_command else subprocess.DEVNULL,
             text=True,
             errors="replace",
             env={**os.environ, PARENT_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1", **passed},
@@ -74,6 +78,25 @@ class Child:
     def exit_status(self) -> int | None:
         """None while it runs."""
         return self._process.poll()
+
+    @property
+    def last_line(self) -> str:
+        """What it printed last, without the name of the program."""
+        last = next((line for line in reversed(self.lines) if line.strip()), "it printed nothing")
+        return last.removeprefix("robrain: ")
+
+    def send(self, line: str) -> None:
+        """Send it a line; one that has ended gets none."""
+        if self._process.stdin is not None and not self._process.stdin.closed:
+            with suppress(OSError):
+                self._process.stdin.write(f"{line}\n")
+                self._process.stdin.flush()
+
+    def end_input(self) -> None:
+        """Tell it that no line follows."""
+        if self._process.stdin is not None:
+            with suppress(OSError):
+                self._process.stdin.close()
 
     def ask_to_stop(self) -> None:
         """Send it SIGTERM, if it still runs."""
@@ -175,8 +198,7 @@ class StartingPage:
         if self._child.exit_status is not None or time.monotonic() > self._begun_s + START_TIMEOUT_S:
             self._child.ask_to_stop()
             self._child.wait()
-            said = next((line for line in reversed(self._child.lines) if line.strip()), "it printed nothing")
-            raise ChildFailed(f"the dashboard did not start: {said.removeprefix('robrain: ')}")
+            raise ChildFailed(f"the dashboard did not start: {self._child.last_line}")
         return ""
 
     def _record(self, line: str) -> None:

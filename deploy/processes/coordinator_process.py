@@ -15,6 +15,7 @@ from robrain.coordinator.leadership.election import Elected, Election, Lost
 from robrain.coordinator.live import run_coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
+from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import (
     LiveStop,
@@ -22,10 +23,8 @@ from robrain.deploy.processes.live_process import (
     check_certificate,
     check_rights,
     live_endpoint,
-    note,
     open_hub,
     open_when_there,
-    tell,
 )
 from robrain.deploy.processes.name_claim import NameClaim, NameWatch, claim_coordinator
 from robrain.protocol.access.member import MemberRole
@@ -199,19 +198,19 @@ def coordinator_command(
     """
     policy = PlanningPolicy()
     if planning is not None:
-        from robrain.deploy.run.table_files import read_planning  # most coordinators need none and start sooner
+        from robrain.deploy.processes.table_files import read_planning  # most coordinators need none and start sooner
 
         policy = read_planning(planning)
     if objective is not None:
         policy = msgspec.structs.replace(policy, objective=objective)
     kept_rules: tuple[Rule, ...] = ()
     if rules is not None:
-        from robrain.deploy.run.table_files import read_rules
+        from robrain.deploy.processes.table_files import read_rules
 
         kept_rules = read_rules(rules)
     should_stop = LiveStop()
     where = place.connect or team_endpoints()
-    identity = check_certificate("coordinator", note, [] if place.listen else where, team, MemberRole.COORDINATOR)
+    identity = check_certificate("coordinator", print_note, [] if place.listen else where, team, MemberRole.COORDINATOR)
     if place.listen:
         session: zenoh.Session | None = open_hub(place.listen[0])[0]
     else:
@@ -219,13 +218,13 @@ def coordinator_command(
     if session is None:
         return
     if identity is not None:
-        check_rights("coordinator", note, session, where, identity)
+        check_rights("coordinator", print_note, session, where, identity)
 
     path = journal if journal is not None else Path(f"{team}.journal")
 
     def ready() -> None:
         should_stop.ready()
-        tell(f"coordinator: of team {team}; Ctrl-C ends it")
+        print_result(f"coordinator: of team {team}; Ctrl-C ends it")
 
     with closing(session):
         if witnesses:
@@ -261,4 +260,4 @@ def _lead_alone(
 
 
 def _record(text: str) -> None:
-    note(f"coordinator: {text}")
+    print_note(f"coordinator: {text}")

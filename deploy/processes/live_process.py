@@ -8,16 +8,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from typing import NamedTuple
 
-import msgspec
 import zenoh
 
 from robrain.client.transport import open_client_session
+from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.errors import UsageError
 from robrain.protocol.access.identity import Identity
 from robrain.protocol.access.member import MemberRole
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, PortTaken, WireError
-from robrain.protocol.safe_text import safe_json, safe_lines
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import given_endpoints, hub_endpoint
 from robrain.protocol.wire.session import (
@@ -128,7 +127,7 @@ def warn_of_listening(who: str, listen: Sequence[str], note: Note) -> None:
     """Warn of endpoints without certificates that other machines can reach."""
     for endpoint in listen:
         if not is_secured(endpoint) and not is_loopback(endpoint):
-            note(
+            print_note(
                 f"{who}: warning: other machines can reach {endpoint}, and there is no log-in: anyone there can drive, "
                 "halt and resume the robots; `robrain router` asks for certificates"
             )
@@ -162,7 +161,7 @@ def check_certificate(
         raise WireError(f"{identity.folder}: expected the certificate of {wanted}, got that of {shown.common_name}")
     warning = identity.warning()
     if warning:
-        note(f"{who}: {warning}")
+        print_note(f"{who}: {warning}")
     return identity
 
 
@@ -182,7 +181,7 @@ def check_rights(who: str, note: Note, session: zenoh.Session, connect: Sequence
         raise WireError(
             f"{text}: the certificate is revoked, or the router's members.json is older than the certificate"
         )
-    note(f"{who}: warning: {text}: its rules are not those of this version of robrain")
+    print_note(f"{who}: warning: {text}: its rules are not those of this version of robrain")
 
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
@@ -237,7 +236,7 @@ def open_hub(listen: str | None) -> tuple[zenoh.Session, str]:
         WireError: the endpoint is invalid, or cannot be listened on.
 
     """
-    warn_of_listening("hub", [listen or hub_endpoint()], note)
+    warn_of_listening("hub", [listen or hub_endpoint()], print_note)
     try:
         return open_session(mode="router", listen=[listen or hub_endpoint()]), ""
     except PortTaken:
@@ -280,7 +279,7 @@ def open_when_there(
             except NobodyThere as error:  # the hub may start later: try again
                 if any(map(is_secured, connect)) and not has_said:
                     has_said = True
-                    note(f"{who}: {error} Trying again until it answers")
+                    print_note(f"{who}: {error} Trying again until it answers")
         if not has_said:
             has_said = True
             where = ", ".join(connect)
@@ -297,24 +296,6 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
         yield endpoint
     finally:
         endpoint.close()
-
-
-def tell(text: str) -> None:
-    """Print a line of the command's result on stdout, at once; the lines of a longer text are indented."""
-    sys.stdout.write(safe_lines(text, "  ") + "\n")
-    sys.stdout.flush()
-
-
-def print_json_line(value: object) -> None:
-    """Print a value as a line of JSON on stdout, unbuffered; control characters are escaped."""
-    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
-    sys.stdout.flush()
-
-
-def note(text: str) -> None:
-    """Print a line about progress on stderr; the lines of a longer text are indented."""
-    sys.stderr.write(safe_lines(text, "  ") + "\n")
-    sys.stderr.flush()
 
 
 class LiveStop:
@@ -369,6 +350,6 @@ def hub_command(listen: str | None) -> None:
     should_stop = LiveStop()
     with closing(open_hub(listen)[0]) as session:
         where = [endpoint for endpoint in listening_at(session) if endpoint.startswith("tcp/")]
-        tell(f"{HUB_READY}{', '.join(where) or listen}")
+        print_result(f"{HUB_READY}{', '.join(where) or listen}")
         should_stop.ready()
         should_stop.wait()

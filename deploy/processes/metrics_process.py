@@ -12,7 +12,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
+from robrain.deploy.command_line.output import print_result
+from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere, PortTaken
 from robrain.protocol.links.inbox import Inbox
@@ -243,7 +244,7 @@ def metrics_command(connect: str | None, team: str, port: int) -> None:
     if session is None:
         return
     with closing(session), live_endpoint(session, team) as wire:
-        serve_metrics(wire, port, should_stop, lambda url: tell(f"metrics: of team {team} at {url}"))
+        serve_metrics(wire, port, should_stop, lambda url: print_result(f"metrics: of team {team} at {url}"))
 
 
 def serve_metrics(wire: Endpoint, port: int, should_stop: Callable[[], bool], on_ready: Callable[[str], None]) -> None:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption, print_json
+from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
+from robrain.deploy.command_line.output import print_json
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -164,13 +165,14 @@ def foxglove(
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 takes a free one.")] = 8765,
 ) -> None:
     """Serve a live team to Foxglove or Lichtblick, by a WebSocket on 127.0.0.1."""
-    from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, tell
+    from robrain.deploy.command_line.output import print_result
+    from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint
     from robrain.deploy.recordings.recording_live import serve_foxglove
 
     check_name("team", team)
     should_stop = LiveStop()
     with client_session(connect) as session, live_endpoint(session, team) as wire:
-        serve_foxglove(wire, "127.0.0.1", port, lambda address: tell(f"foxglove: {address}"), should_stop)
+        serve_foxglove(wire, "127.0.0.1", port, lambda address: print_result(f"foxglove: {address}"), should_stop)
 
 
 @recording_app.command()

@@ -14,10 +14,11 @@ from prompt_toolkit.keys import Keys
 from rich.progress import BarColumn, Progress
 
 from robrain.dashboard.html.elements import clock_text
+from robrain.deploy.command_line.output import print_result
 from robrain.deploy.command_line.terminal import console, text_column
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import DASHBOARD_READY
-from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, client_session, live_endpoint, open_hub, tell
+from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, client_session, live_endpoint, open_hub
 from robrain.protocol.clock import Clock, LiveClock
 from robrain.protocol.keys import check_name
 from robrain.protocol.wire.endpoint import Endpoint
@@ -267,4 +268,4 @@ def _page_port(port: int | None) -> int:
 
 
 def _print_url(url: str) -> None:
-    tell(f"{DASHBOARD_READY}{url}")
+    print_result(f"{DASHBOARD_READY}{url}")

@@ -14,8 +14,9 @@ import zenoh
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.client.team import Team
+from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, tell
+from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
 from robrain.plugins.device.ros2.link import environment_domain
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import RobrainError
@@ -552,7 +553,7 @@ def gateway_command(
         shown = Gateway(wire, port, orders, map_frame=frame)
         should_stop.ready()
         taken = "no orders are taken" if read_only else f"orders: {NAMESPACE}/submit_task, {NAMESPACE}/halt"
-        tell(f"{NAME}: team {team} in ROS domain {domain}; {taken}")
+        print_result(f"{NAME}: team {team} in ROS domain {domain}; {taken}")
         while not should_stop() and not failure():
             shown.step()
             time.sleep(PERIOD_S)

@@ -13,8 +13,8 @@ from robrain.deploy.processes.arena_process import (
     write_resume,
     write_robot_file,
 )
-from robrain.deploy.run.kernels import prepare_kernels
-from robrain.deploy.run.table_files import write_planning, write_rules
+from robrain.deploy.processes.kernels import prepare_kernels
+from robrain.deploy.processes.table_files import write_planning, write_rules
 from robrain.deploy.supervision.part import ARENA, DASHBOARD, RECORDER, Part
 from robrain.deploy.supervision.up import (
     Site,

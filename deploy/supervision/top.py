@@ -11,8 +11,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from robrain.deploy.command_line.output import print_json
 from robrain.deploy.command_line.terminal import console, print_line
-from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint, print_json_line
+from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint
 from robrain.deploy.supervision.part import (
     ARENA,
     COORDINATOR,
@@ -247,7 +248,7 @@ def _showing(*, prints_once: bool) -> Iterator[Callable[[str, list[TopMember]], 
 
 def _print(members: list[TopMember], *, as_json: bool) -> None:
     if as_json:
-        print_json_line(members)
+        print_json(members)
         return
     for line in lines_of([_view(member) for member in members]):
         print_line(line)

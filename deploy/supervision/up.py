@@ -14,10 +14,11 @@ from urllib.parse import urlsplit
 
 import msgspec
 
+from robrain.deploy.command_line.output import print_note
 from robrain.deploy.errors import ChildFailed, UsageError
 from robrain.deploy.pki.router import ROUTER_READY
 from robrain.deploy.processes.children import DASHBOARD_READY, Child, read_addresses
-from robrain.deploy.processes.live_process import ANY_PORT, HUB_READY, LifelineEnd, note, open_when_there
+from robrain.deploy.processes.live_process import ANY_PORT, HUB_READY, LifelineEnd, open_when_there
 from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.credentials import Credentials, now_utc
 from robrain.deploy.supervision.part import (
@@ -581,7 +582,7 @@ def run_up(
                 try:
                     credentials.renew(options.parts, now_utc())
                 except (RobrainError, OSError) as error:  # the team goes on with what it has
-                    note(f"up: certificates are not renewed: {error}")
+                    print_note(f"up: certificates are not renewed: {error}")
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
                 supervisor.add(waiting)
                 waiting = []

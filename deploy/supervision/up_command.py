@@ -10,10 +10,11 @@ import msgspec
 from rich.live import Live
 
 from robrain.deploy.command_line.options import new_recording, next_file
+from robrain.deploy.command_line.output import print_json, print_note
 from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import said
-from robrain.deploy.processes.live_process import LiveStop, note, print_json_line
+from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.supervision.part import (
     ARENA,
     COORDINATOR,
@@ -167,7 +168,7 @@ class PlainLines:
         if not result.sim_time_s:
             print_line(result.ended)
             return
-        from robrain.deploy.run.run_display import accuracy_lines, print_recorded  # brings the simulator
+        from robrain.deploy.processes.run_display import accuracy_lines, print_recorded  # brings the simulator
 
         print_line(
             f"{result.ended}: {result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)}, "
@@ -211,7 +212,7 @@ def _warn_of_busy_endpoint(endpoint: str, taken: str) -> None:
 
 
 def _print(event: HubEvent | JournalEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult) -> None:
-    print_json_line(event)
+    print_json(event)
 
 
 class UpWords(NamedTuple):
@@ -263,7 +264,7 @@ def up_scenario(scenario: "Scenario", words: Sequence[str], site: ScenarioSite, 
 
     def make(where: Site) -> list[Part]:
         if place is not None and not options.as_json:
-            note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
+            print_note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
         kept = journal or where.folder / "team.journal"
         return _of_scenario(where, scenario, words, wanted, printed, options, kept, site.record, {}, witnesses)
 
@@ -345,7 +346,7 @@ def _new_journal(team: str) -> Path | None:
     try:
         return next_file(Path("runs"), team, ".journal")
     except OSError as error:
-        note(f"up: {error}: the journal and its backups end with the team; --journal FILE keeps them")
+        print_note(f"up: {error}: the journal and its backups end with the team; --journal FILE keeps them")
         return None
 
 

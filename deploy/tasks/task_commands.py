@@ -10,7 +10,8 @@ import msgspec
 import typer
 
 from robrain.client.submission import AS_SENT, TaskFields
-from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, print_json, say
+from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team
+from robrain.deploy.command_line.output import print_json, print_result
 from robrain.deploy.tasks.task_files import verdict_line
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D
@@ -165,7 +166,7 @@ def add(
         print_json(records if Path(what).suffix else records[0] if records else None)
     else:
         for record in records:
-            say(line_of(record))
+            print_result(line_of(record))
     for text in refused:
         sys.stderr.write(f"robrain: {text}\n")
     if refused:
@@ -195,7 +196,7 @@ def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_jso
             print_json(one)
             continue
         for line in dry_run_lines(one):
-            say(line)
+            print_result(line)
     if any(one.refused for one in found):
         raise typer.Exit(EXIT_REFUSED)
 
@@ -277,13 +278,13 @@ def kinds(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_jso
         print_json(known)
         return
     if not known:
-        say("no robot has announced its kinds of task yet")
+        print_result("no robot has announced its kinds of task yet")
     for one in known:
-        say(f"{one.kind}: {one.doc} ({', '.join(one.robots)})")
+        print_result(f"{one.kind}: {one.doc} ({', '.join(one.robots)})")
         needed = one.parameters.get("required", [])
         for name, shape in one.parameters.get("properties", {}).items():
             meaning = shape.get("description", "") if isinstance(shape, dict) else ""
-            say(f"  {name}{'' if name in needed else ' (optional)'}{f': {meaning}' if meaning else ''}")
+            print_result(f"  {name}{'' if name in needed else ' (optional)'}{f': {meaning}' if meaning else ''}")
 
 
 @task_app.command()
@@ -298,12 +299,12 @@ def show(
     if as_json:
         print_json(record)
         return
-    say(line_of(record))
+    print_result(line_of(record))
     for name, value in msgspec.to_builtins(record.task).items():
         if name != "id":
-            say(f"  {name}: {value if isinstance(value, str) else msgspec.json.encode(value).decode()}")
+            print_result(f"  {name}: {value if isinstance(value, str) else msgspec.json.encode(value).decode()}")
     for name, value in record.result.items():
-        say(f"  result {name}: {msgspec.json.encode(value).decode()}")
+        print_result(f"  result {name}: {msgspec.json.encode(value).decode()}")
 
 
 @task_app.command()
@@ -320,7 +321,7 @@ def cancel(
     if as_json:
         print_json(record)
     else:
-        say(line_of(record))
+        print_result(line_of(record))
 
 
 @task_app.command()
@@ -348,7 +349,7 @@ def watch(
                 if as_json:
                     print_json(event)
                 else:
-                    say(line_of(event))
+                    print_result(line_of(event))
                 not_done += event.state.ended and event.state is not TaskState.DONE
         except TimeoutError as error:
             raise UsageError(str(error)) from error
@@ -366,12 +367,12 @@ def why(
     if as_json:
         print_json(found)
         return
-    say(f"{task_id}: {found.now}")
+    print_result(f"{task_id}: {found.now}")
     for verdict in found.robots:
-        say(verdict_line(verdict))
+        print_result(verdict_line(verdict))
     first_ns = found.changes[0].stamp_ns if found.changes else 0
     for change in found.changes:
-        say(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}")
+        print_result(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}")
 
 
 @task_app.command()
@@ -390,7 +391,7 @@ def objective(
     if as_json:
         print_json(found)
         return
-    say(f"{found.objective}, by {found.method}: {found.planned} planned, {found.left_out} left out")
+    print_result(f"{found.objective}, by {found.method}: {found.planned} planned, {found.left_out} left out")
 
 
 @task_app.command()
@@ -402,12 +403,12 @@ def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_j
         print_json(found.charges)
         return
     if not found.charges:
-        say("no robot charges or is to charge")
+        print_result("no robot charges or is to charge")
     for one in found.charges:
         at = f"({one.charger.x_m:.1f}, {one.charger.y_m:.1f})"
         words = "charges" if one.is_there else "goes to charge" if one.has_set_out else "is to charge"
         behind = f": {one.why}" if one.why else ""
-        say(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
+        print_result(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
 
 
 def _open_states() -> "list[TaskState]":

@@ -18,7 +18,7 @@ from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.command_line.terminal import new_console, print_line, say
 from robrain.deploy.errors import UsageError
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
 from robrain.lab.bench.mapping_plan import (
     SHARED_MAPS,

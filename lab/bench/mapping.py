@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from robrain.deploy.command_line.terminal import new_console, print_line, say
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import (
     WIDTH,
     Bound,

@@ -12,7 +12,7 @@ import typer
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
-from robrain.deploy.run.table_files import read_planning
+from robrain.deploy.processes.table_files import read_planning
 from robrain.deploy.tasks.task_commands import add, asked_tasks
 from robrain.deploy.tasks.task_files import point
 from robrain.lab.fork.changes import AddFault, AddTask, Change, SetPolicy, Without

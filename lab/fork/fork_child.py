@@ -79,8 +79,7 @@ class ForkChild:
             child.wait()  # until its last line is read
             last = self._last
             if last is None or last.fork is None:
-                said = next((line for line in reversed(child.lines) if line.strip()), "it printed nothing")
-                self._failure = said.removeprefix("robrain: ")
+                self._failure = child.last_line
         fork = last.fork if last is not None and not is_running else None
         return ForkState(
             is_running=is_running,

@@ -54,7 +54,7 @@ def fork(
 
     Exit status 1 if the part before, or an unchanged run, is not equal to the recording.
     """
-    from robrain.deploy.run.kernels import prepare_kernels
+    from robrain.deploy.processes.kernels import prepare_kernels
     from robrain.lab.fork.change_words import changes_of, moment_s
     from robrain.lab.fork.fork_display import fork_display, show_fork
     from robrain.lab.fork.fork_result import fork_name

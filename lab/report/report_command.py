@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.options import JsonOption, print_json
+from robrain.deploy.command_line.options import JsonOption
+from robrain.deploy.command_line.output import print_json
 
 
 def report(

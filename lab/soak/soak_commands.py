@@ -90,7 +90,7 @@ def _soak(
 
 
 def _repeat(file: Path, *, as_json: bool) -> None:
-    from robrain.deploy.run.kernels import prepare_kernels
+    from robrain.deploy.processes.kernels import prepare_kernels
     from robrain.lab.soak.fault_script import read_script
     from robrain.lab.soak.soak_display import show_script
     from robrain.lab.soak.soaking import run_script

@@ -12,8 +12,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.deploy.recordings.surroundings import surroundings_of
-from robrain.deploy.run.kernels import prepare_kernels
 from robrain.lab.bench.mapping_plan import errors_alone
 from robrain.lab.soak.fault_script import (
     CancelOrder,

@@ -3,7 +3,7 @@
 It opens no Zenoh session: forked processes would share the locks of its threads.
 """
 
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.sweep import worker
 
 prepare_kernels(quiet=True)

@@ -29,7 +29,7 @@ import pyarrow.parquet as pq
 from pyarrow.csv import write_csv
 
 from robrain.deploy.errors import SweepError, UsageError
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.sweep.crew import Crew, DaskCrew, LocalCrew
 from robrain.lab.sweep.execution import execute
 from robrain.lab.sweep.figures import figure_files

@@ -19,8 +19,9 @@ import numpy as np
 import zenoh
 from rich.console import Console
 
+from robrain.deploy.command_line.output import print_result
 from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.live_process import ANY_PORT, open_hub, tell
+from robrain.deploy.processes.live_process import ANY_PORT, open_hub
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
@@ -197,7 +198,7 @@ def flood(endpoint: str) -> None:
         threads = [threading.Thread(target=put, args=each) for each in floods]
         for thread in threads:
             thread.start()
-        tell("ready")
+        print_result("ready")
         for thread in threads:
             thread.join()
 
@@ -206,7 +207,7 @@ def read(endpoint: str) -> None:
     """Subscribe to everything of every team."""
     with closing(open_session(connect=[endpoint])) as session:
         session.declare_subscriber("robrain/**", zenoh.handlers.RingChannel(8))
-        tell("ready")
+        print_result("ready")
         threading.Event().wait()
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from robrain.algorithms.navigation.clearance import least_clearance_m
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures
 from robrain.lab.bench.mapping_plan import errors_alone
 from robrain.protocol.model.geometry import Point2D

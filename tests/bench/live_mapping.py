@@ -18,7 +18,7 @@ from rich.console import Console
 
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox

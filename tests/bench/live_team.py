@@ -14,7 +14,7 @@ from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.arena_process import write_robot_files
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
-from robrain.deploy.run.table_files import write_rules
+from robrain.deploy.processes.table_files import write_rules
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
 

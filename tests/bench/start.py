@@ -35,7 +35,7 @@ ROBOTS, SEEN_ROBOTS = 4, 2
 FLOOR_SHARE, ROBOT_SHARE = 0.03, 2.5e-5
 """Of the picture: some hundred pixels of floor, and five of a robot."""
 READY = "dashboard: "
-REST = "from robrain.deploy.run.kernels import prepare_kernels; prepare_kernels(quiet=True)"
+REST = "from robrain.deploy.processes.kernels import prepare_kernels; prepare_kernels(quiet=True)"
 LIMIT_S = 300.0
 STOP_S = 30.0
 

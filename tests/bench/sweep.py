@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from robrain import Scenario
-from robrain.deploy.run.kernels import prepare_kernels
+from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
 from robrain.lab.sweep.plan import make_plan
 from robrain.lab.sweep.sweep import TABLE, SweepOptions, run_sweep

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.run import running
-from robrain.deploy.run.kernels import PARTS
-from robrain.deploy.run.running import KernelCompiler
+from robrain.deploy.processes import running
+from robrain.deploy.processes.kernels import PARTS
+from robrain.deploy.processes.running import KernelCompiler
 from tests.waiting import has_ended, until
 
 FEW = {"obstacles": PARTS["obstacles"], "map overlap": PARTS["map overlap"]}
 SCRIPT = """
 import time
-from robrain.deploy.run.running import KernelCompiler
-from robrain.deploy.run.kernels import PARTS
+from robrain.deploy.processes.running import KernelCompiler
+from robrain.deploy.processes.kernels import PARTS
 with KernelCompiler(PARTS, 1) as compiler:
     print(compiler._workers[0]._process.pid, flush=True)
     time.sleep(600)
@@ -36,7 +36,7 @@ def test_parts_at_the_start_are_stored_first_then_one_process_compiles_and_ends_
     empty_cache: Path,
 ) -> None:
     with KernelCompiler(FEW, 2) as compiler:
-        first, second = (worker._process for worker in compiler._workers)
+        first, second = (worker._process for worker in compiler._workers.values())
         assert compiler.progress == (0, 1, None)
         until(lambda: compiler.is_done and second.poll() is not None, step=compiler.step)
         assert compiler.progress.ready == 1

@@ -11,7 +11,7 @@ from rich.console import Console
 from robrain.algorithms import warm_up as model
 from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.command_line import terminal
-from robrain.deploy.run import kernels
+from robrain.deploy.processes import kernels
 
 
 @pytest.fixture

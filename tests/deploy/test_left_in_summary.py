@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.run.run_display import print_exploration_left
+from robrain.deploy.processes.run_display import print_exploration_left
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.model.geometry import Point2D
 

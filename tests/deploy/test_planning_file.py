@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
-from robrain.deploy.run.table_files import read_planning, write_planning
+from robrain.deploy.processes.table_files import read_planning, write_planning
 from robrain.protocol.model.tasks.objective import Objective
 
 

@@ -1,6 +1,6 @@
 """The lines on map and positions at the end of a run."""
 
-from robrain.deploy.run.run_display import accuracy_lines, links_line
+from robrain.deploy.processes.run_display import accuracy_lines, links_line
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 

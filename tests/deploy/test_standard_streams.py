@@ -11,7 +11,7 @@ import pytest
 import typer
 
 from robrain import cli
-from robrain.deploy.processes.live_process import note, tell
+from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.processes.process_setup import guarded_streams
 
 APP = typer.main.get_command(cli.app)
@@ -71,7 +71,7 @@ def test_every_command_says_that_its_help_cannot_be_written(
 
 def test_output_that_fails_in_another_thread_interrupts_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     def in_thread() -> None:
-        thread = threading.Thread(target=tell, args=("hello",))
+        thread = threading.Thread(target=print_result, args=("hello",))
         thread.start()
         thread.join()
 
@@ -79,7 +79,7 @@ def test_output_that_fails_in_another_thread_interrupts_the_command(capsys: pyte
         with guarded_streams():
             with pytest.raises(KeyboardInterrupt):
                 in_thread()
-            tell("discarded")
+            print_result("discarded")
 
     ends("pipe", act)
     assert capsys.readouterr().err == SENTENCES["pipe"]
@@ -91,7 +91,7 @@ def test_messages_that_cannot_be_written_do_not_end_a_command(monkeypatch: pytes
     os.dup2(os.open("/dev/full", os.O_WRONLY), 2)
     try:
         with guarded_streams():
-            note("a message")
+            print_note("a message")
     finally:
         os.dup2(kept, 2)
         os.close(kept)

@@ -9,7 +9,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from robrain.deploy.command_line.terminal import new_console, results, say, text_column
-from robrain.deploy.run.run_display import print_recorded
+from robrain.deploy.processes.run_display import print_recorded
 from tests.product import FOLDERS, ROOT
 
 NAME = "rec:bus:[1][red]x[/].mcap"

@@ -205,7 +205,7 @@ def import_everything(missing: tuple[type[Exception], ...] = ()) -> None:
                 with suppress(*missing):
                     importlib.import_module(module.name)
     with suppress(*missing):
-        importlib.import_module("robrain.deploy.run.kernels").prepare_kernels(quiet=True)
+        importlib.import_module("robrain.deploy.processes.kernels").prepare_kernels(quiet=True)
 
 
 def _main() -> NoReturn:

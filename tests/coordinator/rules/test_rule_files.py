@@ -6,7 +6,7 @@ import pytest
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.template import check_template, fill
 from robrain.deploy.errors import UsageError
-from robrain.deploy.run.table_files import read_rules, write_rules
+from robrain.deploy.processes.table_files import read_rules, write_rules
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from numba.core.caching import _CacheLocator
 
-from robrain.deploy.run.kernels import _kernels_of, _modules_with_kernels, prepare_kernels
-from robrain.deploy.run.running import PROCESSES
+from robrain.deploy.processes.kernels import _kernels_of, _modules_with_kernels, prepare_kernels
+from robrain.deploy.processes.running import PROCESSES
 from robrain.recording.drawing.palette import FREE, style_of
 from tests.system.browser import chromium, keep, picture_of, share_of, wait_for
 from tests.system.conftest import Commands

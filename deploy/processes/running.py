@@ -2,13 +2,11 @@
 
 import math
 import os
-import subprocess
-import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import NamedTuple, Self
 
@@ -18,11 +16,11 @@ from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.command_line.options import above_zero, until_explored
 from robrain.deploy.command_line.terminal import both_at_a_terminal, console, say, text_column
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.children import Children, continue_with_recording
+from robrain.deploy.processes.children import Child, Children, continue_with_recording
+from robrain.deploy.processes.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.processes.live_process import LiveStop
-from robrain.deploy.run.kernels import PARTS, are_cached, load_kernels, prepare_kernels
-from robrain.deploy.run.run_display import run_display, show_result
-from robrain.deploy.run.starting import RunOptions, Watched
+from robrain.deploy.processes.run_display import run_display, show_result
+from robrain.deploy.processes.starting import RunOptions, Watched
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -34,7 +32,7 @@ from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.world import World
 
-MODULE = "robrain.deploy.run.compile_worker"
+MODULE = "robrain.deploy.processes.compile_worker"
 STOP_S = 8.0
 """Time limit for a process to end, which first stores the kernel that it compiles."""
 SURE_PARTS = 3
@@ -68,16 +66,17 @@ class KernelCompiler:
         self._at_start = {name for name, part in parts.items() if part.at_start}
         self._waiting = deque(parts)
         self._ready: set[str] = set()
-        self._said: SimpleQueue[tuple[_Worker, str]] = SimpleQueue()
+        self._said: SimpleQueue[tuple[int, str]] = SimpleQueue()
         self._began_s = time.monotonic()
         self.failure = ""
         """Why a process has failed; empty if none has."""
-        self._workers: list[_Worker] = []
+        self._workers: dict[int, Child] = {}
         try:
-            for _ in range(processes):
-                self._workers.append(_Worker(self._said))
-            for worker in self._workers:
-                self._give(worker)
+            for number in range(processes):
+                answer = partial(self._receive, number)
+                self._workers[number] = Child("compiler", [], answer, module=MODULE)
+            for number in self._workers:
+                self._give(number)
         except OSError as error:
             self.failure = str(error)
 
@@ -96,28 +95,25 @@ class KernelCompiler:
 
     def step(self) -> None:
         """Hand out the next parts."""
-        while True:
-            try:
-                worker, line = self._said.get_nowait()
-            except Empty:
-                return
-            if worker not in self._workers:
-                continue
-            if line:
-                self._ready.add(line)
-                self._give(worker)
-            else:
-                self._workers.remove(worker)
-                status = worker.end()
-                if status:
-                    self.failure = f"a compiling process ended with status {status}"
+        ended = [number for number, worker in self._workers.items() if worker.exit_status is not None]
+        for number in ended:
+            if status := self._workers[number].wait(STOP_S):  # which waits for its last line
+                self.failure = f"a compiling process ended with status {status}"
+        with suppress(Empty):
+            while True:
+                number, part = self._said.get_nowait()
+                self._ready.add(part)
+                if number not in ended:
+                    self._give(number)
+        for number in ended:
+            del self._workers[number]
 
     def close(self) -> None:
         """End the processes."""
-        for worker in self._workers:
-            worker.let_go()
-        for worker in self._workers:
-            worker.end()
+        for worker in self._workers.values():
+            worker.end_input()
+        for worker in self._workers.values():
+            worker.wait(STOP_S)
         self._workers.clear()
 
     def __enter__(self) -> "KernelCompiler":
@@ -126,63 +122,15 @@ class KernelCompiler:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _give(self, worker: "_Worker") -> None:
-        if self._waiting and (self._waiting[0] in self._at_start or worker is self._workers[0]):
-            worker.ask(self._waiting.popleft())
+    def _give(self, number: int) -> None:
+        worker = self._workers[number]
+        if self._waiting and (self._waiting[0] in self._at_start or number == min(self._workers)):
+            worker.send(self._waiting.popleft())
         else:
-            worker.let_go()
+            worker.end_input()
 
-
-class _Worker:
-    """One process; what it writes goes to `said`, line by line, and an empty line when it ends."""
-
-    def __init__(self, said: "SimpleQueue[tuple[_Worker, str]]") -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", MODULE],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            start_new_session=True,  # a Ctrl-C in the terminal reaches its parent, which ends it
-        )
-        self._said = said
-        self._reader = threading.Thread(target=self._read, name="compiler-said", daemon=True)
-        self._reader.start()
-
-    def ask(self, part: str) -> None:
-        """Have it compile a part."""
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(f"{part}\n")
-            self._process.stdin.flush()
-        except OSError:  # it has ended, which the reader tells
-            return
-
-    def let_go(self) -> None:
-        """Have it end."""
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.close()
-        except OSError:  # it has ended by itself
-            return
-
-    def end(self) -> int:
-        """Wait for its end, and kill it if that takes too long; returns its status."""
-        self.let_go()
-        try:
-            self._process.wait(STOP_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._reader.join(STOP_S)
-        return self._process.returncode
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        with self._process.stdout as lines:
-            for line in lines:
-                self._said.put((self, line.strip()))
-        self._said.put((self, ""))
+    def _receive(self, number: int, part: str) -> None:
+        self._said.put((number, part))
 
 
 LOOK_S = 0.05

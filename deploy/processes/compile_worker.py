@@ -1,4 +1,4 @@
-"""`python -m robrain.deploy.run.compile_worker`: compiles parts of the kernels, started by `KernelCompiler`.
+"""`python -m robrain.deploy.processes.compile_worker`: compiles parts of the kernels, started by `KernelCompiler`.
 
 It reads names of parts from stdin, a line each, and writes a name to stdout when its part is compiled and stored in
 numba's cache. At the end of stdin it exits, after the kernel that is being compiled is stored.
@@ -27,7 +27,7 @@ def main() -> None:
     # Here: it takes a second, and this process must end with its parent from the beginning.
     from numba.core import event
 
-    from robrain.deploy.run.kernels import COMPILING, PARTS
+    from robrain.deploy.processes.kernels import COMPILING, PARTS
 
     class StopBetween(event.Listener):
         """Ends the process between two kernels, so that no file of the cache is left half-written."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import zenoh
 
+from robrain.deploy.command_line.output import print_result
 from robrain.deploy.processes.children import DASHBOARD_READY, Children, StartingPage, begin_dashboard
-from robrain.deploy.processes.live_process import tell
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 
@@ -54,7 +54,7 @@ def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResu
         watched = _begin_page(children, options) if options.dashboard else None
         try:
             # Here: it takes seconds, in which the page's process loads as well.
-            from robrain.deploy.run.running import run_scenario
+            from robrain.deploy.processes.running import run_scenario
 
             return run_scenario(choose(), options, children, watched)
         finally:
@@ -64,7 +64,7 @@ def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResu
 
 def _begin_page(children: Children, options: RunOptions) -> Watched:
     # Told at once: the browser loads while the run is set up.
-    on_served = None if options.quiet else lambda url: tell(f"{DASHBOARD_READY}{url}")
+    on_served = None if options.quiet else lambda url: print_result(f"{DASHBOARD_READY}{url}")
     session = open_lockstep_session("tcp/127.0.0.1:0")
     try:
         return Watched(
