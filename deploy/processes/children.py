@@ -115,6 +115,7 @@ class Child:
 
     def wait(self, timeout_s: float = STOP_TIMEOUT_S) -> int:
         """Wait for its end; kill it if it does not end in time."""
+        self.end_input()
         try:
             self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:

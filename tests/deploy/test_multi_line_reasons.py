@@ -9,7 +9,6 @@ from typer.testing import CliRunner
 
 from robrain import cli
 from robrain.client.team import Team
-from robrain.deploy.command_line import options
 from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.processes.process_setup import SafeLines
 from robrain.protocol.errors import CallError, ErrorCode
@@ -24,7 +23,7 @@ def log(text: str) -> None:
     sys.stdout.write(SafeLines("%(message)s").format(record) + "\n")
 
 
-@pytest.mark.parametrize("show", [print_result, print_note, options.say, log])
+@pytest.mark.parametrize("show", [print_result, print_note, log])
 def test_lines_after_the_first_are_indented_and_steer_nothing(capsys: pytest.CaptureFixture[str], show) -> None:
     show(REASON)
     assert "".join(capsys.readouterr()) == SHOWN
