@@ -25,6 +25,7 @@ from robrain.deploy.command_line.options import (
     above_zero,
     until_explored,
 )
+from robrain.deploy.command_line.output import print_note
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -79,10 +80,12 @@ def up(
 
     Exit status 1 if a part failed too often and was given up.
     """
+    from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY
     from robrain.deploy.supervision.team_file import is_team_file
-    from robrain.deploy.supervision.up_command import ScenarioSite, UpWords, up_host, up_scenario
+    from robrain.deploy.supervision.up import UpPlan, witnesses_among
+    from robrain.deploy.supervision.up_command import new_journal, plan_of_host, up_command
 
-    words = UpWords(until_explored(until), above_zero("--time-limit", time_limit), as_json)
+    target, limit_s = until_explored(until), above_zero("--time-limit", time_limit)
     if scenario is not None and is_team_file(Path(scenario)):
         given = {
             "--map": map_file, "--robots": robots, "--motes": motes, "--seed": seed, "--idle": idle or None,
@@ -93,7 +96,7 @@ def up(
         }  # fmt: skip
         if wrong := [option for option, value in given.items() if value is not None]:
             raise UsageError(f"{', '.join(wrong)}: the team file {scenario} says that, not the command line")
-        result = up_host(Path(scenario), host, words)
+        plan = plan_of_host(Path(scenario), host)
     else:
         from robrain.deploy.command_line.options import new_recording
         from robrain.deploy.command_line.scenario_choice import choose_scenario
@@ -106,8 +109,29 @@ def up(
             from robrain.deploy.processes.table_files import read_rules
 
             chosen = chosen.replace(rules=read_rules(rules))
-        site = ScenarioSite(team, listen, dashboard, port, new_recording(record), journal, stand_by, secured, pki)
-        result = up_scenario(chosen, _scenario_arguments(scenario, map_file, robots, motes, seed), site, words)
+        new_recording(record)
+        world = chosen.world()
+        names = [robot.name for robot in world.robots]
+        place = world.first_place() if chosen.starts_known else None
+        if place is not None and not as_json:
+            print_note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
+        optional = {DASHBOARD: dashboard, STAND_BY: stand_by, RECORDER: record is not None}
+        plan = UpPlan(
+            name=chosen.name,
+            team=team,
+            parts=[HUB, ARENA, COORDINATOR, *names, *(part for part, is_wanted in optional.items() if is_wanted)],
+            scenario=chosen,
+            words=_scenario_arguments(scenario, map_file, robots, motes, seed),
+            listen=listen,
+            robots=names,
+            witnesses=witnesses_among(names) if stand_by else [],
+            journal=journal or new_journal(team),
+            record=record,
+            dashboard_port=port,
+            is_secured=secured or pki is not None,
+            pki=pki,
+        )
+    result = up_command(plan._replace(until_explored=target, time_limit_s=limit_s), as_json=as_json)
     if result.given_up:
         raise typer.Exit(EXIT_WRONG)
     if result.ended == "interrupted" and (until, time_limit) != (None, None):

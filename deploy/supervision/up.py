@@ -5,16 +5,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
 from urllib.parse import urlsplit
 
 import msgspec
 
 from robrain.deploy.command_line.output import print_note
+from robrain.deploy.command_line.terminal import say
 from robrain.deploy.errors import ChildFailed, UsageError
 from robrain.deploy.pki.router import ROUTER_READY
 from robrain.deploy.processes.children import DASHBOARD_READY, Child, read_addresses
@@ -22,12 +23,14 @@ from robrain.deploy.processes.live_process import ANY_PORT, HUB_READY, LifelineE
 from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.credentials import Credentials, now_utc
 from robrain.deploy.supervision.part import (
+    ARENA,
     COORDINATOR,
     DASHBOARD,
     HUB,
     HUB_POLICY,
     RECORDER,
     STAND_BY,
+    STOCK_PARTS,
     CoreWait,
     Part,
     PartEvent,
@@ -47,6 +50,9 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import HUB_VARIABLE, hub_endpoint
 from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback, is_secured
+
+if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need
+    from robrain.sim.scenarios.scenario import Scenario
 
 LOOK_PERIOD_S = 0.1
 RENEW_PERIOD_S = 60.0
@@ -82,9 +88,6 @@ class Site(NamedTuple):
     def common(self) -> list[str]:
         """Arguments of every part but the hub."""
         return ["--connect", self.endpoint, "--team", self.team]
-
-
-MakeParts = Callable[[Site], list[Part]]
 
 
 def hub_part(listen: Callable[[], str], on_line: Callable[[str], None]) -> Part:
@@ -386,8 +389,6 @@ class UpStatus(NamedTuple):
     """The processes of this machine."""
     sim_time_s: float
     explored_fraction: float
-    forwarders: dict[str, str]
-    """`host:port` of the Serial Forwarder of each robot's base station."""
 
 
 class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag="result"):
@@ -415,58 +416,90 @@ class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag
     """Parts that failed too often and were not started again."""
 
 
-class UpOptions(NamedTuple):
-    """How a team is brought up."""
+class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub", omit_defaults=True):
+    """Where the team's hub listens."""
 
+    endpoint: str
+    tls: str = ""
+    """Folder of an operator's certificate, for `robrain --tls`; empty if the team is plain."""
+
+
+class JournalEvent(msgspec.Struct, frozen=True, tag_field="event", tag="journal"):
+    """Where the coordinator keeps its tasks; its backups are beside it."""
+
+    path: str
+
+
+class DashboardEvent(msgspec.Struct, frozen=True, tag_field="event", tag="dashboard"):
+    """Where the page is served."""
+
+    url: str
+
+
+class ForwarderEvent(msgspec.Struct, frozen=True, tag_field="event", tag="serial_forwarder"):
+    """Where the Serial Forwarder of a robot's base station listens."""
+
+    robot: str
+    address: str
+    """`host:port`."""
+
+
+UpEvent = HubEvent | JournalEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult
+
+
+class UpPlan(NamedTuple):
+    """What is started on this machine, and when it ends."""
+
+    name: str
+    """Of the scenario, or of the machine in its team file."""
     team: str
+    parts: Sequence[str]
+    """Names of all parts that are started here."""
+    scenario: "Scenario | None" = None
+    """What is simulated; None with real robots."""
+    words: Sequence[str] = ()
+    """Arguments of a command line that name the scenario."""
     listen: str | None = None
     """Endpoint of the hub; None uses this machine's hub endpoint, or a free port if that is taken."""
     connect: str | None = None
     """Endpoint of the hub on another machine; None if it runs here."""
     robots: Sequence[str] = ()
     """The team's robots as far as they are known."""
-    until_explored: float | None = None
-    time_limit_s: float | None = None
-    record: Path | None = None
+    robot_files: Mapping[str, Path] = MappingProxyType({})
+    """Files of robots that are not the scenario's own."""
+    witnesses: Sequence[str] = ()
+    """Robots that elect one of two coordinators; none if the coordinator is alone."""
+    coordination: Sequence[str] = ()
+    """Options of the coordinator of a team without a scenario."""
     journal: Path | None = None
-    """Of the coordinator; None if none runs here."""
-    parts: Sequence[str] = ()
-    """Names of all parts that are started here."""
+    """Of the coordinator; None if it ends with the team."""
+    record: Path | None = None
+    dashboard_port: int | None = None
     is_secured: bool = False
     """Whether each part shows a certificate, and a router lets it do what its role may."""
     pki: Path | None = None
     """The folder of `robrain pki` of a secured team; None makes one for this run alone."""
     hosts: Sequence[str] = ()
     """Addresses at which a secured team's router is reached, beside loopback."""
+    until_explored: float | None = None
+    time_limit_s: float | None = None
+    quiet: bool = False
+    """Report nothing while kernels are compiled."""
+
+    @property
+    def own_journal(self) -> Path | None:
+        """Where a coordinator of this machine keeps its tasks; None if none runs here, or they end with the team."""
+        return self.journal if {COORDINATOR, STAND_BY} & set(self.parts) else None
 
 
 class UpDisplay(Protocol):
-    """Receives events while a team starts and runs."""
+    """Shows a team while it starts and runs."""
 
-    def hub(self, endpoint: str, taken: str, tls: Path | None) -> None:
-        """The hub listens at `endpoint`.
-
-        Args:
-            endpoint: where.
-            taken: this machine's hub endpoint if another process has it, else "".
-            tls: folder of the operator's certificate, if the team is secured.
-
-        """
-
-    def journal(self, path: Path) -> None:
-        """The coordinator keeps its tasks in this file, and its backups beside it."""
-
-    def dashboard(self, url: str) -> None:
-        """The page is served."""
-
-    def part(self, event: PartEvent) -> None:
-        """A part has failed, or is back."""
+    def event(self, event: UpEvent) -> None:
+        """Something has happened; a result is the last event."""
 
     def show(self, status: UpStatus) -> None:
         """Status of the team, ten times a second."""
-
-    def ended(self, result: UpResult) -> None:
-        """Final result of the run."""
 
 
 class _Recorded(msgspec.Struct):
@@ -485,10 +518,24 @@ class Printed:
         self.messages = 0
         """Recorded."""
         self._dashboard_port = dashboard_port
+        self._shown_page = ""
+        self._shown_forwarders: dict[str, str] = {}
 
     def dashboard_port(self) -> int | None:
         """Port of the page: once it is served it stays, so that browsers find it again."""
         return urlsplit(self.page).port if self.page else self._dashboard_port
+
+    def events(self) -> list[UpEvent]:
+        """What parts have printed since the last call and people need to know."""
+        page, forwarders = self.page, self.forwarders
+        found: list[UpEvent] = [] if page == self._shown_page else [DashboardEvent(page)]
+        found += [
+            ForwarderEvent(robot, address)
+            for robot, address in forwarders.items()
+            if self._shown_forwarders.get(robot) != address
+        ]
+        self._shown_page, self._shown_forwarders = page, forwarders
+        return found
 
     def on_hub(self, line: str) -> None:
         """A line of the hub's."""
@@ -516,22 +563,37 @@ class Printed:
                 return
 
 
-def run_up(
-    name: str,
-    make_parts: MakeParts,
-    options: UpOptions,
-    printed: Printed,
-    *,
-    should_stop: Callable[[], bool],
-    display: UpDisplay,
-) -> UpResult:
+def parts_of(plan: UpPlan, site: Site, printed: Printed) -> list[Part]:
+    """All parts but the hub, in the order of their start."""
+    journal, coordination = plan.journal or site.folder / "team.journal", list(plan.coordination)
+    simulated = None
+    if plan.scenario is not None:
+        from robrain.deploy.supervision.scenario_parts import ScenarioParts
+
+        simulated = ScenarioParts(site, plan.scenario, quiet=plan.quiet)
+        coordination += simulated.coordination()
+    parts: list[Part] = []
+    if RECORDER in plan.parts and plan.record is not None:
+        provenance = None if simulated is None else simulated.write_provenance()
+        parts.append(recorder_part(site, plan.record, provenance, printed.on_recorder))
+    if ARENA in plan.parts and simulated is not None:
+        parts.append(simulated.arena(plan.words, printed.on_arena))
+    parts += coordinator_parts(site, journal, coordination, plan.parts, plan.witnesses)
+    for name in plan.parts:
+        if name in plan.robot_files:
+            parts.append(agent_part(site, name, plan.robot_files[name], journal))
+        elif name not in STOCK_PARTS and simulated is not None:
+            parts.append(simulated.robot(name, journal))
+    if DASHBOARD in plan.parts:
+        parts.append(dashboard_part(site, printed.dashboard_port, printed.on_dashboard))
+    return parts
+
+
+def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) -> UpResult:
     """Start a team, or its parts on this machine, watch it, and stop it.
 
     Args:
-        name: of the scenario, or of the host.
-        make_parts: makes all parts but the hub.
-        options: options of the run.
-        printed: what the parts print.
+        plan: what is started, and when it ends.
         should_stop: polled ten times a second.
         display: receives events as they occur.
 
@@ -539,33 +601,36 @@ def run_up(
         RobrainError: a process cannot be started; the text says why.
 
     """
+    printed = Printed(plan.dashboard_port)
     with ExitStack() as closing:
         folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="robrain-")))
-        supervisor = closing.enter_context(Supervisor(display.part))
-        credentials = _prepared(options, folder)
+        supervisor = closing.enter_context(Supervisor(display.event))
+        credentials = _prepared(plan, folder)
         if credentials is not None:
             closing.enter_context(credentials.as_operator())
-        endpoint = options.connect
+        endpoint = plan.connect
         if endpoint is None:
-            listen, taken = choose_endpoint(options.listen, is_secured=credentials is not None)
+            listen, taken = choose_endpoint(plan.listen, is_secured=credentials is not None)
             printed.endpoint = ""
             make_hub = router_part if credentials else hub_part
             hub = make_hub(lambda: printed.endpoint or listen, printed.on_hub)
             supervisor.add([hub if credentials is None else credentials.shown_by(hub)])
             if not _await_hub(supervisor, printed, should_stop):
-                return _result(name, "interrupted", None, supervisor, printed, options)
+                return _result(plan, "interrupted", None, supervisor, printed)
             endpoint = printed.endpoint
-            display.hub(endpoint, taken, credentials.operator if credentials else None)
-        if options.journal is not None:
-            display.journal(options.journal)
+            if taken:
+                say(f"{taken} is in use: the hub of this team is at {endpoint}")
+            display.event(HubEvent(endpoint, str(credentials.operator) if credentials else ""))
+        if plan.own_journal is not None:
+            display.event(JournalEvent(str(plan.own_journal)))
         session = open_when_there("up", [endpoint], should_stop)
         if session is None:
-            return _result(name, "interrupted", None, supervisor, printed, options)
+            return _result(plan, "interrupted", None, supervisor, printed)
         closing.callback(session.close)
-        wire = Endpoint(session, options.team, LiveClock(), Drive.LIVE)
+        wire = Endpoint(session, plan.team, LiveClock(), Drive.LIVE)
         closing.callback(wire.close)
-        watch = TeamWatch(wire, options.robots)
-        parts = make_parts(Site(folder, endpoint, options.team, watch, is_loopback(endpoint)))
+        watch = TeamWatch(wire, plan.robots)
+        parts = parts_of(plan, Site(folder, endpoint, plan.team, watch, is_loopback(endpoint)), printed)
         if credentials is not None:
             parts = [credentials.shown_by(part) for part in parts]
         closing.callback(supervisor.stop)  # while the folder is there, and the wire open
@@ -573,39 +638,38 @@ def run_up(
         rest = [part for part in parts if part.name != RECORDER]
         supervisor.add(first or rest)
         waiting = rest if first else []
-        ended, page = "", ""
+        ended = ""
         renew_at_s = time.monotonic() + RENEW_PERIOD_S
         while not ended:
             supervisor.look()
             if credentials is not None and time.monotonic() >= renew_at_s:
                 renew_at_s = time.monotonic() + RENEW_PERIOD_S
                 try:
-                    credentials.renew(options.parts, now_utc())
+                    credentials.renew(plan.parts, now_utc())
                 except (RobrainError, OSError) as error:  # the team goes on with what it has
                     print_note(f"up: certificates are not renewed: {error}")
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
                 supervisor.add(waiting)
                 waiting = []
             watch.look()
-            if printed.page != page:
-                page = printed.page
-                display.dashboard(page)
-            display.show(_status(watch, supervisor, printed))
-            ended = _end_reason(watch, supervisor, options, interrupted=should_stop())
+            for event in printed.events():
+                display.event(event)
+            display.show(_status(watch, supervisor))
+            ended = _end_reason(watch, supervisor, plan, interrupted=should_stop())
             time.sleep(LOOK_PERIOD_S)
         robots_up = sum(robot.is_up for robot in watch.robots())
         supervisor.stop()
-        return _result(name, ended, watch, supervisor, printed, options, robots_up)
+        return _result(plan, ended, watch, supervisor, printed, robots_up)
 
 
-def _prepared(options: UpOptions, folder: Path) -> Credentials | None:
+def _prepared(plan: UpPlan, folder: Path) -> Credentials | None:
     """The certificates of a secured team; None of a plain one."""
-    if not options.is_secured:
+    if not plan.is_secured:
         return None
-    if options.listen is not None and not is_secured(check_endpoint(options.listen)):
-        raise UsageError(f"--listen {options.listen}: expected tls/HOST:PORT for a secured team")
-    credentials = Credentials(options.pki or folder / "pki", options.team)
-    credentials.prepare(options.parts, now_utc(), options.hosts)
+    if plan.listen is not None and not is_secured(check_endpoint(plan.listen)):
+        raise UsageError(f"--listen {plan.listen}: expected tls/HOST:PORT for a secured team")
+    credentials = Credentials(plan.pki or folder / "pki", plan.team)
+    credentials.prepare(plan.parts, now_utc(), plan.hosts)
     return credentials
 
 
@@ -645,7 +709,7 @@ def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[
     return False
 
 
-def _status(watch: TeamWatch, supervisor: Supervisor, printed: Printed) -> UpStatus:
+def _status(watch: TeamWatch, supervisor: Supervisor) -> UpStatus:
     robots = watch.robots()
     words = {robot.name: robot.words for robot in robots}
     now_s = time.monotonic()
@@ -656,42 +720,40 @@ def _status(watch: TeamWatch, supervisor: Supervisor, printed: Printed) -> UpSta
         [each.view(now_s, watch.messages(each.part.name), words.get(each.part.name, "")) for each in supervisor.all],
         watch.sim_time_s,
         truth.explored_fraction if truth is not None else 0.0,
-        printed.forwarders,
     )
 
 
-def _end_reason(watch: TeamWatch, supervisor: Supervisor, options: UpOptions, *, interrupted: bool) -> str:
+def _end_reason(watch: TeamWatch, supervisor: Supervisor, plan: UpPlan, *, interrupted: bool) -> str:
     explored = watch.truth.explored_fraction if watch.truth is not None else 0.0
     if interrupted:
         return "interrupted"
-    if options.until_explored is not None and explored >= options.until_explored:
+    if plan.until_explored is not None and explored >= plan.until_explored:
         return "explored"
-    if options.time_limit_s is not None and watch.sim_time_s >= options.time_limit_s:
+    if plan.time_limit_s is not None and watch.sim_time_s >= plan.time_limit_s:
         return "time_limit"
     return f"the {supervisor.lost} was given up" if supervisor.lost else ""
 
 
 def _result(
-    name: str,
+    plan: UpPlan,
     ended: str,
     watch: TeamWatch | None,
     supervisor: Supervisor,
     printed: Printed,
-    options: UpOptions,
     robots_up: int = 0,
 ) -> UpResult:
     truth = watch.truth if watch is not None else None
     robots = truth.robots if truth is not None else []
     return UpResult(
-        scenario=name,
+        scenario=plan.name,
         ended=ended,
         robots_up=robots_up,
         sim_time_s=watch.sim_time_s if watch is not None else 0.0,
         explored_fraction=truth.explored_fraction if truth is not None else 0.0,
         collisions=sum(robot.collisions for robot in robots),
-        recording=str(options.record) if options.record is not None else None,
+        recording=str(plan.record) if plan.record is not None else None,
         messages=printed.messages,
-        journal=str(options.journal) if options.journal is not None else None,
+        journal=str(plan.own_journal) if plan.own_journal is not None else None,
         map_accuracy=truth.map_accuracy if truth is not None else None,
         pose_accuracy={robot.robot: robot.accuracy for robot in robots if robot.accuracy is not None},
         serial_forwarders=printed.forwarders,
