@@ -1,6 +1,7 @@
 """A report on one run or several: one HTML page that needs nothing else, and its figures as SVG, PDF or PNG.
 
-The page has no script and forbids any (Content-Security-Policy); every text out of a recording passes `safe_html`.
+The page has no script and forbids any (Content-Security-Policy); every text out of a recording passes `safe_text`
+and is escaped by the template.
 """
 
 import base64
@@ -8,10 +9,12 @@ import itertools
 import math
 import re
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
+import jinja2
 import msgspec
 from matplotlib.figure import Figure
 
@@ -30,7 +33,7 @@ from robrain.lab.report.figures import accuracy_figure, explored_curves
 from robrain.lab.report.interval_drawing import draw_groups, draw_mean_curves, label_rows, panels
 from robrain.lab.report.mean_interval import MeanInterval, mean_interval
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.safe_text import safe_html
+from robrain.protocol.safe_text import safe_text
 from robrain.recording.drawing.labels import natural_key
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.run_data import RobotRun, RunData, read_run
@@ -226,41 +229,6 @@ FIGURES: dict[str, Callable[[RunData], Figure | None]] = {
     "traffic": figures.traffic_figure,
 }
 """Name of each figure, and how it is drawn; one for which nothing was recorded is left out."""
-CAPTIONS = {
-    "explored": "What the team has seen of the floor that can be reached.",
-    "trajectories": "Where each robot believed to be, on the map as it was at the end.",
-    "accuracy": "Position error of each robot, thick where it exceeded 0.5 m and the robot did not report it; and the "
-    "share of the map's occupied cells with no true wall within 0.25 m. Without ground truth: the share of each "
-    "robot's beams that agreed with its map.",
-    "tasks": "Who was at which task, and how the task ended.",
-    "energy": "What the batteries gave, what the robots' own models say that their motion takes, and for tasks what "
-    "the plan had predicted.",
-    "battery": "State of charge as each robot believes it to be.",
-    "motes": "Supply of the motes, green from 2.7 V, orange from 2.4 V, and when each was heard.",
-    "faults": "Halts, plugins that do not run, robots that are lost or silent, until they were well again; hatched "
-    "where they were not. Crosses are tasks that failed, strokes are errors in the log.",
-    "traffic": "What went over the wire and was recorded.",
-    "comparison": "Totals of each run; with several seeds, each run as a point, and the mean with its 95 % interval "
-    "by Student's t.",
-}
-"""What each figure shows."""
-
-STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.5 system-ui, sans-serif; color: #1f2933; max-width: 1080px; margin: 2em auto; padding: 0 1em; }
-h1 { font-size: 1.6em; margin-bottom: 0; } h2 { margin-top: 2em; border-bottom: 1px solid #cbd2d9; }
-p.lead { color: #52606d; margin-top: 0.2em; overflow-wrap: anywhere; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: 0.6em 0; }
-th, td { text-align: left; padding: 3px 14px 3px 0; border-bottom: 1px solid #e4e7eb; vertical-align: top;
-  overflow-wrap: anywhere; }
-th { font-weight: 600; } td.number, th.number { text-align: right; }
-.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 1em 0; }
-.tile { background: #f5f7fa; border-radius: 8px; padding: 8px 16px; }
-.tile b { display: block; font-size: 1.35em; } .tile span { color: #52606d; font-size: 0.85em; }
-figure { margin: 1.6em 0; } figure img { max-width: 100%; height: auto; } figcaption { color: #52606d; }
-details { margin: 0.6em 0; } pre { background: #f5f7fa; padding: 1em; overflow: auto; font-size: 12px; }
-"""
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
 
 class WrittenReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -270,8 +238,43 @@ class WrittenReport(msgspec.Struct, frozen=True, kw_only=True):
     figures: list[Path]
 
 
+class ReportTable(NamedTuple):
+    """A table that opens with a click, or is open. Columns whose names begin with a star hold numbers."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    is_open: bool = False
+
+
+class RunSection(NamedTuple):
+    """What the page has of one run."""
+
+    heading: str
+    lead: str
+    totals: dict[str, str]
+    positions: ReportTable
+    drawn: dict[str, str]
+    """Pictures in base64, by the figures' names."""
+    missing: list[str]
+    """Names of figures for which nothing was recorded."""
+    tables: list[ReportTable]
+
+
+class Comparison(NamedTuple):
+    """What the page has of several runs together."""
+
+    names: list[str]
+    rows: dict[str, list[str]]
+    """Cells of each total, one for each name."""
+    seeds: ReportTable | None
+    drawn: dict[str, str]
+    sides: ReportTable | None
+    """Two runs beside each other."""
+
+
 class _Pictures:
-    """Draws figures in all wanted formats, and gives their places in the page."""
+    """Draws figures in all wanted formats, for files and for the page."""
 
     def __init__(self, forms: Sequence[str]) -> None:
         self.files: dict[str, bytes] = {}
@@ -279,12 +282,11 @@ class _Pictures:
         self._forms = forms
 
     def add(self, name: str, figure: Figure, prefix: str = "") -> str:
-        """Keep a figure, and show it in the page."""
+        """Keep a figure; returns it in base64, as the page has it."""
         for form in self._forms:
             self.files[f"{prefix}{name}.{form}"] = picture(figure, form)
         data = self.files.get(f"{prefix}{name}.{VECTOR}") or picture(figure, VECTOR)
-        source = f"data:image/svg+xml;base64,{base64.b64encode(data).decode()}"
-        return f'<figure><img src="{source}" alt="{name}"><figcaption>{CAPTIONS[name]}</figcaption></figure>'
+        return base64.b64encode(data).decode()
 
 
 def write_report(
@@ -317,11 +319,11 @@ def write_report(
     several = len(runs) > 1
     groups = group_runs(runs)
     with figure_style():
-        comparison = _comparison(runs, groups, pictures) if several else ""
+        comparison = _comparison(runs, groups, pictures) if several else None
         is_long = has_several_seeds(groups) and len(runs) > SECTIONS_MAX
         told = [] if is_long else list(enumerate(runs, 1))
         sections = [_run_section(run, number if several else None, pictures) for number, run in told]
-    page = _page(runs, comparison + "".join(sections))
+    page = _page(runs, comparison, sections)
     paths = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -335,19 +337,27 @@ def write_report(
     return WrittenReport(page=folder / "report.html", figures=paths)
 
 
-def _page(runs: Sequence[RunData], body: str) -> str:
-    names = safe_html(", ".join(run.name for run in runs), 200)
-    title = f"Run {names}" if len(runs) == 1 else f"{len(runs)} runs: {names}"
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{STYLE}</style></head><body><h1>{title}</h1>{body}</body></html>\n"
+def _page(runs: Sequence[RunData], comparison: Comparison | None, sections: Sequence[RunSection]) -> str:
+    names = safe_text(", ".join(run.name for run in runs), 200)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("robrain.lab.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["harmless"] = safe_text
+    return environment.get_template("report.html").render(
+        title=f"Run {names}" if len(runs) == 1 else f"{len(runs)} runs: {names}",
+        comparison=comparison,
+        sections=sections,
+        rows_max=ROWS_MAX,
     )
 
 
-def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> str:
-    drawn, missing = [], []
+def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> RunSection:
+    prefix = "" if number is None else f"run{number}_"
+    drawn, missing = {}, []
     for name, draw in FIGURES.items():
         if number is not None and name == "explored":
             continue  # it is in the comparison
@@ -355,71 +365,44 @@ def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> str:
         if figure is None:
             missing.append(name)
         else:
-            drawn.append(pictures.add(name, figure, "" if number is None else f"run{number}_"))
-    heading = "" if number is None else f"<h2>{safe_html(run.name, 200)}</h2>"
-    left_out = f"<p>Nothing was recorded to draw of: {', '.join(missing)}.</p>" if missing else ""
-    tables = _left(run) + _happenings(run) + _tasks(run) + _origin(run)
-    return heading + _lead(run) + _tiles(run) + _positions(run) + "".join(drawn) + left_out + tables
-
-
-def _lead(run: RunData) -> str:
+            drawn[name] = pictures.add(name, figure, prefix)
     told = run.contents.run
     words = [f"{name} {told[name]}" for name in ("scenario", "seed", "drive", "team") if told.get(name)]
-    ending = "its end is missing" if run.contents.info.truncated else ""
-    return f'<p class="lead">{safe_html("; ".join(filter(None, [str(run.path.name), *words, ending])), 500)}</p>'
-
-
-def _tiles(run: RunData) -> str:
-    tiles = (
-        f"<div class='tile'><b>{_number(value)}</b><span>{name}</span></div>" for name, value in totals(run).items()
+    words += ["its end is missing"] if run.contents.info.truncated else []
+    return RunSection(
+        heading="" if number is None else run.name,
+        lead="; ".join([run.path.name, *words]),
+        totals={name: _number(value) for name, value in totals(run).items()},
+        positions=_positions(run),
+        drawn=drawn,
+        missing=missing,
+        tables=[_left(run), _happenings(run), _tasks(run), _origin(run)],
     )
-    return f'<div class="tiles">{"".join(tiles)}</div>'
 
 
-def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _Pictures) -> str:
+def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _Pictures) -> Comparison:
+    compared = [totals(run) for run in runs]
     if has_several_seeds(groups):
-        table = _group_table(groups) + _seed_table(runs)
+        names = [f"{group.name} ({len(group.runs)} seeds)" if len(group.runs) > 1 else group.name for group in groups]
+        rows = {
+            total: [_mean_text(group.mean(total), len(group.runs)) for group in groups] for total in names_of(compared)
+        }
+        head = ("run", "*seed", *(f"*{total}" for total in COMPARED))
+        seeds = ReportTable(
+            f"Runs ({len(runs)})",
+            head,
+            [
+                (run.name, run.contents.run.get("seed", "–"), *(_number(each[total]) for total in COMPARED))
+                for run, each in zip(runs, compared, strict=True)
+            ],
+        )
         drawn = {"explored": grouped_explored_figure(groups), "comparison": grouped_comparison_figure(groups)}
     else:
-        table = _run_table(runs)
+        names, seeds = [run.name for run in runs], None
+        rows = {total: [_number(each.get(total)) for each in compared] for total in names_of(compared)}
         drawn = {"explored": figures.explored_figure(list(runs)), "comparison": comparison_figure(list(runs))}
-    shown = [pictures.add(name, figure) for name, figure in drawn.items() if figure is not None]
-    sides = _two_runs_table(runs[0], runs[1]) if len(runs) == 2 else ""
-    return f"<h2>Compared</h2>{table}{''.join(shown)}{sides}"
-
-
-def _run_table(runs: Sequence[RunData]) -> str:
-    compared = [totals(run) for run in runs]
-    names = [run.name for run in runs]
-    rows = {total: [_number(each.get(total)) for each in compared] for total in names_of(compared)}
-    return _total_table(names, rows)
-
-
-def _group_table(groups: Sequence[RunGroup]) -> str:
-    names = [f"{group.name} ({len(group.runs)} seeds)" if len(group.runs) > 1 else group.name for group in groups]
-    rows = {
-        total: [_mean_text(group.mean(total), len(group.runs)) for group in groups]
-        for total in names_of(totals(run) for group in groups for run in group.runs)
-    }
-    return _total_table(names, rows)
-
-
-def _total_table(names: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    head = "".join(f'<th class="number">{safe_html(name, 60)}</th>' for name in names)
-    body = "".join(
-        f"<tr><th>{total}</th>{''.join(f'<td class=number>{cell}</td>' for cell in cells)}</tr>"
-        for total, cells in rows.items()
-    )
-    return f"<table><tr><th></th>{head}</tr>{body}</table>"
-
-
-def _seed_table(runs: Sequence[RunData]) -> str:
-    head = ("run", "*seed", *(f"*{total}" for total in COMPARED))
-    rows = []
-    for run in runs:
-        told = totals(run)
-        rows.append((run.name, run.contents.run.get("seed", "–"), *(_number(told[total]) for total in COMPARED)))
-    return _details(f"Runs ({len(rows)})", head, rows)
+    shown = {name: pictures.add(name, figure) for name, figure in drawn.items() if figure is not None}
+    return Comparison(names, rows, seeds, shown, _two_runs_table(*runs) if len(runs) == 2 else None)
 
 
 def _mean_text(mean: MeanInterval | None, runs: int) -> str:
@@ -431,16 +414,14 @@ def _mean_text(mean: MeanInterval | None, runs: int) -> str:
     return mean.words(max(0, 1 - math.floor(math.log10(mean.width / 2)))) + few
 
 
-def _two_runs_table(one: RunData, two: RunData) -> str:
+def _two_runs_table(one: RunData, two: RunData) -> ReportTable:
     """The table of two runs, as `robrain diff` prints it."""
     rows = TwoRuns(first=outcome_of(one), second=outcome_of(two)).rows
-    head = ("of", "what", *(f"*{safe_html(run.name, 60)}" for run in (one, two)), "*difference")
-    return _details("Who did what", head, [(row.group, row.name, *text_of(row)) for row in rows], is_open=True)
+    head = ("of", "what", *(f"*{run.name}" for run in (one, two)), "*difference")
+    return ReportTable("Who did what", head, [(row.group, row.name, *text_of(row)) for row in rows], is_open=True)
 
 
-def _happenings(run: RunData) -> str:
-    if not run.happenings:
-        return ""
+def _happenings(run: RunData) -> ReportTable:
     head = ("*from (s)", "*well at (s)", "what", "who", "why")
     rows = [
         (
@@ -452,13 +433,13 @@ def _happenings(run: RunData) -> str:
         )
         for happening in run.happenings
     ]
-    return _details(f"Faults and recoveries ({len(rows)})", head, rows)
+    return ReportTable(f"Faults and recoveries ({len(rows)})", head, rows)
 
 
-def _left(run: RunData) -> str:
-    """What exploration had left at the end; empty if that was not recorded or is nothing."""
+def _left(run: RunData) -> ReportTable:
+    """What exploration had left at the end; no rows if that was not recorded or is nothing."""
     if run.left is None or not run.left.regions:
-        return ""
+        return ReportTable("", (), ())
     rows = [
         (
             region.kind.value.replace("_", " "),
@@ -472,10 +453,10 @@ def _left(run: RunData) -> str:
     if run.left.more:
         rows.append((f"{run.left.more} smaller", "", f"{run.left.more_m2:.1f}", "", ""))
     head = ("kind", "x, y (m)", "*area (m²)", "box (m)", "why")
-    return _details(f"Left to explore ({len(run.left.regions) + run.left.more})", head, rows, is_open=True)
+    return ReportTable(f"Left to explore ({len(run.left.regions) + run.left.more})", head, rows, is_open=True)
 
 
-def _positions(run: RunData) -> str:
+def _positions(run: RunData) -> ReportTable:
     told = {name: run.robots[name].accuracy for name in sorted(run.robots, key=natural_key)}
     rows = []
     for name, accuracy in told.items():
@@ -494,42 +475,25 @@ def _positions(run: RunData) -> str:
             accuracy.longest_silent_divergence_s,
         )
         rows.append((name, *map(_number, numbers)))
-    if not rows:
-        return ""
     errors = ("*RMSE (m)", "*largest (m)", "*yaw RMSE (°)", "*NEES x, y", "*with yaw", "*in 95 % (%)")
     head = ("robot", *errors, "*lost (s)", "*silently off (s)", "*longest (s)")
-    return _details(f"Positions ({len(rows)})", head, rows, is_open=True)
+    return ReportTable(f"Positions ({len(rows)})", head, rows, is_open=True)
 
 
-def _tasks(run: RunData) -> str:
-    if not run.tasks:
-        return ""
+def _tasks(run: RunData) -> ReportTable:
     times = ("*asked (s)", "*begun (s)", "*ended (s)", "*predicted (J)", "*measured (J)")
     rows = []
     for task in run.tasks.values():
         numbers = (task.queued_s, task.started_s, task.ended_s, task.predicted_j, task.measured_j)
         texts = (task.name, task.kind, task.state.replace("_", " "), task.robot)
         rows.append((*texts, *map(_number, numbers), task.why))
-    return _details(f"Tasks ({len(rows)})", ("task", "kind", "state", "robot", *times, "why"), rows)
+    return ReportTable(f"Tasks ({len(rows)})", ("task", "kind", "state", "robot", *times, "why"), rows)
 
 
-def _origin(run: RunData) -> str:
+def _origin(run: RunData) -> ReportTable:
     contents = run.contents
     told = {**contents.run, **contents.host, **contents.versions, **contents.summary}
-    return _details("Where it comes from", ("what", "value"), list(told.items()))
-
-
-def _details(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, is_open: bool = False) -> str:
-    """A table that opens with a click, or is open; all that is in it is escaped. Columns with a star hold numbers."""
-    kinds = [' class="number"' if name.startswith("*") else "" for name in head]
-    heads = "".join(f"<th{kind}>{name.lstrip('*')}</th>" for kind, name in zip(kinds, head, strict=True))
-    body = "".join(
-        f"<tr>{''.join(f'<td{kind}>{safe_html(text, 300)}</td>' for kind, text in zip(kinds, row, strict=True))}</tr>"
-        for row in rows[:ROWS_MAX]
-    )
-    more = f"<p>The first {ROWS_MAX} of {len(rows)}.</p>" if len(rows) > ROWS_MAX else ""
-    table = f"<summary>{title}</summary><table><tr>{heads}</tr>{body}</table>{more}"
-    return f"<details{' open' if is_open else ''}>{table}</details>"
+    return ReportTable("Where it comes from", ("what", "value"), list(told.items()))
 
 
 def _number(value: float | None) -> str:

@@ -159,7 +159,7 @@ def test_runs_of_several_seeds_are_compared_by_mean_and_interval_and_have_no_sec
     totals_m = [totals(read_run(path))["Distance (m)"] for path in of_seeds[:3]]
     found = mean_interval([each for each in totals_m if each is not None])
     assert found is not None
-    told = re.search(r"<th>Distance \(m\)</th><td class=number>([\d.]+) \[([\d.]+), ([\d.]+)\]</td>", table)
+    told = re.search(r'<th>Distance \(m\)</th><td class="number">([\d.]+) \[([\d.]+), ([\d.]+)\]</td>', table)
     assert told is not None
     numbers = [float(number) for number in told.groups()]
     assert numbers == pytest.approx([found.mean, found.low, found.high], abs=0.1 * found.width)
