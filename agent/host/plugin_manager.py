@@ -32,6 +32,7 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.lifecycle.worker_pool import WorkerPool, run_in_turn
 from robrain.agent.manifest import Manifest, read_manifest
 from robrain.agent.plugin import Level, PluginState
+from robrain.protocol.backoff import backoff_s
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import NS_PER_S, to_ns
 
@@ -39,8 +40,6 @@ FLOOD_DROPS_A_SECOND = 1000
 """A plugin whose notifications overflow others' mailboxes faster than this floods."""
 STEADY_S = 60.0
 """A plugin that has run for so long has its restarts forgiven."""
-DOUBLINGS = 64
-"""More of them make no difference."""
 HUNG_PERIOD_NS = to_ns(0.1)
 
 
@@ -104,9 +103,7 @@ class FaultDesk:
         if policy.restart != "on-failure" or attempts >= policy.restart_limit:
             self._cases[plugin.name] = _Case(plugin, None, attempts=attempts)
             return
-        # 2.0 to the power of a thousand restarts has no place in a float.
-        wait_s = min(policy.backoff_s * 2.0 ** min(attempts, DOUBLINGS), policy.backoff_max_s)
-        again_ns = now_ns + to_ns(wait_s)
+        again_ns = now_ns + to_ns(backoff_s(attempts + 1, policy.backoff_s, policy.backoff_max_s))
         self._cases[plugin.name] = _Case(plugin, again_ns, attempts=attempts + 1)
         self.look_ns = min(self.look_ns, again_ns)
 

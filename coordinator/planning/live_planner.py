@@ -32,6 +32,7 @@ from robrain.coordinator.planning.worker_link import (
     receive,
     send,
 )
+from robrain.protocol.backoff import Backoff
 
 MODULE = "robrain.coordinator.planning.worker_main"
 EXIT_S = 20.0
@@ -177,7 +178,7 @@ class LivePlanner:
         """Number of the last request that is complete."""
         self._lost = (0, 0)
         """The request that was running when a process was lost, and how many processes it has lost."""
-        self._pause_s = FIRST_PAUSE_S
+        self._backoff = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
         self._received_s = 0.0
         self._is_ready = False
         self._wake = threading.Event()
@@ -230,8 +231,7 @@ class LivePlanner:
             why = self._run_one()
             if self._has_ended.is_set():
                 return
-            pause_s = self._pause_s
-            self._pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+            pause_s = self._backoff.fail(time.monotonic())
             logger.warning("the planner's process %s; there is another in %g s", why, pause_s)
             self._record_lost()
             self._has_ended.wait(pause_s)
@@ -305,5 +305,5 @@ class LivePlanner:
                 logger.error("no plan could be made: %s", why)
             case Done(number):
                 self._answered = number
-                self._pause_s = FIRST_PAUSE_S
+                self._backoff.succeed()
         self._wake.set()

@@ -14,14 +14,17 @@ import viser
 from robrain.dashboard.parts import parts_of
 from robrain.dashboard.scene.merged_meshes import MergedMeshes
 from robrain.dashboard.scene.meshes import Mesh
-from robrain.dashboard.server.retry import Retry
 from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.shown_team import ShownTeam
+from robrain.protocol.backoff import Backoff
 from robrain.protocol.table.topic import Topic
 from robrain.recording.drawing.palette import Rgb
 
 logger = logging.getLogger(__name__)
+
+FIRST_RETRY_S, LONGEST_RETRY_S = 5.0, 300.0
+"""Pause after the first failure to draw, and the longest one."""
 
 MANY_ROBOTS = 25
 SLOWER = 3.0
@@ -49,7 +52,7 @@ class Layer(ABC):
         self._root = scene.add_frame(f"/{self.name}", show_axes=False, visible=self.shown_at_first)
         self._drawn_s: float | None = None
         self._wanted = self.shown_at_first
-        self.retry = Retry()
+        self.retry = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S)
         """Schedules the next drawing after an error."""
         self.needed = self.shown_at_first
         """Whether any browser shows it; if not, it is not drawn."""
@@ -72,7 +75,7 @@ class Layer(ABC):
     @property
     def failing(self) -> bool:
         """Whether the last drawing failed; the layer is hidden until one succeeds."""
-        return self.retry.failing
+        return self.retry.failures > 0
 
     def draw(self, view: ShownTeam, now_s: float) -> None:
         """Draw what changed, if drawing is due.

@@ -12,14 +12,14 @@ import viser
 from robrain.dashboard.html.team_html import (
     strip_html,
 )
-from robrain.dashboard.layers.layer import switches_of, troubles_of
+from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, switches_of, troubles_of
 from robrain.dashboard.layers.selection import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.dashboard.panels.gui_values import set_html
 from robrain.dashboard.panels.page_context import PageContext, Tab
 from robrain.dashboard.parts import parts_of
-from robrain.dashboard.server.retry import Retry
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.shown_team import ShownTeam
+from robrain.protocol.backoff import Backoff
 
 ACTIONS = 256
 PERIOD_S = 0.4
@@ -44,7 +44,7 @@ class ClientPage:
         self.dark = True
         self.switches = switches_of(client, context.scene.layers)
         """Which layers this browser shows."""
-        self.retry = Retry()
+        self.retry = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S)
         """Schedules the next update after an error."""
         self._actions: deque[Callable[[], None]] = deque(maxlen=ACTIONS)
         self._drawn_s: float | None = None

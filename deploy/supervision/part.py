@@ -12,6 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.deploy.processes.children import STOP_TIMEOUT_S
+from robrain.protocol.backoff import backoff_s
 from robrain.protocol.model.ranges import check_not_negative, check_positive
 
 LONGEST_LOOK_S = 0.5
@@ -47,7 +48,7 @@ class RestartPolicy(msgspec.Struct, frozen=True, kw_only=True):
 
     def delay_s(self, failures: int) -> float:
         """From the last of so many failures to the next start."""
-        return min(self.first_delay_s * self.factor ** min(failures - 1, 64), self.longest_delay_s)
+        return backoff_s(failures, self.first_delay_s, self.longest_delay_s, self.factor)
 
 
 class Phase(StrEnum):

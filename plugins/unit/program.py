@@ -31,6 +31,7 @@ from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.plugin import Unit, external
+from robrain.protocol.backoff import backoff_s
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.model.ranges import check_not_negative, check_positive
@@ -468,8 +469,8 @@ class Program(Unit):
                 self._restarts = 0
             if self.parameters.restart == "no" or self._restarts >= self.parameters.restart_limit:
                 raise ProgramEnded(self.env.plugin, self._why)
-            wait_s = min(BACKOFF_S * 2**self._restarts, LONGEST_BACKOFF_S)
             self._restarts += 1
+            wait_s = backoff_s(self._restarts, BACKOFF_S, LONGEST_BACKOFF_S)
             self._again_s = time.monotonic() + wait_s
             logger.warning("%s: %s, and is started again in %g s", self.env.plugin, self._why, wait_s)
 

@@ -6,11 +6,11 @@ from unittest.mock import MagicMock
 import pytest
 import viser
 
-from robrain.dashboard.layers.layer import Layer, LayerSwitch, troubles_of
-from robrain.dashboard.server.retry import FIRST_S, LONGEST_S, Retry
+from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, Layer, LayerSwitch, troubles_of
 from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.shown_team import ShownTeam
+from robrain.protocol.backoff import Backoff
 
 
 class Fickle(Layer):
@@ -34,14 +34,14 @@ def scene() -> viser.SceneApi:
 
 
 def test_pauses_between_tries_double_up_to_five_minutes_and_begin_small_again_after_a_success() -> None:
-    retry = Retry()
+    retry = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S)
     assert retry.is_due(0.0)
-    assert [retry.fail(0.0) for _ in range(8)] == [5.0, 10.0, 20.0, 40.0, 80.0, 160.0, LONGEST_S, LONGEST_S]
-    assert not retry.is_due(LONGEST_S - 0.1)
-    assert retry.is_due(LONGEST_S)
+    assert [retry.fail(0.0) for _ in range(8)] == [5.0, 10.0, 20.0, 40.0, 80.0, 160.0, LONGEST_RETRY_S, LONGEST_RETRY_S]
+    assert not retry.is_due(LONGEST_RETRY_S - 0.1)
+    assert retry.is_due(LONGEST_RETRY_S)
     assert retry.succeed() == 8
     assert retry.is_due(0.0)
-    assert retry.fail(0.0) == FIRST_S
+    assert retry.fail(0.0) == FIRST_RETRY_S
 
 
 def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_again(
@@ -66,10 +66,10 @@ def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_ag
     assert switch.shown  # the box stays ticked, as the person wants it
     assert troubles_of([switch], 1.0) == [Alert(AlertLevel.WARN, "Picture", "Fickle cannot be drawn; next try in 5 s")]
     layer.fails = False
-    draw(1.0 + FIRST_S - 0.1)
+    draw(1.0 + FIRST_RETRY_S - 0.1)
     assert layer.tries == 2
     assert visible() == (False, False)
-    draw(1.0 + FIRST_S)
+    draw(1.0 + FIRST_RETRY_S)
     assert layer.tries == 3
     assert visible() == (True, True)
     assert troubles_of([switch], 10.0) == []

@@ -3,10 +3,10 @@ import time
 
 import pytest
 import viser
+from robrain.dashboard.server.retry import FIRST_S
 
 from robrain.dashboard import Dashboard
 from robrain.dashboard.layers.marker_layers import ChargerLayer
-from robrain.dashboard.server.retry import FIRST_S
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.protocol.errors import PortTaken, WireError
 from robrain.protocol.wire.endpoint import Endpoint

@@ -12,7 +12,8 @@ from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
-from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.backoff import Backoff
+from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.ranges import check_not_negative, check_positive
 from robrain.protocol.serial.serial_line import write_at_once
@@ -50,36 +51,6 @@ class PacketLink(Protocol):
         """Let go of it."""
 
 
-class Backoff:
-    """When to try again: each failure doubles the wait, up to a limit."""
-
-    def __init__(self, first_s: float, longest_s: float) -> None:
-        self._first_ns, self._longest_ns = to_ns(first_s), to_ns(longest_s)
-        self._wait_ns = self._first_ns
-        self._due_ns = 0
-        self.tries = 0
-        """Failures since it last succeeded."""
-
-    def wait_s(self, now_ns: int) -> float:
-        """Until the next try; 0 if it is due."""
-        return 0.0 if self.is_due(now_ns) else (self._due_ns - now_ns) / NS_PER_S
-
-    def is_due(self, now_ns: int) -> bool:
-        """Whether to try now."""
-        return now_ns >= self._due_ns
-
-    def failed(self, now_ns: int) -> None:
-        """It failed again."""
-        self.tries += 1
-        self._due_ns = now_ns + self._wait_ns
-        self._wait_ns = min(2 * self._wait_ns, self._longest_ns)
-
-    def succeeded(self) -> None:
-        """The next failure is the first one."""
-        self.tries = 0
-        self._wait_ns = self._first_ns
-
-
 SERIAL_CHUNK_BYTES = 16_384
 
 
@@ -113,7 +84,7 @@ class SerialLineLink:
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step; also where packets are sent again."""
         if self._port is None:
-            if self._backoff.is_due(now_ns):
+            if self._backoff.is_due(to_seconds(now_ns)):
                 self._open_again(now_ns)
             return []
         try:
@@ -164,11 +135,11 @@ class SerialLineLink:
         try:
             self._port = self._open()
         except (OSError, ValueError):
-            self._backoff.failed(now_ns)
+            self._backoff.fail(to_seconds(now_ns))
             return
         self._down_reason, self._left = "", b""
         self._reopened += 1
-        self._backoff.succeeded()
+        self._backoff.succeed()
 
     def _write(self, now_ns: int) -> None:
         assert self._port is not None
@@ -179,7 +150,7 @@ class SerialLineLink:
     def _lose(self, error: OSError, now_ns: int) -> None:
         self.close()
         self._down_reason = f"{self._device}: {error}"
-        self._backoff.failed(now_ns)
+        self._backoff.fail(to_seconds(now_ns))
 
 
 class SimulatedAirLink:
@@ -272,7 +243,7 @@ class SfLink:
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step; a lost connection is sought again when its time has come."""
         if self._socket is None:
-            if self._backoff.is_due(now_ns):
+            if self._backoff.is_due(to_seconds(now_ns)):
                 self._connect(now_ns)
             return []
         packets = deque(self._early, maxlen=self._capacity)
@@ -295,8 +266,8 @@ class SfLink:
             if self._decoder.has_greeted:
                 self._down_reason = ""
                 self._reconnects += 1
-                self._backoff.succeeded()
-            elif self._backoff.is_due(now_ns):
+                self._backoff.succeed()
+            elif self._backoff.is_due(to_seconds(now_ns)):
                 self._lose("nobody greets", now_ns)
         return list(packets)
 
@@ -329,7 +300,7 @@ class SfLink:
 
     def _connect(self, now_ns: int) -> None:
         """Begin a connection; whether it comes about shows when something is sent or received."""
-        self._backoff.failed(now_ns)  # until the forwarder has greeted
+        self._backoff.fail(to_seconds(now_ns))  # until the forwarder has greeted
         self._decoder = PacketDecoder()
         self._to_send = GREETING
         self._socket = socket.socket(self._family, socket.SOCK_STREAM)
@@ -345,8 +316,8 @@ class SfLink:
         self.close()
         self._down_reason = f"{self._address[0]}:{self._address[1]}: {why}"
         self._to_send = b""
-        if self._backoff.is_due(now_ns):
-            self._backoff.failed(now_ns)
+        if self._backoff.is_due(to_seconds(now_ns)):
+            self._backoff.fail(to_seconds(now_ns))
 
 
 POLL_S = 0.05
@@ -525,8 +496,8 @@ class MoteBase(Device):
             is_up=False,
             why_down=(self._link.why_down() if self._link is not None else "") or self._reported_down,
             down_s=(now_ns - self._down_ns) / NS_PER_S,
-            tries=self._backoff.tries,
-            next_try_s=self._backoff.wait_s(now_ns),
+            tries=self._backoff.failures,
+            next_try_s=self._backoff.wait_s(to_seconds(now_ns)),
         )
 
     def _take(self, packets: list[bytes], dropped: int, now_ns: int) -> None:

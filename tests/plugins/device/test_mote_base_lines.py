@@ -7,7 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robrain.plugins.device.mote_base.mote_base import MAX_UNSENT_BYTES, Backoff, SfLink
+from robrain.plugins.device.mote_base.mote_base import MAX_UNSENT_BYTES, SfLink
+from robrain.protocol.backoff import Backoff
 from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.tinyos.serial_line import Deframer, frame
 from tests.waiting import PATIENCE_S, until

@@ -3,7 +3,8 @@
 import pytest
 
 from robrain.plugins.device.mote_base import mote_base
-from robrain.plugins.device.mote_base.mote_base import Backoff, SerialLineLink
+from robrain.plugins.device.mote_base.mote_base import SerialLineLink
+from robrain.protocol.backoff import Backoff
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.tinyos.serial_line import frame
 
