@@ -25,7 +25,6 @@ from robrain.deploy.command_line.options import (
     above_zero,
     until_explored,
 )
-from robrain.deploy.command_line.output import print_note
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -113,8 +112,7 @@ def up(
         world = chosen.world()
         names = [robot.name for robot in world.robots]
         place = world.first_place() if chosen.starts_known else None
-        if place is not None and not as_json:
-            print_note(f"a first task, once the robots are up: robrain task add visit --at {place.x_m:g},{place.y_m:g}")
+        task = "" if place is None or as_json else f"robrain task add visit --at {place.x_m:g},{place.y_m:g}"
         optional = {DASHBOARD: dashboard, STAND_BY: stand_by, RECORDER: record is not None}
         plan = UpPlan(
             name=chosen.name,
@@ -130,6 +128,7 @@ def up(
             dashboard_port=port,
             is_secured=secured or pki is not None,
             pki=pki,
+            first_task=task,
         )
     result = up_command(plan._replace(until_explored=target, time_limit_s=limit_s), as_json=as_json)
     if result.given_up:

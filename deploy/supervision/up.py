@@ -483,6 +483,8 @@ class UpPlan(NamedTuple):
     """Addresses at which a secured team's router is reached, beside loopback."""
     until_explored: float | None = None
     time_limit_s: float | None = None
+    first_task: str = ""
+    """A command that submits one, told to the user; empty if there is none to tell."""
     quiet: bool = False
     """Report nothing while kernels are compiled."""
 
@@ -630,6 +632,8 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
         wire = Endpoint(session, plan.team, LiveClock(), Drive.LIVE)
         closing.callback(wire.close)
         watch = TeamWatch(wire, plan.robots)
+        if plan.first_task:
+            say(f"a first task, once the robots are up: {plan.first_task}")
         parts = parts_of(plan, Site(folder, endpoint, plan.team, watch, is_loopback(endpoint)), printed)
         if credentials is not None:
             parts = [credentials.shown_by(part) for part in parts]

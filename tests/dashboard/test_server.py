@@ -3,9 +3,9 @@ import time
 
 import pytest
 import viser
-from robrain.dashboard.server.retry import FIRST_S
 
 from robrain.dashboard import Dashboard
+from robrain.dashboard.layers.layer import FIRST_RETRY_S
 from robrain.dashboard.layers.marker_layers import ChargerLayer
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.protocol.errors import PortTaken, WireError
@@ -50,7 +50,7 @@ def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
     dashboard = Dashboard(endpoint, port=0)
     try:
         now_s = time.monotonic()
-        for later_s in (0.0, FIRST_S - 1.0):  # nobody looks on: it is drawn once a second
+        for later_s in (0.0, FIRST_RETRY_S - 1.0):  # nobody looks on: it is drawn once a second
             dashboard.step(now_s + later_s)
         hidden = [layer.label for layer in dashboard._scene.layers if not layer.shown]
         assert ChargerLayer.label in hidden
