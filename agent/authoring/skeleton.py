@@ -1,6 +1,8 @@
 """The skeleton of a plugin: class, manifest and a test that passes (the paper's new_plugin.sh)."""
 
 import keyword
+from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -18,12 +20,8 @@ TAKEN_CLASS_NAMES = {
 
 
 class Example(NamedTuple):
-    """What a plugin of one level does, as an example."""
+    """What a plugin of one level does, as an example; its class is in `templates/LEVEL.py.txt`."""
 
-    imported: str
-    """Names of robrain that it imports."""
-    body: str
-    """The class below its docstring."""
     requires: tuple[str, ...]
     called: str
     """External function that the test calls; empty if it looks at the task's kind."""
@@ -31,132 +29,14 @@ class Example(NamedTuple):
     """What the test expects: operator and value."""
 
 
-CLASS = Template('''\
-"""What is $name for? Say it here."""
-
-${before}from robrain import $imported
-
-$parameters
-class $class_name($base):
-    """What does $name do? Say it here; the team reads the first line."""
-$active$body''')
-BEFORE_BEHAVIOR = """\
-from collections.abc import Generator
-from typing import Any
-
-"""
-TASK_PARAMETERS = Template('''
-class ${class_name}Task(TaskParameters, frozen=True, kw_only=True):
-    """Wait at the task's place. Result: `waited_s`."""
-
-    wait_s: float = 1.0
-
-''')
 EXAMPLES = {
-    Level.DEVICE: Example(
-        "Device, external",
-        '''
-    @external
-    def read(self) -> float:
-        """Read the sensor, in SI units; here a constant in place of a bus."""
-        return 21.5
-''',
-        (),
-        "read",
-        "== 21.5",
-    ),
-    Level.UNIT: Example(
-        "ScanInterface, Unit, external",
-        '''
-    def activate(self) -> None:
-        self.scan = self.env.use("scan", ScanInterface)
-
-    @external
-    def nearest_m(self) -> float | None:
-        """Range of the nearest thing that the lidar sees; None before the first scan."""
-        scan = self.scan.latest()
-        return None if scan is None else min(scan.beam_ranges_m, default=None)
-''',
-        ("scan",),
-        "nearest_m",
-        "is None",
-    ),
-    Level.SKILL: Example(
-        "DriverInterface, Skill, external",
-        '''
-    def activate(self) -> None:
-        self.driver = self.env.use("driver", DriverInterface)
-
-    @external
-    def nudge(self, distance_m: float = 0.1) -> str:
-        """Drive straight ahead; returns the id of the driver's action."""
-        return self.driver.drive(distance_m)
-''',
-        ("driver",),
-        "nudge",
-        '== "drive-1"',
-    ),
+    Level.DEVICE: Example((), "read", "== 21.5"),
+    Level.UNIT: Example(("scan",), "nearest_m", "is None"),
+    Level.SKILL: Example(("driver",), "nudge", '== "drive-1"'),
     Level.BEHAVIOR: Example(
-        "Errand, Task, TaskParameters, Work",
-        '''
-    kind = "$name"
-
-    def work(self, task: Task, parameters: ${class_name}Task) -> Work:
-        """Cost of the task at its place, for the plan."""
-        return Work(wait_s=parameters.wait_s)
-
-    def do(self, task: Task, parameters: ${class_name}Task) -> Generator[None, None, dict[str, Any]]:
-        """Do the task at its place; each `yield` waits for the next step."""
-        yield from self.wait(parameters.wait_s)
-        return {"waited_s": parameters.wait_s}
-''',
-        ("driver", "teammates", "localisation", "mapper", "planner", "energy", "home"),
-        "",
-        '== "$name"',
+        ("driver", "teammates", "localisation", "mapper", "planner", "energy", "home"), "", '== "$name"'
     ),
 }
-ACTIVE = """
-    period_s = 1.0
-
-    def init(self) -> None:
-        self.steps = 0
-
-    def step(self) -> None:
-        self.steps += 1
-"""
-
-MANIFEST = Template("""\
-[plugin]
-class = "$name:$class_name"
-
-[parameters]
-
-[tag]
-visibility = [$visibility] # who may call it; "command" is the outside, "*" any plugin
-requires = [$requires] # the plugins that it calls, of lower levels
-""")
-
-TEST = Template('''\
-"""What $name promises, on a robot of its own; time passes only in `run`."""
-
-from pathlib import Path
-
-from robrain.testing import PluginBench
-
-
-def test_${name}_does_what_it_promises() -> None:
-    with PluginBench(Path(__file__).parent) as bench:
-        assert $call $result
-$active_test''')
-ACTIVE_TEST = Template("""
-
-def test_${name}_takes_a_step_a_second() -> None:
-    with PluginBench(Path(__file__).parent) as bench:
-        bench.run(5.0)
-        before = bench.plugin("$name").steps
-        bench.run(3.0)
-        assert bench.plugin("$name").steps == before + 3
-""")
 
 
 def write_skeleton(name: str, level: str, folder: Path, *, active: bool = False, hidden: bool = False) -> list[Path]:
@@ -180,34 +60,35 @@ def write_skeleton(name: str, level: str, folder: Path, *, active: bool = False,
     if level.upper() not in Level.__members__:
         known = ", ".join(each.name.lower() for each in Level)
         raise PluginError(name, f"unknown level {level!r}: expected one of {known}")
-    example = EXAMPLES[Level[level.upper()]]
+    kind = Level[level.upper()]
+    example = EXAMPLES[kind]
     call = f'bench.plugin("{name}").{example.called}()' if hidden else f'bench.call("{name}", "{example.called}")'
     is_task = not example.called
     steps = active and not is_task
-    names = {"name": name, "class_name": class_name}
     values = {
-        **names,
-        "before": BEFORE_BEHAVIOR if is_task else "",
-        "imported": example.imported,
-        "parameters": TASK_PARAMETERS.substitute(names) if is_task else "",
-        "base": f"Errand[{class_name}Task]" if is_task else level.title(),
-        "body": Template(example.body).substitute(names),
-        "active": ACTIVE if steps else "",
+        "name": name,
+        "class_name": class_name,
+        "active": _filled("step.py", {}) if steps else "",
         "visibility": "" if hidden else f'"{COMMAND}"',
         "requires": ", ".join(f'"{each}"' for each in example.requires),
         "call": f'bench.info("{name}").task_kind.kind' if is_task else call,
-        "result": Template(example.result).substitute(names),
-        "active_test": ACTIVE_TEST.substitute(name=name) if steps else "",
+        "result": Template(example.result).substitute(name=name),
+        "active_test": _filled("step_test.py", {"name": name}) if steps else "",
     }
     return _write(
         name,
         folder / name,
         {
-            f"{name}.py": CLASS.substitute(values),
-            f"{name}.toml": MANIFEST.substitute(values),
-            f"test_{name}.py": TEST.substitute(values),
+            f"{name}.py": _filled(f"{kind.name.lower()}.py", values),
+            f"{name}.toml": _filled("manifest.toml", values),
+            f"test_{name}.py": _filled("test.py", values),
         },
     )
+
+
+def _filled(template: str, values: Mapping[str, str]) -> str:
+    text = resources.files("robrain.agent.authoring").joinpath(f"templates/{template}.txt").read_text(encoding="utf-8")
+    return Template(text).substitute(values)
 
 
 def _checked_name(name: str) -> str:
