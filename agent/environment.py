@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
-from robrain.agent.event import Event, EventsOutside, EventView, Mailbox
+from robrain.agent.event import Event, EventsOutside, Mailbox, ObservableEvent
 from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
@@ -44,7 +44,7 @@ class PluginRequests(Protocol):
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """See Environment.use."""
 
-    def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
+    def observe(self, event: Event[Any] | ObservableEvent[Any], function: Callable[[Any], None]) -> None:
         """See Environment.observe."""
 
     def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:

@@ -131,7 +131,7 @@ class Event(Generic[T]):
             leave(value)
 
 
-class EventView(Generic[T]):
+class ObservableEvent(Generic[T]):
     """What a handle gives out in place of another plugin's event: it can be observed, and nothing else."""
 
     __slots__ = ("__event",)

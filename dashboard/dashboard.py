@@ -103,7 +103,7 @@ class Dashboard:
             now_s: seconds of a monotonic clock.
 
         """
-        self._source.hear(now_s)
+        self._source.receive(now_s)
         context = self._context
         view = context.view = self._source.view
         self._update_clients()

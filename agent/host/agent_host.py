@@ -21,11 +21,11 @@ from robrain.agent.board import HALTED, IDLE, Board
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor
-from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.host.host_extension import HostExtension, MakeExtension, make_extensions
 from robrain.agent.host.host_verbs import AT_ONCE, answer_verb
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, folder_of
+from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.host.robot_log import RobotLog
 from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.lifecycle.managed_plugin import NEVER_NS, ManagedPlugin
@@ -225,10 +225,10 @@ class AgentHost:
         self.log = RobotLog(self.wire, self.name)
         self._faults: dict[str, PluginFault] = {}
         self._down: set[str] = set()
-        self._telling = threading.Lock()
-        self._told = RobotState(robot=self.name)
+        self._publishing = threading.Lock()
+        self._published = RobotState(robot=self.name)
         self._published_facts = self.desk.facts
-        self.halting = HaltDesk(self.manager, self.wire, self.log, self._publish_halt)
+        self.halting = RobotHalts(self.manager, self.wire, self.log, self._publish_halt)
         self.door = TextCommandDoor(self._registry)
         self._manifests = manifests
         self._distributions = entry_point_places() if distributions is None else distributions
@@ -298,7 +298,7 @@ class AgentHost:
         now_ns = self.clock.now_ns()
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
-            halting.hear()
+            halting.receive()
         if now_ns - self._stepped_ns > STOOD_STILL_NS:
             self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
             for extension in self.extensions.values():
@@ -327,7 +327,7 @@ class AgentHost:
         self.desk.check_lease(now_ns)
         if self._registry.foreign is not None and self._registry.foreign.follow():
             self._registry.newly_running = True
-        if self._registry.new_faults or now_ns >= self.manager.faults.look_ns:
+        if self._registry.new_faults or now_ns >= self.manager.faults.check_ns:
             self._guard.stage("faults", None, self.manager.settle, now_ns)
         if self._schedule is not None:
             self._schedule.step(self._registry.plugins, now_ns)
@@ -359,7 +359,7 @@ class AgentHost:
         self._report_faults()
         self._published_facts = self.desk.facts
         standing = self.desk.standing(self.clock.now_ns())
-        with self._telling:
+        with self._publishing:
             state = RobotState(
                 robot=self.name,
                 pose=board.pose,
@@ -382,7 +382,7 @@ class AgentHost:
             )
             for extension in self.extensions.values():
                 state = extension.extend_state(state)
-            self._told = state
+            self._published = state
             self._state.put(self.halting.mark(state))
 
     def _loaded(self) -> int:
@@ -409,8 +409,8 @@ class AgentHost:
 
     def _publish_halt(self) -> None:
         """At once, on the thread that halted or resumed the robot; the rest is as it was sent last."""
-        with self._telling:
-            self._state.put(self.halting.mark(self._told))
+        with self._publishing:
+            self._state.put(self.halting.mark(self._published))
 
     def _reply_plugins(self, _request: Request[None]) -> list[PluginInfo]:
         return [*map(self.info, self._registry.plugins.values()), *self._registry.foreign_infos()]

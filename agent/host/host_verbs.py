@@ -14,8 +14,8 @@ from typing import Any, Generic, Protocol
 
 from robrain.agent.errors import ManifestError, PluginError
 from robrain.agent.host.command_door import TextCommandDoor
-from robrain.agent.host.halt_desk import HaltDesk
 from robrain.agent.host.plugin_manager import PluginManager
+from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.plugin_traceback import log_error, plugin_traceback
 from robrain.protocol.access.vouching import vouch_request
@@ -38,7 +38,7 @@ class VerbHost(Protocol):
 
     name: str
     manager: PluginManager
-    halting: HaltDesk
+    halting: RobotHalts
     door: TextCommandDoor
 
     @property

@@ -1,6 +1,6 @@
 """The live drive of one robot: a few threads for all its plugins, and the host's own loop.
 
-Emergency halts are heard on a thread that is neither; see `robrain.agent.host.halt_desk`.
+Emergency halts are heard on a thread that is neither; see `robrain.agent.host.robot_halts`.
 """
 
 import math
@@ -141,7 +141,7 @@ class PluginThreads:
     def _run(self) -> None:
         thread = threading.current_thread()
         own_name = thread.name
-        while (member := self._take()) is not None:
+        while (member := self._wait_for_turn()) is not None:
             thread.name = f"plugin-{member.plugin.name}"
             try:
                 member.turn()
@@ -154,7 +154,7 @@ class PluginThreads:
                 break  # it may have hung in there, and has been replaced
         self._threads.discard(thread)
 
-    def _take(self) -> DrivenPlugin | None:
+    def _wait_for_turn(self) -> DrivenPlugin | None:
         """Wait for a plugin whose turn is due; None if this thread is to end."""
         with self._changed:
             if self._waiting >= SPARE:

@@ -52,7 +52,7 @@ class _Case(msgspec.Struct):
     attempts: int = 0
 
 
-class FaultDesk:
+class FaultHandler:
     """Sees to faults in the host's own step, where no plugin's lock is held.
 
     Args:
@@ -75,8 +75,8 @@ class FaultDesk:
         self._drops: dict[str, int] = {}
         self._checked_ns = 0
         self._checked_hung_ns = 0
-        self.look_ns = 0
-        """When the next `look` has something to do, unless a plugin faults before."""
+        self.check_ns = 0
+        """When the next `check` has something to do, unless a plugin faults before."""
 
     def record(self, plugin: ManagedPlugin, now_ns: int) -> None:
         """Handle a fault: set the time of the restart, deactivate the plugin's users, and clean up after it."""
@@ -105,14 +105,14 @@ class FaultDesk:
             return
         again_ns = now_ns + to_ns(backoff_s(attempts + 1, policy.backoff_s, policy.backoff_max_s))
         self._cases[plugin.name] = _Case(plugin, again_ns, attempts=attempts + 1)
-        self.look_ns = min(self.look_ns, again_ns)
+        self.check_ns = min(self.check_ns, again_ns)
 
     def forget(self, plugin: ManagedPlugin) -> None:
         """A plugin is loaded again by hand, or has gone."""
         self._cases.pop(plugin.name, None)
         self._drops.pop(plugin.name, None)
 
-    def look(self, now_ns: int) -> None:
+    def check(self, now_ns: int) -> None:
         """Restart what is due; see who hangs and who floods."""
         for case in list(self._cases.values()):
             if case.again_ns is not None and now_ns >= case.again_ns and not self._registry.halted:
@@ -126,7 +126,7 @@ class FaultDesk:
         if now_ns - self._checked_ns >= NS_PER_S:
             self._check_floods(now_ns)
         restarts_ns = [case.again_ns for case in self._cases.values() if case.again_ns is not None]
-        self.look_ns = min([self._checked_hung_ns + HUNG_PERIOD_NS, *restarts_ns])
+        self.check_ns = min([self._checked_hung_ns + HUNG_PERIOD_NS, *restarts_ns])
 
     def _restart(self, case: _Case, now_ns: int) -> None:
         plugin = case.plugin
@@ -167,7 +167,7 @@ class FaultDesk:
 
 logger = logging.getLogger(__name__)
 
-LOOK_TIMEOUT_S = 10.0
+CHECK_TIMEOUT_S = 10.0
 """How long, in live, a load waits for the host's own look at faults, which is mostly over at once."""
 
 
@@ -185,7 +185,7 @@ class PluginManager:
         self.registry = registry
         self._guard = guard
         self._starter = Starter(self.registry)
-        self.faults = FaultDesk(self.registry, self._starter.begin, self.later)
+        self.faults = FaultHandler(self.registry, self._starter.begin, self.later)
         self._folders = PluginFolders([])
         self._changing = threading.Lock()
         """Held by a load, unload, reload or restart."""
@@ -355,7 +355,7 @@ class PluginManager:
             return
         try:
             self._see_to_faults(now_ns)
-            self.faults.look(now_ns)
+            self.faults.check(now_ns)
             if self.registry.newly_running and not (self.halted or self._begins_lacking):
                 self.registry.newly_running = False
                 self._begins_lacking = any(plugin.lacks for plugin in self.plugins.values())
@@ -422,7 +422,7 @@ class PluginManager:
             raise busy
         try:
             # In lockstep it is this thread that settles, and then waiting would not help.
-            if not self._active_goals.acquire(timeout=LOOK_TIMEOUT_S if self.registry.is_live else 0.0):
+            if not self._active_goals.acquire(timeout=CHECK_TIMEOUT_S if self.registry.is_live else 0.0):
                 raise busy
             try:
                 self._see_to_faults(self.registry.clock.now_ns())

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 from robrain.agent.environment import Environment
 from robrain.agent.errors import FOREIGN_ERRORS, AccessDenied, ForeignError, PluginBusy, PluginError, PluginUnloaded
-from robrain.agent.event import Event, EventView
+from robrain.agent.event import Event, ObservableEvent
 from robrain.agent.lifecycle.external_function import ExternalFunction, find_function
 from robrain.agent.lifecycle.turn import PluginLock
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest
@@ -125,7 +125,7 @@ class ExternalLeases:
         self._leases: dict[str, Lease] = {}
         """How long each was given for."""
 
-    def take(self, plugin: str, holder: str, lease_s: float) -> Lease:
+    def grant(self, plugin: str, holder: str, lease_s: float) -> Lease:
         """Give a plugin to a holder, from now on for so long; the holder's own lease is renewed by it.
 
         Raises:
@@ -221,7 +221,7 @@ class ExclusiveUse:
         with self._deciding:
             if self.inside:
                 raise PluginBusy(self._plugin, self.inside)
-            return self._leases.take(self._plugin, by, lease_s)
+            return self._leases.grant(self._plugin, by, lease_s)
 
 
 class Handle:
@@ -261,7 +261,7 @@ class Handle:
             raise AccessDenied(callee.name, f"{name} is not in {interface.__name__}, the interface of {callee.name}")
         value = getattr(callee.live_plugin(), name)
         if isinstance(value, Event):
-            return EventView(value)
+            return ObservableEvent(value)
         if not callable(value):
             return value
 

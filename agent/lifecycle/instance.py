@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from robrain.agent.environment import Environment, PluginRequests
-from robrain.agent.event import Event, EventView, Mailbox
+from robrain.agent.event import Event, Mailbox, ObservableEvent
 from robrain.agent.lifecycle.access import AccessiblePlugin, ExternalLeases
 from robrain.agent.lifecycle.plugin_code import PluginCode
 from robrain.agent.lifecycle.worker_pool import WorkerPool
@@ -137,10 +137,10 @@ class Holdings:
         """Where notifications wait for the plugin; another one after each `release`."""
         self._plugin = plugin
         self._context = context
-        self._observed: list[Event[Any] | EventView[Any]] = []
+        self._observed: list[Event[Any] | ObservableEvent[Any]] = []
         self._tasks: list[tuple[TaskDesk, str]] = []
 
-    def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
+    def observe(self, event: Event[Any] | ObservableEvent[Any], function: Callable[[Any], None]) -> None:
         """Have the plugin told of an event, through its mailbox."""
         event.add(function, self.mailbox)
         self._observed.append(event)

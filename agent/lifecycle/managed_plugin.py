@@ -21,7 +21,7 @@ from robrain.agent.errors import (
     PluginUnloaded,
     short_path,
 )
-from robrain.agent.event import Event, EventView, Mailbox
+from robrain.agent.event import Event, Mailbox, ObservableEvent
 from robrain.agent.lifecycle.access import (
     AccessiblePlugin,
     ExclusiveUse,
@@ -444,7 +444,7 @@ class ManagedPlugin:
             raise AccessDenied(name, f"{self.name} must name {name} in [tag] requires of {where} to use it")
         return cast(InterfaceT, self._context.request(self, name, interface))
 
-    def observe(self, event: Event[Any] | EventView[Any], function: Callable[[Any], None]) -> None:
+    def observe(self, event: Event[Any] | ObservableEvent[Any], function: Callable[[Any], None]) -> None:
         """Have the plugin told of an event, through its mailbox."""
         self.holdings.observe(event, function)
 

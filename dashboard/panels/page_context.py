@@ -82,7 +82,7 @@ class Inquiries:
         self.plugins_of(robot).asked_s = None
 
     def _taker(self, robot: str) -> Then[list[PluginInfo]]:
-        def take(answer: QueryOutcome[list[PluginInfo]]) -> None:
+        def show(answer: QueryOutcome[list[PluginInfo]]) -> None:
             known = self.plugins_of(robot)
             known.waiting = False
             try:
@@ -90,7 +90,7 @@ class Inquiries:
             except ValueError as error:
                 known.problem = str(error)
 
-        return take
+        return show
 
     def _handle_kinds(self, answer: QueryOutcome[list[KnownKind]]) -> None:
         with contextlib.suppress(ValueError):  # asked again soon; until then the last known kinds are offered

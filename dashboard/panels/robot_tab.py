@@ -264,14 +264,14 @@ class RobotTab(Tab):
             return
         set_html(self._result, render("elements", "message", kind="soft", words=f"{what} was asked …"))
 
-        def take(answer: QueryOutcome[bytes]) -> None:
+        def show(answer: QueryOutcome[bytes]) -> None:
             if self._function is function and self._page.selected == robot:
                 set_html(self._result, result_html(what, answer.known or b"", answer.error))
             elif answer.error:
                 self._page.tell(f"{robot}: {what}", error=answer.error)
 
         names = {"robot": robot, "plugin": plugin, "function": function.name}
-        self._page.context.asker.ask(ROBOT_CALL, arguments, take, timeout_s=CALL_TIMEOUT_S, **names)
+        self._page.context.asker.ask(ROBOT_CALL, arguments, show, timeout_s=CALL_TIMEOUT_S, **names)
 
     def _ask_host(self, verb: str, plugin: str) -> None:
         robot, context = self._page.selected, self._page.context
@@ -279,11 +279,11 @@ class RobotTab(Tab):
             self._page.tell(f"Nothing to {verb}", "Select a robot, and a plugin or its name.", color="yellow")
             return
 
-        def take(answer: QueryOutcome[list[PluginInfo]]) -> None:
+        def show(answer: QueryOutcome[list[PluginInfo]]) -> None:
             self._page.tell(f"{robot}: {verb} {plugin}", "done", error=answer.error)
             if verb == "unload" and not answer.error:
                 set_value(self._to_load, plugin)  # so that one click loads it again
             context.inquiries.ask_again(robot)
 
         topic, request = HOST_VERBS[verb]
-        context.asker.ask(topic, request(plugin=plugin), take, timeout_s=topic.timeout_s, robot=robot)
+        context.asker.ask(topic, request(plugin=plugin), show, timeout_s=topic.timeout_s, robot=robot)

@@ -104,16 +104,16 @@ class TaskTab(Tab):
     def cancel(self, task: str) -> None:
         """Cancel a task."""
 
-        def take(answer: QueryOutcome[TaskRecord]) -> None:
+        def show(answer: QueryOutcome[TaskRecord]) -> None:
             self._page.tell(f"Cancel {task}", "done", error=answer.error)
 
         request = TaskRequest(id=task, by=BY, why="cancelled on the dashboard")
-        self._page.context.asker.ask(TASK_CANCEL, request, take)
+        self._page.context.asker.ask(TASK_CANCEL, request, show)
 
     def ask_why(self, task: str) -> None:
         """Show why a task stands as it does, in a window of this browser alone."""
 
-        def take(answer: QueryOutcome[TaskWhy]) -> None:
+        def show(answer: QueryOutcome[TaskWhy]) -> None:
             try:
                 html = explanation_html(answer.reply)
             except ValueError as error:
@@ -125,7 +125,7 @@ class TaskTab(Tab):
                 gui.add_html(CLOSE_MARK)
                 gui.add_button("Close").on_click(lambda _: self._page.post(modal.close))
 
-        self._page.context.asker.ask(TASK_WHY, TaskRequest(id=task, by=BY), take)
+        self._page.context.asker.ask(TASK_WHY, TaskRequest(id=task, by=BY), show)
 
     def _want_place(self, wants: bool) -> None:
         self._wants_place = wants
@@ -162,7 +162,7 @@ class TaskTab(Tab):
             return
         self._show("soft", f"{submission.task.id}: sent …")
 
-        def take(answer: QueryOutcome[TaskRecord]) -> None:
+        def show(answer: QueryOutcome[TaskRecord]) -> None:
             try:
                 record = answer.reply
             except ValueError as error:
@@ -170,7 +170,7 @@ class TaskTab(Tab):
             else:
                 self._show("good", f"✓ {record.task.id} is {record.state.value}")
 
-        self._page.context.asker.ask(TASK_SUBMIT, submission, take)
+        self._page.context.asker.ask(TASK_SUBMIT, submission, show)
 
     def _show(self, kind: str, words: str) -> None:
         set_html(self._status, render("elements", "message", kind=kind, words=cut(words, 400), testid="task-told"))
@@ -186,11 +186,11 @@ class TaskTab(Tab):
         set_html(self._planning, render("tasks", "planning", status=status))
 
     def _set_objective(self, objective: Objective) -> None:
-        def take(answer: QueryOutcome[PlanningStatus]) -> None:
+        def show(answer: QueryOutcome[PlanningStatus]) -> None:
             self._page.tell("Planning", f"objective from now on: {objective}", error=answer.error)
 
         request = ObjectiveRequest(objective=objective, by=BY)
-        self._page.context.asker.ask(COORDINATOR_OBJECTIVE, request, take)
+        self._page.context.asker.ask(COORDINATOR_OBJECTIVE, request, show)
 
 
 def task_fields(kind: KnownKind) -> list[FormField]:

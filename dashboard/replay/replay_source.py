@@ -66,13 +66,13 @@ class ReplaySource:
         """Names of the robots that the recording tells of."""
         return self._index.robots
 
-    def hear(self, now_s: float) -> None:
+    def receive(self, now_s: float) -> None:
         """Process what has become due."""
         while self._asked:
             self._asked.popleft()(now_s)
         self._age(now_s)
         if self.player.playing:
-            self._take(self.player.step(round(now_s * 1e9)), now_s)
+            self._handle(self.player.step(round(now_s * 1e9)), now_s)
             if self.player.done:
                 self.player.pause()
         self.view.count_messages(self._messages, now_s)
@@ -123,10 +123,10 @@ class ReplaySource:
         view.runs, view.is_replay, view.selected = self._runs, True, selected
         state = self.player.seek(time_s)
         self._index.apply_events(view, self.player.position_s)
-        self._take(state, now_s)
+        self._handle(state, now_s)
         self._index.apply_history(view, self.player.position_s)
 
-    def _take(self, messages: "list[RecordedMessage]", now_s: float) -> None:
+    def _handle(self, messages: "list[RecordedMessage]", now_s: float) -> None:
         self._messages += len(messages)
         for recorded in messages:
             received = self._decoder.decode(recorded)
@@ -140,5 +140,5 @@ class ReplaySource:
             return
         pace = self.player.speed if self.player.playing else 0.0
         for robot in self.view.robots.values():
-            if robot.heard_s is not None:
-                robot.heard_s += (1.0 - pace) * (now_s - before)
+            if robot.last_seen_s is not None:
+                robot.last_seen_s += (1.0 - pace) * (now_s - before)

@@ -71,8 +71,8 @@ def _of_stale(view: ShownTeam, team: TeamState, now_s: float) -> list[Alert]:
     """Alerts for topics older than their deadline: the coordinator's own, and those it names of robots in contact."""
     found: list[Alert] = []
     deadline_s = COORDINATOR_STATE.deadline_s
-    if deadline_s is not None and view.coordinator_up and view.team_heard_s is not None and not view.is_replay:
-        age_s = now_s - view.team_heard_s
+    if deadline_s is not None and view.coordinator_up and view.team_seen_s is not None and not view.is_replay:
+        age_s = now_s - view.team_seen_s
         if age_s > deadline_s:
             stale = TopicStale(COORDINATOR_STATE.name, "coordinator", age_s, deadline_s)
             found.append(Alert(AlertLevel.WARN, "Coordinator", str(stale)))

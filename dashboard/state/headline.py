@@ -119,9 +119,9 @@ def vitals_of(view: ShownTeam, now_s: float) -> Vitals:
     sigmas_m = [(position_sigma_m(robot.state.pose_covariance), robot.name) for robot in robots if robot.state]
     known_m = [(sigma_m, name) for sigma_m, name in sigmas_m if math.isfinite(sigma_m)]
     worst_m, worst_robot = max(known_m, default=(math.nan, ""))
-    ages_s = [now_s - robot.heard_s for robot in robots if robot.heard_s is not None]
-    if not view.is_replay and view.coordinator_up and view.team_heard_s is not None:
-        ages_s.append(now_s - view.team_heard_s - SUMMARY_S)
+    ages_s = [now_s - robot.last_seen_s for robot in robots if robot.last_seen_s is not None]
+    if not view.is_replay and view.coordinator_up and view.team_seen_s is not None:
+        ages_s.append(now_s - view.team_seen_s - SUMMARY_S)
     errors_m = [
         (robot.truth.accuracy.error_m or 0.0, robot.name)
         for robot in robots

@@ -104,7 +104,7 @@ class LiveSource:
         self._robots = endpoint.watch(ROBOT_ALIVE)
         self._coordinator = endpoint.watch(COORDINATOR_ALIVE)
 
-    def hear(self, now_s: float) -> None:
+    def receive(self, now_s: float) -> None:
         """Process what has arrived; never waits for the team."""
         self._check_link(now_s)
         come = [change.names["robot"] for change in self._robots.changes() if self.view.apply_presence(change)]

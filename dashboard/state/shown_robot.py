@@ -62,7 +62,7 @@ class ShownRobot:
     """Number of robots that appeared before it; chooses its colour."""
     present: bool | None = None
     """Whether its liveliness token is present; None if it never had one."""
-    heard_s: float | None = None
+    last_seen_s: float | None = None
     """When its last state arrived, on the caller's clock."""
     first_s: float | None = None
     """When its first state arrived."""
@@ -117,7 +117,7 @@ class ShownRobot:
             return RobotContact.LOST
         if self.start is not None:
             return RobotContact.UP
-        if self.heard_s is not None and now_s - self.heard_s <= SILENT_AFTER_S:
+        if self.last_seen_s is not None and now_s - self.last_seen_s <= SILENT_AFTER_S:
             return RobotContact.UP
         return RobotContact.SILENT if self.present else RobotContact.LOST
 
@@ -134,9 +134,9 @@ class ShownRobot:
             return RobotHealth.FAULTED
         return RobotHealth.ASTRAY if self.state is not None and self.state.lost else RobotHealth.UP
 
-    def take_state(self, state: RobotState, now_s: float) -> None:
+    def handle_state(self, state: RobotState, now_s: float) -> None:
         """Process its state."""
-        self.state, self.heard_s = state, now_s
+        self.state, self.last_seen_s = state, now_s
         if self.first_s is None:
             self.first_s = now_s
         pose = state.pose
@@ -144,7 +144,7 @@ class ShownRobot:
             self.poses.append((state.stamp_ns, pose))
         if pose is not None and (not self.trail or pose.distance_m(self.trail[-1]) >= TRAIL_STEP_M):
             self.trail.append(Point2D(pose.x_m, pose.y_m))
-        self.history.take(state, self.truth)
+        self.history.handle(state, self.truth)
 
     def forget_run(self) -> None:
         """Clear the data of a run, as another one has begun."""
@@ -192,20 +192,20 @@ class ShownRecorder:
 
     name: str
     state: RecorderState | None = None
-    heard_s: float = 0.0
+    last_seen_s: float = 0.0
     is_periodic: bool = False
 
-    def take(self, state: RecorderState, now_s: float) -> None:
+    def handle(self, state: RecorderState, now_s: float) -> None:
         """Process its state."""
         if self.state is not None:
-            self.is_periodic = now_s - self.heard_s <= RECORDER_PERIOD_S or self.is_periodic
-        self.state, self.heard_s = state, now_s
+            self.is_periodic = now_s - self.last_seen_s <= RECORDER_PERIOD_S or self.is_periodic
+        self.state, self.last_seen_s = state, now_s
 
     def is_silent(self, now_s: float) -> bool:
         """Whether its states have stopped although it has not closed its file."""
         if self.state is None or self.state.closed or not self.is_periodic:
             return False
-        return now_s - self.heard_s > RECORDER_SILENT_S
+        return now_s - self.last_seen_s > RECORDER_SILENT_S
 
     @property
     def lost_text(self) -> str:

@@ -122,7 +122,7 @@ class ShownTeam:
         """Names of the robots that are selected in a browser."""
         self.explored: list[tuple[float, float]] = []
         """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
-        self.team_heard_s: float | None = None
+        self.team_seen_s: float | None = None
         """When the last summary of the coordinator arrived, on the caller's clock."""
         self.rejected = 0
         """Number of messages that decoded but had impossible values."""
@@ -249,7 +249,7 @@ class ShownTeam:
 
     def _handle_state(self, state: RobotState, names: Names, now_s: float) -> None:
         _check_place(state.pose)
-        self._robot(names["robot"]).take_state(state, now_s)
+        self._robot(names["robot"]).handle_state(state, now_s)
 
     def _handle_patch(self, patch: MapPatch, names: Names, now_s: float) -> None:
         self.map.merge(patch)
@@ -282,7 +282,7 @@ class ShownTeam:
 
     def _handle_task(self, event: TaskEvent, names: Names, now_s: float) -> None:
         _check_place(event.task.place)
-        self.board.take(event)
+        self.board.handle(event)
 
     def _handle_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
         self.board.decide(decision)
@@ -296,7 +296,7 @@ class ShownTeam:
     def _handle_team(self, team: TeamState, names: Names, now_s: float) -> None:
         for frontier in team.frontiers:
             _check_place(frontier.place)
-        self.team, self.team_heard_s = team, now_s
+        self.team, self.team_seen_s = team, now_s
         listed = {summary.name for summary in team.robots}
         for name in [name for name, view in self.robots.items() if name not in listed and view.has_gone]:
             del self.robots[name]
@@ -318,7 +318,7 @@ class ShownTeam:
         if name not in self.recorders:  # it follows those that have ended without a word
             self.recorders = {other: view for other, view in self.recorders.items() if not view.is_silent(now_s)}
         if name in self.recorders or len(self.recorders) < RECORDERS:
-            self.recorders.setdefault(name, ShownRecorder(name)).take(state, now_s)
+            self.recorders.setdefault(name, ShownRecorder(name)).handle(state, now_s)
 
     def _handle_halt(self, halt: Halt, names: Names, now_s: float) -> None:
         self.halt = halt

@@ -42,7 +42,7 @@ class TaskBoard:
     """The latest stamp of all events."""
     _running: dict[str, tuple[str, Span]] = field(default_factory=dict)
 
-    def take(self, event: TaskEvent) -> None:
+    def handle(self, event: TaskEvent) -> None:
         """Process an event; a repeated one changes nothing."""
         task = event.task.id
         known = self.open.pop(task, None)

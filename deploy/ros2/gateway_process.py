@@ -433,7 +433,7 @@ class Gateway:
 
     def _show_map(self, now_ns: int) -> None:
         for _, _, payload in self._maps.drain_raw():
-            self._known_map.take(payload)
+            self._known_map.handle(payload)
         if self._known_map.has_news and self._is_due("map", MAP_NS, now_ns):
             grid = self._known_map.merged().grid
             if grid is not None:

@@ -165,7 +165,7 @@ class Judge:
         now_ns = run.now_ns
         for received in self._events.drain():
             message = received.message
-            self._as_recorded.take(message, now_ns)
+            self._as_recorded.handle(message, now_ns)
             if received.topic is TASK_EVENT:
                 self._receive(message, now_ns)
             elif received.topic is not HALT:

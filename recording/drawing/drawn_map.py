@@ -120,7 +120,7 @@ class ComposedMap:
         merge_message(atlas, patch)
         self.atlas = atlas
 
-    def take(self, payload: bytes) -> None:
+    def handle(self, payload: bytes) -> None:
         """Merge a patch as it was on the wire; one that does not decode or fit is left out, as its listeners did."""
         try:
             self.merge(_DECODER.decode(payload))

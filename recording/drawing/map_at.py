@@ -73,7 +73,7 @@ class MapAt:
         view = ComposedMap() if kept is None else ComposedMap(_restored(kept))
         start = (0, 0) if kept is None else kept.place
         for payload in self._patches(start, place):
-            view.take(payload)
+            view.handle(payload)
         return view.atlas
 
 
@@ -86,12 +86,12 @@ class MapBuilder:
         self._view = ComposedMap()
         self._since = 0
 
-    def take(self, payload: bytes, place: Place) -> None:
+    def handle(self, payload: bytes, place: Place) -> None:
         """The next patch, which stands at `place`."""
         if self._view.atlas is not None and self._since >= self._between:
             self._store.keep(self._view.atlas, place)
             self._since = 0
-        self._view.take(payload)
+        self._view.handle(payload)
         self._since += 1
 
 
@@ -120,7 +120,7 @@ class KnownMap:
         """Whether patches wait to be merged."""
         return bool(self._pending)
 
-    def take(self, payload: bytes) -> None:
+    def handle(self, payload: bytes) -> None:
         """The next patch, as it was on the wire."""
         self._pending.append(payload)
         if len(self._pending) >= PENDING_MAX:
@@ -129,7 +129,7 @@ class KnownMap:
     def merged(self) -> ComposedMap:
         """The map with all that was taken."""
         for payload in self._pending:
-            self._view.take(payload)
+            self._view.handle(payload)
         self._pending.clear()
         return self._view
 

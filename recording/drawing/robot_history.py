@@ -48,7 +48,7 @@ class RobotHistory:
         self._first_ns: int | None = None
         self._measured_j = self._predicted_j = 0.0
 
-    def take(self, state: RobotState, truth: RobotTruth | None) -> None:
+    def handle(self, state: RobotState, truth: RobotTruth | None) -> None:
         """Take in a state, and where the arena says that the robot is."""
         before, self._before = self._before, state
         if self._first_ns is None:

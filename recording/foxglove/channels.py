@@ -1,6 +1,6 @@
 """What Foxglove, Lichtblick and Rerun draw, derived from the recorded topics and from nothing else.
 
-`take` is given each recorded message, and only keeps it; `due` makes messages at rates that keep files small, of the
+`handle` is given each recorded message, and only keeps it; `due` makes messages at rates that keep files small, of the
 latest that was kept. The same messages in the same order give the same channels, at the recording or later.
 """
 
@@ -247,19 +247,19 @@ class FoxgloveChannels:
             ARENA_SCAN.name: self._scans.__setitem__,
             ROBOT_PATH.name: self._paths.__setitem__,
             MOTE_READING.name: self._readings.__setitem__,
-            ROBOT_MAP.name: lambda _key, payload: self.known_map.take(payload),
+            ROBOT_MAP.name: lambda _key, payload: self.known_map.handle(payload),
         }
-        self._told = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
+        self._reported = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
 
-    def take(self, topic: Topic[Any], key: str, payload: bytes) -> None:
+    def handle(self, topic: Topic[Any], key: str, payload: bytes) -> None:
         """The next recorded message; those of topics that are not drawn are left alone."""
         keep = self._keep.get(topic.name)
         if keep is not None:
             keep(key, payload)
-        elif topic.name in self._told and len(self._lines) < LINES_MAX:
+        elif topic.name in self._reported and len(self._lines) < LINES_MAX:
             self._lines.append((topic, payload))
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Say all at the next `due`: a new file begins, which is to be drawn without the one before."""
         self._due_ns.clear()
         self._map_shown = self._walls_shown = 0

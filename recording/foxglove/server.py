@@ -62,12 +62,12 @@ class FoxgloveServer:
         now_ns = self._clock.now_ns()
         for topic, key, payload in self._inbox.drain_raw():
             if isinstance(topic, Topic):
-                self._visual.take(topic, key, payload)
+                self._visual.handle(topic, key, payload)
             if topic is ROBOT_STATE:
                 self._ask_map(key)
         if now_ns >= self._again_ns:
             self._again_ns = now_ns + AGAIN_NS
-            self._visual.begin_anew()
+            self._visual.restart()
         for message in self._visual.due(now_ns):
             self._channel(message).log(message.data(), log_time=message.stamp_ns)
 

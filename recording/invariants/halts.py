@@ -32,7 +32,7 @@ CARRIED_M_S = 3.0
 """No robot drives that fast: it was carried."""
 CARRIED_M_S2 = 4.0
 """A standing robot that accelerates faster was carried a short way (a base accelerates at 0.8 m/s²)."""
-STOOD_M = 0.01
+STANDING_M = 0.01
 SHORT_NS = to_ns(0.1)
 """Accelerations are not computed over shorter intervals."""
 
@@ -45,7 +45,7 @@ class _Robot:
         self.halted_ns: int | None = None
         """Since when it says to be halted."""
         self.resumed_ns: int | None = None
-        self.is_told = False
+        self.is_reported = False
         self.own: tuple[Point2D, float] | None = None
         """Its own place when it was halted, and the deviation."""
         self.obeys = False
@@ -54,7 +54,7 @@ class _Robot:
         """Since when the team has been halted and the coordinator hears it."""
         self.anchor: RobotTruth | None = None
         self.last: tuple[RobotTruth, int] | None = None
-        self.has_stood = False
+        self.was_standing = False
         """Whether it stood between the last two looks."""
 
 
@@ -154,11 +154,11 @@ class Halts(InvariantJudge):
     def _halted(self, robot: _Robot, state: RobotState, time_ns: int) -> None:
         if not self._latch.is_held:
             self.cases += 1
-        robot.halted_ns, robot.resumed_ns, robot.anchor, robot.is_told = time_ns, None, None, False
+        robot.halted_ns, robot.resumed_ns, robot.anchor, robot.is_reported = time_ns, None, None, False
         robot.own = None if state.pose is None or state.lost or state.frame != ARENA else _own_place(state)
 
     def _judge_own(self, robot: _Robot, state: RobotState, time_ns: int) -> None:
-        if robot.own is None or robot.halted_ns is None or robot.is_told or state.pose is None:
+        if robot.own is None or robot.halted_ns is None or robot.is_reported or state.pose is None:
             return
         if state.lost or state.frame != ARENA:
             robot.own = None
@@ -182,19 +182,19 @@ class Halts(InvariantJudge):
                 self._judge_true(now, robot, last, time_ns)
 
     def _judge_true(self, now: RobotTruth, robot: _Robot, last: tuple[RobotTruth, int] | None, time_ns: int) -> None:
-        anchor, has_stood = robot.anchor, robot.has_stood
-        robot.has_stood = last is not None and now.pose.distance_m(last[0].pose) < STOOD_M
-        is_carried = last is not None and _was_carried(now, *last, time_ns, has_stood=has_stood)
+        anchor, was_standing = robot.anchor, robot.was_standing
+        robot.was_standing = last is not None and now.pose.distance_m(last[0].pose) < STANDING_M
+        is_carried = last is not None and _was_carried(now, *last, time_ns, was_standing=was_standing)
         if anchor is None or last is None or now.collisions > anchor.collisions or is_carried:
             robot.anchor = now  # who is pushed or carried does not move by itself
             return
         moved_m = now.pose.distance_m(anchor.pose)
-        if moved_m > MOVED_M and not robot.is_told:
+        if moved_m > MOVED_M and not robot.is_reported:
             self._moved(now.robot, robot, moved_m, time_ns, is_true=True)
 
     def _moved(self, name: str, robot: _Robot, moved_m: float, time_ns: int, *, is_true: bool) -> None:
         assert robot.halted_ns is not None
-        robot.is_told = True
+        robot.is_reported = True
         since_s = self.time_s(robot.halted_ns)
         self.break_(time_ns, MovedHalted(robot=name, moved_m=round(moved_m, 3), since_s=since_s, is_true=is_true))
 
@@ -207,8 +207,8 @@ def _own_place(state: RobotState) -> tuple[Point2D, float]:
     return Point2D(state.pose.x_m, state.pose.y_m), variance_m2**0.5
 
 
-def _was_carried(now: RobotTruth, last: RobotTruth, last_ns: int, time_ns: int, *, has_stood: bool) -> bool:
+def _was_carried(now: RobotTruth, last: RobotTruth, last_ns: int, time_ns: int, *, was_standing: bool) -> bool:
     way_m, took_s = now.pose.distance_m(last.pose), max(to_seconds(time_ns - last_ns), 0.02)
     if way_m > CARRIED_M_S * took_s:
         return True
-    return has_stood and time_ns - last_ns >= SHORT_NS and 2.0 * way_m > CARRIED_M_S2 * took_s**2
+    return was_standing and time_ns - last_ns >= SHORT_NS and 2.0 * way_m > CARRIED_M_S2 * took_s**2

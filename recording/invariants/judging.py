@@ -1,7 +1,7 @@
 """Judges all invariants of a run, from a recording or while it runs.
 
     judging = Judging(surroundings)
-    run.follow(judging.hear)      # or judging.take(message, time_ns) with decoded messages
+    run.follow(judging.hear)      # or judging.handle(message, time_ns) with decoded messages
     …
     for ruling in judging.finish(): …
 
@@ -74,7 +74,7 @@ class _RobotEnergy:
         """Estimate, and what was delivered, at the start of the stretch since the last charge."""
         self.least_high_j = 0.0
         """The least upper end of the interval in this stretch."""
-        self.is_told = self.is_balance_reported = False
+        self.is_reported = self.is_balance_reported = False
         """Of this stretch."""
         self.away_ns: int | None = None
         self.is_away_reported = False
@@ -134,7 +134,7 @@ class EnergyBalance(InvariantJudge):
             robot.begin = None
         elif robot.begin is None:
             robot.begin, robot.least_high_j = (battery, robot.delivered_j or 0.0), battery.remaining_high_j
-            robot.is_told = robot.is_balance_reported = False
+            robot.is_reported = robot.is_balance_reported = False
         elif battery.remaining_high_j > 0:  # a robot that tells no interval has nothing to judge
             self._judge_rise(name, robot, battery, time_ns)
             self._judge_balance(name, robot, battery, time_ns)
@@ -155,8 +155,8 @@ class EnergyBalance(InvariantJudge):
 
     def _judge_rise(self, name: str, robot: _RobotEnergy, battery: BatteryState, time_ns: int) -> None:
         before_j, now_j = robot.least_high_j, battery.remaining_low_j
-        if now_j > before_j * (1.0 + RISE_SHARE) and not robot.is_told:
-            robot.is_told = True
+        if now_j > before_j * (1.0 + RISE_SHARE) and not robot.is_reported:
+            robot.is_reported = True
             self.break_(time_ns, ChargeRose(robot=name, before_j=before_j, now_j=now_j))
 
     def _judge_balance(self, name: str, robot: _RobotEnergy, battery: BatteryState, time_ns: int) -> None:
@@ -196,7 +196,7 @@ class TaskKept(InvariantJudge):
         self._reported_missing = 0
         self._since_ns: dict[_Given, int] = {}
         """Since when a task has been at its robot without a report of it."""
-        self._told: set[_Given] = set()
+        self._reported: set[_Given] = set()
         self._received_ns: dict[str, int] = {}
 
     def handlers(self) -> Mapping[type, Handler]:
@@ -218,7 +218,7 @@ class TaskKept(InvariantJudge):
         return self._changes.is_from_start or bool(self._begins_empty)
 
     def _handle_event(self, event: TaskEvent, time_ns: int) -> None:
-        self._changes.take(event, time_ns)
+        self._changes.handle(event, time_ns)
         self._may_lack = False  # the number of this one tells
         self.cases = self._changes.tasks
         self._changed_ns[event.task.id] = time_ns
@@ -285,12 +285,12 @@ class TaskKept(InvariantJudge):
             silent_ns = time_ns - self._received_ns.get(robot, self._start_ns)
             if robot in up and silent_ns > to_ns(LOST_AFTER_S):
                 since[given] = time_ns  # the coordinator hears a robot that is not heard here
-            elif time_ns - since[given] > ABANDONED_AFTER_NS and given not in self._told:
-                self._told.add(given)
+            elif time_ns - since[given] > ABANDONED_AFTER_NS and given not in self._reported:
+                self._reported.add(given)
                 for_s = round(to_seconds(time_ns - since[given]), 3)
                 self.break_(time_ns, TaskAbandoned(task=task, robot=robot, state=event.state, for_s=for_s))
         self._since_ns = since
-        self._told &= since.keys()
+        self._reported &= since.keys()
 
 
 EMPTY_AFTER_S = 2.0
@@ -315,7 +315,7 @@ class _Robot:
         """Since when the truth has had the same `energy_j`."""
         self.empty_ns: int | None = None
         """Since when it has said that it is empty."""
-        self.is_told = False
+        self.is_reported = False
 
 
 class NotStranded(InvariantJudge):
@@ -348,10 +348,10 @@ class NotStranded(InvariantJudge):
         if self._has_truth:
             return
         if battery.charging or battery.implausible or (battery.soc > EMPTY_SOC and battery.remaining_high_j > 0):
-            robot.empty_ns, robot.is_told = None, False
+            robot.empty_ns, robot.is_reported = None, False
         elif robot.empty_ns is None:
             robot.empty_ns = time_ns
-        elif time_ns - robot.empty_ns > to_ns(EMPTY_AFTER_S) and not robot.is_told:
+        elif time_ns - robot.empty_ns > to_ns(EMPTY_AFTER_S) and not robot.is_reported:
             pose = state.pose
             place = None if pose is None or state.lost else Point2D(pose.x_m, pose.y_m)
             self._stranded(state.robot, robot, place, time_ns, is_true=False)
@@ -362,8 +362,8 @@ class NotStranded(InvariantJudge):
         for now in truth.robots:
             robot = self._robots.setdefault(now.robot, _Robot())
             if robot.energy_j is None or now.energy_j != robot.energy_j:
-                robot.energy_j, robot.since_s, robot.is_told = now.energy_j, truth.sim_time_s, False
-            elif truth.sim_time_s - robot.since_s > EMPTY_AFTER_S and not robot.is_told:
+                robot.energy_j, robot.since_s, robot.is_reported = now.energy_j, truth.sim_time_s, False
+            elif truth.sim_time_s - robot.since_s > EMPTY_AFTER_S and not robot.is_reported:
                 self._judge_empty(now, robot, time_ns)
 
     def _judge_empty(self, now: RobotTruth, robot: _Robot, time_ns: int) -> None:
@@ -373,7 +373,7 @@ class NotStranded(InvariantJudge):
             self._stranded(now.robot, robot, place, time_ns, is_true=True)
 
     def _stranded(self, name: str, robot: _Robot, place: Point2D | None, time_ns: int, *, is_true: bool) -> None:
-        robot.is_told = True
+        robot.is_reported = True
         battery = _battery_of(robot)
         charger_m = None if place is None else self.surroundings.charger_distance_m(place)
         finding = OutOfEnergy(
@@ -490,7 +490,7 @@ class Judging:
             for kind, handler in judge.handlers().items():
                 self._handlers.setdefault(kind, []).append(handler)
 
-    def take(self, message: Any, time_ns: int) -> None:
+    def handle(self, message: Any, time_ns: int) -> None:
         """The next message, and the run's clock when it was recorded; most are of no interest."""
         for handler in self._handlers.get(type(message), ()):
             handler(message, time_ns)
@@ -504,7 +504,7 @@ class Judging:
                     message = topic.payloads.read(payload)
                 except BadPayload:  # not of the team: its border refuses such as well
                     continue
-                self.take(message, now_ns)
+                self.handle(message, now_ns)
 
     def finish(self) -> list[Ruling]:
         """How each invariant stands, in the order of the judges; to be called when the run has ended."""
@@ -519,7 +519,7 @@ def judge(
     """Judge decoded messages, each with the run's clock when it was recorded."""
     judging = Judging(surroundings, start_ns)
     for message, time_ns in messages:
-        judging.take(message, time_ns)
+        judging.handle(message, time_ns)
     return judging.finish()
 
 

@@ -59,7 +59,7 @@ class TaskChanges:
         """Tasks heard of."""
         return self._tasks
 
-    def take(self, event: TaskEvent, time_ns: int) -> ChangeKind:
+    def handle(self, event: TaskEvent, time_ns: int) -> ChangeKind:
         """The next event."""
         known = self._known(event.task.id)
         if known is not None and not _is_later(event, known):
@@ -115,12 +115,12 @@ SILENT_NS = to_ns(1.0)
 class _StillAt:
     """A robot at a task that was done."""
 
-    __slots__ = ("is_told", "last_ns", "since_ns", "task")
+    __slots__ = ("is_reported", "last_ns", "since_ns", "task")
 
     def __init__(self, task: str, now_ns: int) -> None:
         self.task = task
         self.since_ns = self.last_ns = now_ns
-        self.is_told = False
+        self.is_reported = False
 
 
 class TaskOnce(InvariantJudge):
@@ -148,7 +148,7 @@ class TaskOnce(InvariantJudge):
     def _handle_event(self, event: TaskEvent, time_ns: int) -> None:
         task = event.task.id
         before = self._changes.ended.get(task)
-        if self._changes.take(event, time_ns) is not ChangeKind.AFTER_END:
+        if self._changes.handle(event, time_ns) is not ChangeKind.AFTER_END:
             self.cases += event.state is TaskState.DONE and before is None
             return
         assert before is not None  # it had ended
@@ -174,8 +174,8 @@ class TaskOnce(InvariantJudge):
             still = self._still[robot] = _StillAt(at, time_ns)
         still.last_ns = time_ns
         for_ns = time_ns - still.since_ns
-        if for_ns > STILL_AT_NS and not still.is_told:
-            still.is_told = True
+        if for_ns > STILL_AT_NS and not still.is_reported:
+            still.is_reported = True
             for_s = round(to_seconds(for_ns), 3)
             self.break_(time_ns, StillAtDone(task=at, robot=robot, done_s=self.time_s(done_ns), for_s=for_s))
 
@@ -206,7 +206,7 @@ class TaskAtOne(InvariantJudge):
         self._at: dict[str, dict[str, _At]] = {}
         """Robots by task."""
         self._task_of: dict[str, str] = {}
-        self._told: set[tuple[str, str, str]] = set()
+        self._reported: set[tuple[str, str, str]] = set()
         self._has_received = False
 
     def handlers(self) -> Mapping[type, Handler]:
@@ -244,7 +244,7 @@ class TaskAtOne(InvariantJudge):
         robots.pop(robot, None)
         if not robots:
             del self._at[task]
-            self._told = {told for told in self._told if told[0] != task}
+            self._reported = {told for told in self._reported if told[0] != task}
 
     def _compare(self, task: str, robot: str, at: _At, time_ns: int) -> None:
         for other, mate in self._at[task].items():
@@ -252,9 +252,9 @@ class TaskAtOne(InvariantJudge):
                 continue
             both_ns = time_ns - max(at.since_ns, mate.since_ns)
             one, two = sorted((robot, other))
-            if both_ns <= BOTH_NS or (task, one, two) in self._told:
+            if both_ns <= BOTH_NS or (task, one, two) in self._reported:
                 continue
-            self._told.add((task, one, two))
+            self._reported.add((task, one, two))
             epochs = (self._at[task][one].epoch, self._at[task][two].epoch)
             for_s = round(to_seconds(both_ns), 3)
             self.break_(time_ns, TaskAtTwo(task=task, robots=(one, two), epochs=epochs, for_s=for_s))

@@ -23,7 +23,7 @@ from robrain.recording.provenance import SUMMARY_METADATA
 from robrain.recording.reader.contents import has_numbers, several_senders
 from robrain.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
 
-TOLD_OF_A_KIND = 5
+LISTED_OF_A_KIND = 5
 """Findings of one kind and key that are told one by one; the rest is counted."""
 
 
@@ -123,7 +123,7 @@ def check_recording(
     elif not info.versions:
         check.add(Severity.NOTE, CheckKind.PROVENANCE, "", 0, "it does not say which software made it")
     for message in read_messages(path, on_progress):
-        check.take(message)
+        check.handle(message)
     if not info.truncated:
         check.compare_counts(info.counts, info.summary)
     return Verdict(
@@ -145,21 +145,21 @@ class _Check:
         self.untold: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self._start_ns = start_ns
-        self._told: Counter[tuple[CheckKind, str]] = Counter()
+        self._reported: Counter[tuple[CheckKind, str]] = Counter()
         self._last: dict[str, RecordedMessage] = {}
         self._last_ns: int | None = None
         self._unknown: set[str] = set()
 
     def add(self, severity: Severity, kind: CheckKind, key: str, at_ns: int, text: str) -> None:
         self.severities[severity] += 1
-        self._told[kind, key] += 1
-        if self._told[kind, key] > TOLD_OF_A_KIND:
+        self._reported[kind, key] += 1
+        if self._reported[kind, key] > LISTED_OF_A_KIND:
             self.untold[kind.value] += 1
             return
         time_s = to_seconds(at_ns - self._start_ns) if at_ns else 0.0
         self.findings.append(RecordingFinding(severity=severity, kind=kind, key=key, time_s=time_s, text=text))
 
-    def take(self, message: RecordedMessage) -> None:
+    def handle(self, message: RecordedMessage) -> None:
         key, now_ns = message.topic_key, message.log_time_ns
         self.counts[key] += 1
         if self._last_ns is not None and now_ns < self._last_ns:
@@ -178,7 +178,7 @@ class _Check:
         if topic is None:
             return
         decoded = self._decode(topic, message)
-        self.judging.take(decoded, now_ns)
+        self.judging.handle(decoded, now_ns)
         if isinstance(decoded, MapPatch) and decoded.parts and not message.sequence:
             return  # the answer to one who asked for a whole map: it is recorded in between, without a number
         sender = f"{key} {_sender_of(decoded)}" if several_senders(topic) else key

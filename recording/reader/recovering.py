@@ -90,7 +90,7 @@ def _copy_all(
         if record is None:
             break
         whole_bytes = stream.tell()
-        copy.take(record)
+        copy.handle(record)
         if on_progress is not None:
             on_progress(whole_bytes / size_bytes)
     copy.unread_bytes = 0 if copy.ended and not copy.truncated else size_bytes - whole_bytes
@@ -128,7 +128,7 @@ class RecordingCopy:
             self._schemas, self._channels = dict(summary.schemas), dict(summary.channels)
         stream.seek(0)
 
-    def take(self, record: McapRecord) -> None:
+    def handle(self, record: McapRecord) -> None:
         """The next record of the source; a chunk that is damaged is left out, and counted."""
         if isinstance(record, Header):
             self._start(record.profile, record.library)
@@ -139,7 +139,7 @@ class RecordingCopy:
                 self.damaged_chunks += 1
                 return
             for part in parts:
-                self.take(part)
+                self.handle(part)
         elif isinstance(record, Schema):
             self._schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -196,7 +196,7 @@ class RecordingCopy:
         self._now_ns = message.log_time
         topic = topic_named_by(channel.topic)
         if topic is not None:
-            self._visual.take(topic, channel.topic, message.data)
+            self._visual.handle(topic, channel.topic, message.data)
 
     def _draw(self) -> None:
         if self._visual is None or self._now_ns is None:

@@ -58,7 +58,7 @@ class Happenings:
         self._open: dict[tuple[str, str], Happening] = {}
         self._received_s: dict[str, float] = {}
 
-    def take(self, message: Any, t_s: float) -> None:
+    def handle(self, message: Any, t_s: float) -> None:
         """The next message; most are of no interest."""
         if isinstance(message, RobotState):
             self._handle_state(message, t_s)
@@ -253,7 +253,7 @@ def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> 
             message = topic.payloads.read(recorded.payload)
         except BadPayload:
             continue
-        gather.take(message, to_seconds(recorded.log_time_ns - start_ns))
+        gather.handle(message, to_seconds(recorded.log_time_ns - start_ns))
     return gather.finish()
 
 
@@ -273,11 +273,11 @@ class _Gather:
             TaskDecision: self._handle_decision,
         }
 
-    def take(self, message: Any, t_s: float) -> None:
+    def handle(self, message: Any, t_s: float) -> None:
         take = self._takers.get(type(message))
         if take is not None:
             take(message, t_s)
-        self._happenings.take(message, t_s)
+        self._happenings.handle(message, t_s)
 
     def finish(self) -> RunData:
         run = self.run

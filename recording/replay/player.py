@@ -116,7 +116,7 @@ class Player:
             for index, message in enumerate(self._file.read(number)):
                 key = message.topic_key
                 if key in self._map_keys:
-                    maps.take(message.payload, (number, index))
+                    maps.handle(message.payload, (number, index))
                 elif key in held:
                     held[key].append(((number, index), message))
                     held_bytes += len(message.payload)

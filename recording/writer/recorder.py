@@ -28,7 +28,7 @@ from robrain.recording.writer.rotation import Rotation
 
 if TYPE_CHECKING:
     from robrain.recording.foxglove.channels import FoxgloveChannels
-    from robrain.recording.writer.recording_file import ToldMessage
+    from robrain.recording.writer.recording_file import StampedMessage
 import hashlib
 import struct
 from itertools import islice
@@ -81,7 +81,7 @@ SLOW_S = 1.0
 SLOW = "as the disk or the machine is too slow"
 
 
-class RecorderTelling:
+class RecorderReports:
     """Says how a recorder does.
 
     A disk that hangs is told while it hangs in live, from a thread of its own; in lockstep, where the run waits for the
@@ -103,7 +103,7 @@ class RecorderTelling:
         self._lost_reported = 0
         self._published_ns: int | None = None
         self._began_ns = 0
-        self._watch = DiskWatch(self._hangs, SLOW_S) if live else None
+        self._watch = SlowStepTimer(self._hangs, SLOW_S) if live else None
 
     def begin(self) -> None:
         """The recorder begins to write."""
@@ -143,7 +143,7 @@ class RecorderTelling:
             self._states.put(msgspec.structs.replace(state, why="; ".join(filter(None, (state.why, why)))))
 
 
-class DiskWatch:
+class SlowStepTimer:
     """Calls `tell` with the seconds that a step has lasted, once each `period_s` while it lasts longer than that.
 
     Args:
@@ -265,11 +265,11 @@ class Recorder:
         for topic in PUBLISHED:
             if topic.recorded:
                 endpoint.subscribe(self._inbox, topic)
-        self._telling: RecorderTelling | None = None
+        self._reports: RecorderReports | None = None
         if path is not None:
             states = endpoint.publisher(RECORDER_STATE, recorder=self._name)
             live = endpoint.drive is Drive.LIVE
-            self._telling = RecorderTelling(states, self._clock, self._state, live=live)
+            self._reports = RecorderReports(states, self._clock, self._state, live=live)
 
     @property
     def refused(self) -> list[Refusal]:
@@ -322,14 +322,14 @@ class Recorder:
         """Record what has arrived since the last step. After `close` it does nothing."""
         if self._summary is not None:
             return
-        if self._telling is None:
+        if self._reports is None:
             self._record()
             return
-        self._telling.begin()
+        self._reports.begin()
         try:
             self._record()
         finally:
-            self._telling.end(self.lost)
+            self._reports.end(self.lost)
 
     def close(self) -> RecordingSummary:
         """Record what is left, finish the file and return what was done; calling it again returns the same."""
@@ -353,8 +353,8 @@ class Recorder:
                 paths=paths,
                 removed=self._rotation.removed if self._rotation is not None else 0,
             )
-            if self._telling is not None:
-                self._telling.close()
+            if self._reports is not None:
+                self._reports.close()
         return self._summary
 
     def _record(self) -> None:
@@ -369,15 +369,15 @@ class Recorder:
             file.write(heard, now_ns)
             for topic, key, payload, _, _ in heard:
                 if visual is not None:
-                    visual.take(topic, key, payload)
+                    visual.handle(topic, key, payload)
                 elif topic is ROBOT_MAP:
-                    self._known_map.take(payload)
+                    self._known_map.handle(payload)
             if visual is not None:
                 self._draw(visual, file, now_ns)
             if file.step(now_ns):
                 self._record_whole_map(file, now_ns)
                 if visual is not None:
-                    visual.begin_anew()
+                    visual.restart()
             if self._rotation is not None:
                 self._rotation.step(now_ns, file.paths[-1])
 
@@ -454,7 +454,7 @@ class Recorder:
             self._said,
         )
 
-    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[ToldMessage]":
+    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[StampedMessage]":
         """What the border lets pass, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
         told = []

@@ -54,7 +54,7 @@ plain form of it that Foxglove takes, which knows no alternatives such as null."
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
 
-ToldMessage = tuple[Topic[Any], str, bytes, int, int]
+StampedMessage = tuple[Topic[Any], str, bytes, int, int]
 """A message of the wire: topic, key, payload, its sender's stamp and number."""
 
 
@@ -114,7 +114,7 @@ class RecordingFile:
         """Bytes of payloads that wait to be written."""
         return self._held_bytes
 
-    def write(self, told: Iterable[ToldMessage], log_time_ns: int) -> None:
+    def write(self, told: Iterable[StampedMessage], log_time_ns: int) -> None:
         """Add messages; counted in `lost_by_topic` when the file has failed."""
         add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
         for topic, key, payload, publish_time_ns, sequence in told:

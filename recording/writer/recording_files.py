@@ -15,7 +15,7 @@ from robrain.recording.errors import RecordingError
 
 if TYPE_CHECKING:
     from robrain.recording.foxglove.channels import VisualMessage
-    from robrain.recording.writer.recording_file import RecordingFile, ToldMessage
+    from robrain.recording.writer.recording_file import RecordingFile, StampedMessage
 
 logger = logging.getLogger(__name__)
 
@@ -100,7 +100,7 @@ class RecordingFiles:
         """Why nothing is written now; empty as long as it is."""
         return self._file.why
 
-    def write(self, told: Iterable["ToldMessage"], log_time_ns: int) -> None:
+    def write(self, told: Iterable["StampedMessage"], log_time_ns: int) -> None:
         """Add messages to the present file."""
         self._file.write(told, log_time_ns)
 

@@ -54,12 +54,12 @@ def event(task: str, state: TaskState, at_s: float, robot: str = "", change: int
 
 def test_board_knows_who_worked_at_what_when() -> None:
     board = TaskBoard()
-    board.take(event("t", TaskState.QUEUED, 1.0))
-    board.take(event("t", TaskState.RUNNING, 2.0, "r1"))
-    board.take(event("t", TaskState.LOST_CONTACT, 3.0, "r1"))
-    board.take(event("t", TaskState.QUEUED, 4.0))
-    board.take(event("t", TaskState.RUNNING, 5.0, "r2"))
-    board.take(event("t", TaskState.DONE, 9.0, "r2"))
+    board.handle(event("t", TaskState.QUEUED, 1.0))
+    board.handle(event("t", TaskState.RUNNING, 2.0, "r1"))
+    board.handle(event("t", TaskState.LOST_CONTACT, 3.0, "r1"))
+    board.handle(event("t", TaskState.QUEUED, 4.0))
+    board.handle(event("t", TaskState.RUNNING, 5.0, "r2"))
+    board.handle(event("t", TaskState.DONE, 9.0, "r2"))
     (first,), (second,) = board.spans["r1"], board.spans["r2"]
     assert (first.start_ns, first.end_ns) == (2_000_000_000, 4_000_000_000)
     assert (second.start_ns, second.end_ns, second.state) == (5_000_000_000, 9_000_000_000, TaskState.DONE)
@@ -69,24 +69,24 @@ def test_board_knows_who_worked_at_what_when() -> None:
 
 def test_change_that_is_told_again_or_late_changes_nothing() -> None:
     board = TaskBoard()
-    board.take(event("t", TaskState.RUNNING, 2.0, "r1", change=5))
-    board.take(event("t", TaskState.QUEUED, 1.0, change=4))
+    board.handle(event("t", TaskState.RUNNING, 2.0, "r1", change=5))
+    board.handle(event("t", TaskState.QUEUED, 1.0, change=4))
     assert board.open["t"].state is TaskState.RUNNING
     for _ in range(2):
-        board.take(event("t", TaskState.DONE, 3.0, "r1", change=6))
+        board.handle(event("t", TaskState.DONE, 3.0, "r1", change=6))
     assert len(board.ended) == 1
 
 
 def test_plan_is_drawn_until_it_is_begun() -> None:
     board = TaskBoard()
-    board.take(event("t", TaskState.QUEUED, 1.0))
+    board.handle(event("t", TaskState.QUEUED, 1.0))
     bids = [RobotVerdict(robot="r1", chosen=True, time_s=30.0)]
     board.decide(TaskDecision(task="t", plan=1, robots=["r1"], start_in_s=10.0, bids=bids, stamp_ns=2_000_000_000))
     (span,) = board.planned()["r1"]
     assert (span.start_ns, span.end_ns) == (12_000_000_000, 42_000_000_000)
-    board.take(event("t", TaskState.RUNNING, 5.0, "r1"))
+    board.handle(event("t", TaskState.RUNNING, 5.0, "r1"))
     assert board.planned() == {}
-    board.take(event("t", TaskState.DONE, 6.0, "r1"))
+    board.handle(event("t", TaskState.DONE, 6.0, "r1"))
     assert board.decisions == {}
 
 
@@ -108,7 +108,7 @@ def test_history_reckons_energy_as_measured_and_as_predicted() -> None:
     history = RobotHistory()
     truth = RobotTruth(robot="r1", pose=Pose2D(0.3, 0.4, 0.0), collisions=0, distance_m=0.0, energy_j=0.0)
     for tick in range(101):
-        history.take(state(tick / 10), truth)
+        history.handle(state(tick / 10), truth)
     last = history.samples[-1]
     assert len(history.samples) == 11
     assert last.time_s == pytest.approx(10.0)
@@ -119,16 +119,16 @@ def test_history_reckons_energy_as_measured_and_as_predicted() -> None:
 
 def test_gap_costs_no_energy_and_a_clock_that_falls_back_begins_anew() -> None:
     history = RobotHistory()
-    history.take(state(0.0), None)
-    history.take(state(100.0), None)
+    history.handle(state(0.0), None)
+    history.handle(state(100.0), None)
     assert history.samples[-1].measured_j == 0.0
     assert math.isnan(history.samples[-1].error_m)
-    history.take(state(50.0), None)
+    history.handle(state(50.0), None)
     assert len(history.samples) == 1
 
 
 def test_condition_tells_the_worst_first() -> None:
-    robot = ShownRobot("r1", 0, heard_s=0.0)
+    robot = ShownRobot("r1", 0, last_seen_s=0.0)
     robot.state = RobotState(robot="r1")
     assert robot.condition(0.0) is RobotHealth.UP
     robot.state = RobotState(robot="r1", lost="nothing fits")
@@ -142,7 +142,7 @@ def test_condition_tells_the_worst_first() -> None:
 
 def test_alerts_name_what_is_wrong_the_worst_first() -> None:
     view = ShownTeam()
-    robot = view.robots["r1"] = ShownRobot("r1", 0, present=True, heard_s=0.0)
+    robot = view.robots["r1"] = ShownRobot("r1", 0, present=True, last_seen_s=0.0)
     battery = BatteryState(voltage_v=20.0, current_a=0.6, temperature_c=30.0, soc=0.1, remaining_j=1.0)
     robot.state = RobotState(robot="r1", battery=battery, faulted=[PluginFault(plugin="scan", why="silent")])
     found = [(alert.level, alert.subject) for alert in alerts_of(view, 0.0)]
@@ -198,8 +198,8 @@ def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
 
 def test_stale_topics_and_lost_samples_are_alerts() -> None:
     view = ShownTeam()
-    view.robots["r1"] = ShownRobot("r1", 0, present=True, heard_s=9.0)
-    view.coordinator_up, view.team_heard_s = True, 9.0
+    view.robots["r1"] = ShownRobot("r1", 0, present=True, last_seen_s=9.0)
+    view.coordinator_up, view.team_seen_s = True, 9.0
     stale = [TopicStale("robot_state", name, 0.42, 0.3) for name in ("r1", "r2")]
     lost = Refusal(topic="robot_event", key="robrain/t/robot/r1/event/a/b", code="lost", count=3, why="the hub was off")
     view.team = TeamState(robots=[], stale=stale, refused=[lost])
@@ -253,7 +253,7 @@ def test_chain_of_relays_is_drawn_from_the_mote_to_the_last_robot() -> None:
         relay = Task(
             id=task, kind="relay", place=PLACE, parameters={"duration_s": 60.0, "mote": mote, "robot": following}
         )
-        view.board.take(TaskEvent(task=relay, state=TaskState.RUNNING, robot=robot))
+        view.board.handle(TaskEvent(task=relay, state=TaskState.RUNNING, robot=robot))
     ends = {(start.x_m, end.x_m) for start, end in relay_lines(view)}
     assert ends == {(1.0, 0.0), (1.0, 2.0), (2.0, 3.0)}
 

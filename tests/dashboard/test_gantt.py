@@ -21,7 +21,7 @@ def view_of(**state: object) -> tuple[ShownTeam, ShownRobot]:
     """One robot at task `a`, with `b` and `c` planned for it."""
     view = ShownTeam()
     for task, status in (("a", TaskState.RUNNING), ("b", TaskState.QUEUED), ("c", TaskState.QUEUED)):
-        view.board.take(
+        view.board.handle(
             TaskEvent(task=Task(id=task, kind="visit", place=PLACE), state=status, robot="r1", stamp_ns=80 * S)
         )
     for task, start_s in (("b", 30.0), ("c", 60.0)):

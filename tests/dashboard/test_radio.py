@@ -25,7 +25,7 @@ def team(**places_x_m: float) -> ShownTeam:
     view = ShownTeam()
     for name, x_m in places_x_m.items():
         robot = view.robots[name] = ShownRobot(name, 0, present=True)
-        robot.take_state(RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)), NOW_S)
+        robot.handle_state(RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)), NOW_S)
     return view
 
 

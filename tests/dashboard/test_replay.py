@@ -22,36 +22,36 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def source(recording: Path) -> Iterator[ReplaySource]:
     source = ReplaySource(recording)
-    source.hear(0.0)
+    source.receive(0.0)
     yield source
     source.close()
 
 
 def look_at(source: ReplaySource, time_s: float, now_s: float = 0.0) -> None:
     source.seek(time_s)
-    source.hear(now_s)
+    source.receive(now_s)
 
 
 def test_recording_stands_at_its_beginning_until_it_is_played(source: ReplaySource) -> None:
     for now_s in (1.0, 2.0, 3.0):
-        source.hear(now_s)
+        source.receive(now_s)
     assert not source.player.playing
     assert source.player.position_s == 0.0
     source.toggle()
-    source.hear(4.0)
-    source.hear(5.0)
+    source.receive(4.0)
+    source.receive(5.0)
     assert source.player.playing
     assert source.player.position_s == pytest.approx(1.0, abs=0.1)
 
 
 def test_recording_stands_where_it_was_asked_to_and_is_played_at_the_speed_asked_for(recording: Path) -> None:
     source = ReplaySource(recording, speed=2.0, start_s=3.0)
-    source.hear(0.0)
+    source.receive(0.0)
     assert not source.player.playing
     assert source.player.position_s == pytest.approx(3.0, abs=0.1)
     source.toggle()
-    source.hear(1.0)
-    source.hear(2.0)
+    source.receive(1.0)
+    source.receive(2.0)
     assert source.player.position_s == pytest.approx(5.0, abs=0.2)
     source.close()
 
@@ -76,5 +76,5 @@ def test_time_can_be_moved_forth_and_back_and_the_past_comes_with_it(source: Rep
 
 def test_robots_do_not_grow_silent_while_it_stands(source: ReplaySource) -> None:
     look_at(source, 2.0, now_s=100.0)
-    source.hear(200.0)
+    source.receive(200.0)
     assert {robot.condition(200.0) for robot in source.view.robots.values()} == {RobotHealth.UP}

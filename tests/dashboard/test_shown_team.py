@@ -99,7 +99,7 @@ def test_robot_whose_token_went_is_lost_at_once_and_comes_back(view: ShownTeam) 
 def test_robot_that_never_had_a_token_is_up_while_it_is_heard() -> None:
     robot = ShownRobot("r1", 0)
     assert robot.contact(0.0) is RobotContact.LOST
-    robot.heard_s = 5.0
+    robot.last_seen_s = 5.0
     assert robot.contact(6.0) is RobotContact.UP
     assert robot.contact(6.0 + SILENT_AFTER_S) is RobotContact.LOST
 

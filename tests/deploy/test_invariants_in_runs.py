@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.agent.host.halt_desk import HaltDesk
+from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.task_desk import TaskDesk
 from robrain.client.team import Team
 from robrain.coordinator import frontier_desk
@@ -198,8 +198,8 @@ def test_an_end_that_is_told_twice_as_two_changes_and_a_meter_of_energy_that_fal
 
 
 def test_a_robot_that_does_not_hear_halts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    hear = HaltDesk.hear
-    monkeypatch.setattr(HaltDesk, "hear", lambda desk: None if desk._robot == "r1" else hear(desk))
+    hear = RobotHalts.hear
+    monkeypatch.setattr(RobotHalts, "hear", lambda desk: None if desk._robot == "r1" else hear(desk))
     [one] = only(judged(halts), HaltIgnored)
     assert (one.robot, one.by) == ("r1", "script")
 

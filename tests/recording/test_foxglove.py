@@ -127,7 +127,7 @@ def test_what_does_not_decode_is_left_out() -> None:
     channels = FoxgloveChannels()
     for topic, key in ((ROBOT_STATE, "a"), (ROBOT_MAP, "b"), (MOTE_READING, "c"), (TASK_EVENT, "d"), (ROBOT_LOG, "e")):
         for payload in (b"", b"\xff", b"[]", b"{}", b'{"robot":"r1"}', b"[" * 5000):
-            channels.take(topic, key, payload)
+            channels.handle(topic, key, payload)
     drawn = [message.channel for message in channels.due(0)]
     assert drawn == []
 
@@ -139,7 +139,7 @@ def test_tasks_leave_the_scene_when_they_end() -> None:
         event = TaskEvent(
             stamp_ns=now_ns, task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=state, why="because"
         )
-        channels.take(TASK_EVENT, "task", msgspec.json.encode(event))
+        channels.handle(TASK_EVENT, "task", msgspec.json.encode(event))
         return [message.message for message in channels.due(now_ns) if message.channel == "/visual/tasks"]
 
     [open_] = say(TaskState.RUNNING, 0)
@@ -152,14 +152,14 @@ def test_a_log_that_floods_is_bounded_between_two_steps() -> None:
     channels = FoxgloveChannels()
     line = msgspec.json.encode(LogRecord(robot="r1", level="info", source="x", text="y"))
     for _ in range(5000):
-        channels.take(ROBOT_LOG, "log", line)
+        channels.handle(ROBOT_LOG, "log", line)
     assert len(list(channels.due(0))) == 1000
 
 
 def test_a_reading_of_a_mote_whose_place_is_not_known_is_not_drawn() -> None:
     channels = FoxgloveChannels()
     reading = MoteReading(mote="m1", place=None, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=-60.0, via="r1")
-    channels.take(MOTE_READING, "m1", msgspec.json.encode(reading))
+    channels.handle(MOTE_READING, "m1", msgspec.json.encode(reading))
     [scene] = [message.message for message in channels.due(0) if message.channel == "/visual/motes"]
     assert list(scene.entities) == []  # type: ignore[union-attr]
 
@@ -186,6 +186,6 @@ def test_numbers_beyond_all_measure_stop_nobody(number: float) -> None:
     ]  # fmt: skip
     for topic, message in said:
         channels = FoxgloveChannels()
-        channels.take(topic, "key", json.dumps(message).encode())
+        channels.handle(topic, "key", json.dumps(message).encode())
         for visual in channels.due(NS_PER_S):
             assert visual.data() or visual.schema()

@@ -55,7 +55,7 @@ def told(channels: FoxgloveChannels, now_s: float) -> list[str]:
 
 
 def say(channels: FoxgloveChannels, topic: Topic, message: msgspec.Struct, key: str = "key") -> None:
-    channels.take(topic, key, msgspec.json.encode(message))
+    channels.handle(topic, key, msgspec.json.encode(message))
 
 
 def spoken(**fields: Any) -> FoxgloveChannels:
@@ -177,13 +177,13 @@ def test_open_tasks_are_drawn_when_one_changes_and_anew_in_a_new_file() -> None:
     )
     assert "/visual/tasks" in told(channels, 0.0)
     assert "/visual/tasks" not in told(channels, 10.0)
-    channels.begin_anew()
+    channels.restart()
     assert "/visual/tasks" in told(channels, 20.0)
     say(
         channels, TASK_EVENT, TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.DONE)
     )
     assert "/visual/tasks" in told(channels, 30.0)
-    channels.begin_anew()
+    channels.restart()
     assert "/visual/tasks" not in told(channels, 40.0)
 
 
@@ -213,7 +213,7 @@ def test_a_new_file_has_the_map_and_its_walls_and_a_patch_that_changes_nothing_i
     assert told(channels, 0.0) == whole
     say(channels, ROBOT_MAP, patch(1))
     assert told(channels, 20.0) == []
-    channels.begin_anew()
+    channels.restart()
     assert told(channels, 20.5) == whole
     assert told(channels, 40.0) == []
 
@@ -221,7 +221,7 @@ def test_a_new_file_has_the_map_and_its_walls_and_a_patch_that_changes_nothing_i
 def test_messages_of_topics_that_are_not_drawn_are_left_alone() -> None:
     channels = FoxgloveChannels()
     say(channels, COORDINATOR_STATE, TeamState(robots=[]))
-    channels.take(ROBOT_LOG, "key", b"{}")
+    channels.handle(ROBOT_LOG, "key", b"{}")
     assert told(channels, 0.0) == []
 
 
@@ -258,9 +258,9 @@ def test_a_robot_that_is_new_is_asked_once_for_the_map_that_it_knows(
         return patch(1)
 
     class Heard(FoxgloveChannels):
-        def take(self, topic: Topic, key: str, payload: bytes) -> None:
+        def handle(self, topic: Topic, key: str, payload: bytes) -> None:
             drawn.append(topic.name)
-            super().take(topic, key, payload)
+            super().handle(topic, key, payload)
 
     monkeypatch.setattr("robrain.recording.foxglove.server.FoxgloveChannels", Heard)
     server = FoxgloveServer(wire, "127.0.0.1", 0)
@@ -281,7 +281,7 @@ def test_all_is_said_again_every_five_seconds_for_viewers_that_have_come(
     wire: Endpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[float] = []
-    monkeypatch.setattr(FoxgloveChannels, "begin_anew", lambda _: begun.append(wire.clock.now_ns() / NS_PER_S))
+    monkeypatch.setattr(FoxgloveChannels, "restart", lambda _: begun.append(wire.clock.now_ns() / NS_PER_S))
     server = FoxgloveServer(wire, "127.0.0.1", 0)
     try:
         for half_second in range(25):

@@ -44,16 +44,16 @@ def columns_of(grid: OccupancyGrid) -> list[int]:
 @pytest.mark.parametrize("size", [(1 << 12, (1 << 12) + 1), (MAX_CELLS + 1, 1), (1, MAX_CELLS + 1)])
 def test_a_map_with_more_cells_than_any_listener_took_is_never_begun(size: tuple[int, int]) -> None:
     view = ComposedMap()
-    view.take(payload(0, geometry=GridGeometry(0.1, 0.0, 0.0, *size)))
+    view.handle(payload(0, geometry=GridGeometry(0.1, 0.0, 0.0, *size)))
     assert view.atlas is None
-    view.take(payload(3))
+    view.handle(payload(3))
     assert known_columns(view.atlas) == [3]
 
 
 def test_the_largest_map_that_a_listener_took_is_begun() -> None:
     geometry = GridGeometry(0.1, 0.0, 0.0, 1 << 12, 1 << 12)
     view = ComposedMap()
-    view.take(payload(5, geometry=geometry))
+    view.handle(payload(5, geometry=geometry))
     assert view.grid is not None
     assert view.grid.geometry == geometry
     assert known_columns(view.atlas) == [5]
@@ -62,10 +62,10 @@ def test_the_largest_map_that_a_listener_took_is_begun() -> None:
 @pytest.mark.parametrize("broken", [b"", b"no json", b"\xff", payload(1, geometry=GridGeometry(0.2, 0, 0, 9, 9))])
 def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> None:
     view = ComposedMap()
-    view.take(payload(3, OCCUPIED))
-    view.take(payload(4))
+    view.handle(payload(3, OCCUPIED))
+    view.handle(payload(4))
     before = view.atlas
-    view.take(broken)
+    view.handle(broken)
     assert view.atlas is before
     assert known_columns(before) == [3, 4]
     assert view.grid is not None
@@ -74,7 +74,7 @@ def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> N
 
 def test_a_patch_that_does_not_decode_begins_no_map() -> None:
     view = ComposedMap()
-    view.take(b"no json")
+    view.handle(b"no json")
     assert view.atlas is None
 
 
@@ -89,7 +89,7 @@ def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest
     maps = MapAt(patches, PATCHES)
     builder = maps.builder()
     for column in range(PATCHES):
-        builder.take(payload(column), (0, column))
+        builder.handle(payload(column), (0, column))
     for end in (0, 1, 9, 10, 11, 19, 20, 25, PATCHES):
         assert known_columns(maps.atlas_at((0, end))) == list(range(end))
         start, told_end = asked.pop()
@@ -109,7 +109,7 @@ def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pyt
     maps = MapAt(lambda start, end: iter(said[start[1] : end[1]]), len(said))
     builder = maps.builder()
     for number, each in enumerate(said):
-        builder.take(each, (0, number))
+        builder.handle(each, (0, number))
     expected = [[], [3], [8], [3, 4], [], [7]]
     assert [known_columns(maps.atlas_at((0, end))) for end in range(len(said) + 1)] == expected
 

@@ -72,7 +72,7 @@ def map_of(messages: list[RecordedMessage]) -> OccupancyGrid | None:
     view = ComposedMap()
     for message in messages:
         if is_map(message):
-            view.take(message.payload)
+            view.handle(message.payload)
     return view.grid
 
 

@@ -10,7 +10,7 @@ import pytest
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.recording.writer import recorder as recorder_telling
-from robrain.recording.writer.recorder import SLOW, RecorderTelling
+from robrain.recording.writer.recorder import SLOW, RecorderReports
 
 
 class FakeWatch:
@@ -38,7 +38,7 @@ class Recorder:
         self.said: list[str] = []
         self.why = ""
         self.clock = VirtualClock(0)
-        self.telling = RecorderTelling(self, self.clock, self.look, live=live)  # type: ignore[arg-type]
+        self.telling = RecorderReports(self, self.clock, self.look, live=live)  # type: ignore[arg-type]
 
     def look(self) -> RecorderState:
         return RecorderState(recorder="rec", why=self.why)
@@ -59,7 +59,7 @@ class Recorder:
 
 @pytest.fixture
 def live(monkeypatch: pytest.MonkeyPatch) -> Recorder:
-    monkeypatch.setattr(recorder_telling, "DiskWatch", FakeWatch)
+    monkeypatch.setattr(recorder_telling, "SlowStepTimer", FakeWatch)
     return Recorder(live=True)
 
 

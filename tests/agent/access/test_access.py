@@ -3,7 +3,7 @@ import re
 import pytest
 
 from robrain.agent.errors import AccessDenied, PluginBusy, PluginInactive, PluginMissing
-from robrain.agent.event import EventView
+from robrain.agent.event import ObservableEvent
 from robrain.agent.lifecycle.transitions import Trigger
 
 LAB = """
@@ -143,7 +143,7 @@ def handle(bench, lab):
 def test_a_handle_calls_reads_and_observes_what_is_in_the_interface(bench, handle):
     assert handle.press(times=3) == 3
     assert handle.on is True
-    assert isinstance(handle.pressed, EventView)
+    assert isinstance(handle.pressed, ObservableEvent)
     assert repr(handle) == "<handle on switch as SwitchInterface>"
 
 

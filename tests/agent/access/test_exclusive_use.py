@@ -162,10 +162,10 @@ def test_there_is_one_holder_at_most_and_only_within_its_time(steps):
         if clock.now_ns() >= until_ns:
             holder = ""
         if holder in ("", who):
-            holder, until_ns = who, leases.take("p", who, lease_s).until_ns
+            holder, until_ns = who, leases.grant("p", who, lease_s).until_ns
             assert until_ns == clock.now_ns() + to_ns(lease_s)
         else:
             with pytest.raises(PluginBusy, match=f"held by {holder}"):
-                leases.take("p", who, lease_s)
+                leases.grant("p", who, lease_s)
         clock.advance_to(clock.now_ns() + to_ns(wait_s))
         assert leases.holder("p") == (holder if clock.now_ns() < until_ns else "")

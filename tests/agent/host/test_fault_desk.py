@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from robrain.agent.errors import PluginError, PluginHung
-from robrain.agent.host.plugin_manager import FLOOD_DROPS_A_SECOND, HUNG_PERIOD_NS, STEADY_S, FaultDesk
+from robrain.agent.host.plugin_manager import FLOOD_DROPS_A_SECOND, HUNG_PERIOD_NS, STEADY_S, FaultHandler
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Level, PluginState
 from robrain.protocol.clock import to_ns
@@ -70,7 +70,7 @@ class Robot:
         self.cannot_begin: set[str] = set()
         self.noted: list[str] = []
         self._later: list[Any] = []
-        self.desk = FaultDesk(self, self.begin, self.later)  # provides the part of a registry that the desk uses
+        self.desk = FaultHandler(self, self.begin, self.later)  # provides the part of a registry that the desk uses
 
     def users_of(self, name: str) -> list[Tag]:
         return self.users.get(name, [])
@@ -87,7 +87,7 @@ class Robot:
         self.noted.append(tag.name)
 
     def look(self, now_ns: int) -> None:
-        self.desk.look(now_ns)
+        self.desk.check(now_ns)
         later, self._later = self._later, []
         for function in later:
             function()

@@ -115,7 +115,7 @@ def test_a_team_that_is_resumed_leaves_a_robot_halted_whose_button_was_pressed_m
     shared(driving, "WHY").append("the button is pressed")
     resume_team(driving)
     assert is_halted(driving)
-    assert driving.hosts[-1].halting.mark(driving.hosts[-1]._told).halted_by == ["operator", "button"]
+    assert driving.hosts[-1].halting.mark(driving.hosts[-1]._published).halted_by == ["operator", "button"]
     shared(driving, "WHY").clear()
     resume_team(driving)
     assert not is_halted(driving)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.agent.host import halt_desk
+from robrain.agent.host import robot_halts
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
@@ -98,7 +98,7 @@ class Robot:
 
 @pytest.fixture
 def start(bench, monkeypatch) -> Iterator[type[Robot]]:
-    monkeypatch.setattr(halt_desk, "LIMIT_S", 3.0)  # who does not hang is not late on a busy machine either
+    monkeypatch.setattr(robot_halts, "LIMIT_S", 3.0)  # who does not hang is not late on a busy machine either
     robots = []
     bench.code("robot", ROBOT)
     for name in ("wheels", "hanging", "raising", "above", "deaf"):

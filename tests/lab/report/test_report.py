@@ -266,7 +266,7 @@ def test_a_fault_lasts_until_the_robot_is_well_again() -> None:
     well = RobotState(robot="r1")
     ill = RobotState(robot="r1", faulted=[PluginFault(plugin="scan", why="no lidar")], lost="kidnapped")
     for t_s, state in enumerate([well, ill, ill, well, ill]):
-        happenings.take(state, float(t_s))
+        happenings.handle(state, float(t_s))
     found = [(one.kind, one.start_s, one.end_s) for one in happenings.finish(5.0)]
     assert found == [("astray", 1.0, 3.0), ("faulted", 1.0, 3.0), ("astray", 4.0, None), ("faulted", 4.0, None)]
 
@@ -274,7 +274,7 @@ def test_a_fault_lasts_until_the_robot_is_well_again() -> None:
 def test_silence_counts_when_it_is_over_and_when_it_is_not() -> None:
     happenings = Happenings()
     for t_s in (0.0, 0.1, 6.0, 6.1):
-        happenings.take(RobotState(robot="r1"), t_s)
+        happenings.handle(RobotState(robot="r1"), t_s)
     assert [(one.kind, one.start_s, one.end_s) for one in happenings.finish(20.0)] == [
         ("silent", 0.1, 6.0),
         ("silent", 6.1, None),
@@ -283,13 +283,13 @@ def test_silence_counts_when_it_is_over_and_when_it_is_not() -> None:
 
 def test_halts_failed_tasks_and_errors_are_told() -> None:
     happenings = Happenings()
-    happenings.take(Halt(halted=True, by="ann", reason="smoke"), 1.0)
-    happenings.take(Halt(halted=False, by="ann"), 2.0)
-    happenings.take(
+    happenings.handle(Halt(halted=True, by="ann", reason="smoke"), 1.0)
+    happenings.handle(Halt(halted=False, by="ann"), 2.0)
+    happenings.handle(
         TaskEvent(task=Task(id="t", kind="visit", place=Point2D(0, 0)), state=TaskState.FAILED, why="wall"), 3.0
     )
-    happenings.take(LogRecord(robot="r1", level="ERROR", source="x", text="burnt"), 4.0)
-    happenings.take(LogRecord(robot="r1", level="info", source="x", text="fine"), 5.0)
+    happenings.handle(LogRecord(robot="r1", level="ERROR", source="x", text="burnt"), 4.0)
+    happenings.handle(LogRecord(robot="r1", level="info", source="x", text="fine"), 5.0)
     assert [(one.kind, one.text, one.end_s) for one in happenings.finish(6.0)] == [
         ("team halt", "by ann: smoke", 2.0),
         ("task", "failed: wall", None),

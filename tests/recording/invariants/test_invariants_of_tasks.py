@@ -422,6 +422,6 @@ def test_what_is_remembered_of_ended_tasks_is_bounded() -> None:
     place = Point2D(0.0, 0.0)
     for number in range(ENDED_KEPT + 50):
         task = Task(id=f"t{number}", kind="visit", place=place)
-        changes.take(TaskEvent(task=task, state=DONE, change=number + 1, stamp_ns=number), number)
+        changes.handle(TaskEvent(task=task, state=DONE, change=number + 1, stamp_ns=number), number)
     assert len(changes.ended) == ENDED_KEPT
     assert changes.tasks == ENDED_KEPT + 50

@@ -101,8 +101,8 @@ def test_a_payload_that_is_not_of_its_topic_is_passed_over() -> None:
 
 def test_times_count_from_the_start_of_the_run() -> None:
     judging = Judging(start_ns=to_ns(1000.0))
-    judging.take(truth(0.0, r1={"energy_j": 5.0}), to_ns(1001.0))
-    judging.take(truth(0.2, r1={"energy_j": 4.0}), to_ns(1001.25))
+    judging.handle(truth(0.0, r1={"energy_j": 5.0}), to_ns(1001.0))
+    judging.handle(truth(0.2, r1={"energy_j": 4.0}), to_ns(1001.25))
     [breach] = [breach for ruling in judging.finish() for breach in ruling.breaches]
     assert breach.time_s == 1.25
     assert breach.text.startswith("at 1.25 s ")

@@ -37,31 +37,33 @@ ASK_TIMEOUT_S = 1.0
 LOG_SOURCE = "halt"
 
 
-class HaltDesk:
+class RobotHalts:
     """Halts and resumes one robot. May be called on any thread; needs no plugin's lock.
 
     Args:
         manager: of the robot's plugins.
         wire: the host's.
         log: the robot's.
-        tell_state: publishes the robot's state at once.
+        publish_state: publishes the robot's state at once.
 
     """
 
-    def __init__(self, manager: PluginManager, wire: Endpoint, log: RobotLog, tell_state: Callable[[], None]) -> None:
+    def __init__(
+        self, manager: PluginManager, wire: Endpoint, log: RobotLog, publish_state: Callable[[], None]
+    ) -> None:
         live = wire.drive is Drive.LIVE
         self.arrivals, self.summaries = Inbox(), Inbox()
-        """Halts, and the coordinator's summaries: `hear` has something to do if one of them has some."""
+        """Halts, and the coordinator's summaries: `receive` has something to do if one of them has some."""
         if live:
             # At once, on the thread of the subscription: to hand over to another one would cost several ms in a process
             # that is kept busy, as that thread must first be given a processor, and then Python's own lock.
-            self.arrivals.on_arrival = self.hear
+            self.arrivals.on_arrival = self.receive
             self.arrivals.acts_at_once = True
         self._manager = manager
         self._robot = manager.robot
         self._wire = wire
         self._guard = RecordGuard(wire.refusals)
-        self._publish_state = tell_state
+        self._publish_state = publish_state
         self._log = log
         self._latch = HaltLatch()
         self._team_halt_ns = 0
@@ -90,7 +92,7 @@ class HaltDesk:
         self.stand_by()
         with self._acting:
             self._is_started = True
-            self.hear()
+            self.receive()
             if self._latch.is_held and not self._manager.halted:
                 self._halt_plugins()
 
@@ -99,7 +101,7 @@ class HaltDesk:
         if self._pool is not None:
             self._pool.stand_by(min(THREADS, self._manager.most_to_halt()))
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Halt or resume as the team was told to, in the order of arrival.
 
         The host's step does this. In live a halt itself does not wait for it, only the coordinator's summary does.
@@ -109,10 +111,10 @@ class HaltDesk:
         with self._acting:
             if self._is_closed:
                 return
-            self._guard.messages(self.arrivals.drain(), self._take)
-            self._guard.messages(self.summaries.drain(), self._take)
+            self._guard.messages(self.arrivals.drain(), self._handle)
+            self._guard.messages(self.summaries.drain(), self._handle)
 
-    def _take(self, received: Received) -> None:
+    def _handle(self, received: Received) -> None:
         message = received.message
         if isinstance(message, TeamState):
             self._record_team(message.halt)
@@ -178,9 +180,9 @@ class HaltDesk:
         if self._is_started:  # else `started` sees to it
             self._halt_plugins()
         names = ", ".join(by) or "nobody named"
-        self._say(f"halted by {names}{f': {reason}' if reason else ''}")
+        self._log_text(f"halted by {names}{f': {reason}' if reason else ''}")
         if self._not_halted:
-            self._say(f"not stopped in time: {', '.join(self._not_halted)}", "error")
+            self._log_text(f"not stopped in time: {', '.join(self._not_halted)}", "error")
 
     def _halt_plugins(self) -> None:
         self._stopping = True
@@ -193,14 +195,14 @@ class HaltDesk:
     def _resume(self, by: str, stamp_ns: int = 0) -> str:
         why = self._halt_guard_reason() or self._latch.release(by, stamp_ns)
         if why:
-            self._say(f"{by or 'nobody named'} tried to resume it, and it stays halted: {why}")
+            self._log_text(f"{by or 'nobody named'} tried to resume it, and it stays halted: {why}")
             return why
         if self._manager.halted:
             self._team_halt_ns = 0
             self._not_halted = []
             self._manager.resume()
             self._publish_state()
-            self._say(f"resumed by {by or 'nobody named'}")
+            self._log_text(f"resumed by {by or 'nobody named'}")
         return ""
 
     def _halt_guard_reason(self) -> str:
@@ -233,6 +235,6 @@ class HaltDesk:
             robot=self._robot, halted=self._manager.halted, by=self._latch.holders, not_halted=self._not_halted
         )
 
-    def _say(self, text: str, level: str = "warning") -> None:
+    def _log_text(self, text: str, level: str = "warning") -> None:
         self._log.put(LOG_SOURCE, level, text)
         logger.log(logging.getLevelName(level.upper()), "%s: %s", self._robot, text)
