@@ -39,7 +39,6 @@ def run_coordinator(
     arrived = threading.Event()
     wire.on_receive = wire.on_waiting = arrived.set
     coordinator = Coordinator(wire, journal, policy, rules, elected)
-    mandate = coordinator.leadership.mandate
     coordinator.team_map.hold()
     collector = None
     loading = threading.Thread(target=_load, name="loading", daemon=True)
@@ -51,7 +50,7 @@ def run_coordinator(
         collector = CalmCollector()
         loading.start()
         is_loading = True
-        while not should_stop() and (mandate is None or not mandate.superseded):
+        while not should_stop() and not coordinator.end_reason:
             arrived.clear()
             began_s = time.thread_time()  # of the CPU: to wait for the disk is no reason to rest
             if is_loading and not loading.is_alive():
@@ -67,7 +66,7 @@ def run_coordinator(
         coordinator.close()
         if is_loading:
             loading.join(JOIN_S)  # it may be amid code that does not bear the interpreter's end
-    return "" if mandate is None else mandate.superseded
+    return coordinator.end_reason
 
 
 def _load() -> None:

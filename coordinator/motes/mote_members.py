@@ -7,8 +7,7 @@ mote is then left out for a while, and the next in line, a robot maybe, is asked
 """
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -27,15 +26,12 @@ from robrain.algorithms.motes.mote_energy import (
     SENSE_A,
     SENSE_S,
 )
+from robrain.coordinator.core.core import Core
+from robrain.coordinator.core.part import CoordinatorPart
 from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
-from robrain.coordinator.planning.task_explanation import TaskExplanation
-from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.team.roster import Roster
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import taken_at_ns
-from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -46,7 +42,6 @@ from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Se
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.reasons import DeadlinePassed, PlainReason, RobotOut, RobotReason, lacks_plugins, plain
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
-from robrain.protocol.wire.endpoint import Endpoint
 
 LISTEN_S = 0.2
 """After a reading, for whatever a robot has to say."""
@@ -144,73 +139,61 @@ class MoteTask:
         return {"rounds": len(self.values), "least": min(self.values), "greatest": max(self.values), **told}
 
 
-class MoteDesk:
-    """Hears the motes, and gives them what they can do.
+class MoteMembers(CoordinatorPart):
+    """Gives motes the tasks that they can do.
 
     Args:
-        wire: the coordinator's place on the wire.
-        book: of its tasks.
-        roster: the robots that there are.
-        reasons: what waits, and how each member was judged.
+        core: the team.
 
     """
 
-    def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, reasons: TaskExplanation) -> None:
+    inbox_max = 8192
+
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
         self.table = MoteTable()
-        self._wire = wire
-        self._book = book
-        self._roster = roster
-        self._reasons = reasons
-        self._inbox = Inbox(capacity=8192)
-        self._guard = RecordGuard(wire.refusals)
+        self._book, self._roster = core.tasks, core.roster
+        self._eligibility = core.lifecycle.eligibility
+        self._has_received = False
         self._check_ns = 0
         self._seen_version = -1
         self._errands: dict[str, MoteTask] = {}
         self._duties: dict[str, Publisher] = {}
-        wire.subscribe(self._inbox, MOTE_READING)
-        reasons.others = self.verdicts
+        self.subscribe(MOTE_READING)
 
     # -- a step ---------------------------------------------------------------------------------------------
 
-    def step(self, now_ns: int, writing: Callable[[int], AbstractContextManager[object]]) -> bool:
-        """Hear what the motes say, end what is done or hopeless, and give out what is new.
+    def handle(self, received: Received, now_ns: int) -> None:
+        """Remember a reading, for its mote and its task."""
+        reading: MoteReading = received.message
+        self._has_received = True
+        self.table.note(reading, now_ns)
+        for errand in self._errands.values():
+            if errand.mote.name == reading.mote:
+                errand.take(reading, now_ns)
 
-        Args:
-            now_ns: the time.
-            writing: given the time, goes around all that changes tasks: what the journal does not take is not done.
-
-        Returns:
-            Whether a task has come free that somebody else might do.
-
-        """
-        if not self._inbox.has_some and now_ns < self._check_ns and self._seen_version == self._book.version:
-            return False
-        self._check_ns = now_ns + LOOK_NS
-        self._receive(now_ns)
-        freed = False
-        with writing(now_ns):
+    def decide(self, now_ns: int) -> None:
+        """End tasks that are done or hopeless, and give out new ones."""
+        if not self._has_received and now_ns < self._check_ns and self._seen_version == self._book.version:
+            return
+        self._check_ns, self._has_received = now_ns + LOOK_NS, False
+        with self.core.lifecycle.as_far_as_written(now_ns):
             for record in self._book.open:
-                if record.robot.startswith(MEMBER_PREFIX):
-                    freed = self._follow(record, now_ns) or freed
+                if record.robot.startswith(MEMBER_PREFIX) and self._follow(record, now_ns):
+                    self.core.assign_soon()
             for task_id in [task_id for task_id in self._errands if not self._is_at_it(task_id)]:
                 self._forget(task_id)  # done, or called off
             for record in self._book.open:
                 if record.state is TaskState.QUEUED:
                     self._give_out(record, now_ns)
         self._seen_version = self._book.version
-        return freed
 
-    def _receive(self, now_ns: int) -> None:
-        def take(received: Received) -> None:
-            reading: MoteReading = received.message
-            self.table.note(reading, now_ns)
-            for errand in self._errands.values():
-                if errand.mote.name == reading.mote:
-                    errand.take(reading, now_ns)
-
-        self._guard.messages(self._inbox.drain(), take)
+    def mote_quantities(self) -> Mapping[str, str]:
+        """Motes that were ever heard, each with the quantity that it senses."""
+        return self.table.quantities()
 
     def _follow(self, record: TaskRecord, now_ns: int) -> bool:
+        """Check on a task that a mote has; returns whether others may do it now."""
         errand = self._errands.get(record.task.id)
         if errand is None:  # of a coordinator before this one
             unknown = plain("mote_unknown", "the coordinator started again, and no mote is at it")
@@ -227,7 +210,7 @@ class MoteDesk:
         if silent_s <= errand.patience_s:
             return False
         reason = plain("told_nothing", f"told nothing in {silent_s:.0f} s", silent_s=round(silent_s, 3))
-        self._reasons.avoid(record.task.id, record.robot, reason, now_ns)
+        self.core.lifecycle.backoff.note(record.task.id, record.robot, reason, now_ns)
         self._book.give_back(record.task.id, RobotOut(errand.mote.name, reason))
         return True
 
@@ -239,12 +222,12 @@ class MoteDesk:
 
     def _give_out(self, record: TaskRecord, now_ns: int) -> None:
         wanted = wanted_of_motes(record)
-        if wanted is None or self._reasons.waits(record, now_ns) is not None:
+        if wanted is None or self._eligibility.wait_reason(record, now_ns) is not None:
             return
         verdicts, mote = self.judge(record, now_ns)
         if mote is None:
             return
-        self._reasons.note(record.task.id, verdicts, now_ns)
+        self.core.explanation.record(record.task.id, verdicts, now_ns)
         self._book.offered(record.task.id, f"{MEMBER_PREFIX}{mote.name}")
         self._book.move(record.task.id, TaskState.RUNNING)
         errand = self._errands[record.task.id] = MoteTask(wanted, mote, now_ns)
@@ -311,7 +294,7 @@ class MoteDesk:
             return out
         if mote_share(_readings(wanted, mote), mote.latest.voltage_v) >= 1.0:
             return plain("battery_too_small", "its battery does not last for it")
-        return self._reasons.avoided(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
+        return self.core.lifecycle.backoff.why(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
 
     def _robots(
         self, record: TaskRecord, wanted: Sense | Monitor, now_ns: int
@@ -320,7 +303,7 @@ class MoteDesk:
         stay_s = wanted.duration_s if isinstance(wanted, Monitor) else OWN_STAY_S
         for robot in self._roster.up(now_ns):
             state = robot.state
-            if state is None or self._reasons.not_for(record, robot, now_ns) is not None:
+            if state is None or self._eligibility.refusal(record, robot, now_ns) is not None:
                 continue
             known = state.energy is not None and state.pose is not None
             way_m = state.pose.distance_m(task.place) if state.pose is not None else 0.0
@@ -330,7 +313,7 @@ class MoteDesk:
     # -- duty -----------------------------------------------------------------------------------------------
 
     def _ask_duty(self, mote: str, period_s: float) -> None:
-        publisher = self._duties.pop(mote, None) or self._wire.publisher(MOTE_DUTY, mote=mote)
+        publisher = self._duties.pop(mote, None) or self.core.wire.publisher(MOTE_DUTY, mote=mote)
         self._duties[mote] = publisher
         publisher.put(MoteDuty(mote=mote, period_s=period_s, by=BY))
         if len(self._duties) > KEPT_PUBLISHERS:

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Roster
@@ -54,6 +55,7 @@ class Coalitions:
     Args:
         planning: decides which robots, and when.
         lifecycle: offers the parts.
+        explanation: keeps the verdicts of each decision.
         book: of the tasks.
         roster: the robots of the team.
         team_map: the known map.
@@ -65,6 +67,7 @@ class Coalitions:
         self,
         planning: Planning,
         lifecycle: TaskLifecycle,
+        explanation: TaskExplanation,
         book: TaskBook,
         roster: Roster,
         team_map: TeamMap,
@@ -72,6 +75,7 @@ class Coalitions:
     ) -> None:
         self._planning = planning
         self._lifecycle = lifecycle
+        self._explanation = explanation
         self._book = book
         self._roster = roster
         self._map = team_map
@@ -103,7 +107,7 @@ class Coalitions:
             at = self._book.of_robot(robot)
             if at is not None and at.task.kind == EXPLORE:
                 self._book.move(at.task.id, TaskState.CANCELLED, needed_for(robot, task_id))
-        self._lifecycle.record_decision(task_id, robots, now_ns)
+        self._explanation.record_decision(task_id, robots, now_ns)
         spots = self._spots(record.task, robots)
         gather = plain("gather", f"{' and '.join(robots)} gather for it", robots=tuple(robots))
         self._book.begin_together(task_id, gather)
@@ -143,7 +147,7 @@ class Coalitions:
             result = {"robots": list(group.robots), "energy_j": round(energy_j, 1)}
             self._book.move(task_id, TaskState.DONE, result=result)
             return
-        if self._lifecycle.reasons.held_back() is not None:
+        if self._lifecycle.eligibility.offer_refusal() is not None:
             return  # another coordinator may be offering the same task; its robots wait
         doing = tuple(self._add(self._own_share(record.task, spot), task_id) for spot in group.spots)
         self._groups[task_id] = group._replace(doing=doing)
@@ -161,7 +165,7 @@ class Coalitions:
         self._lifecycle.backoff.note(task_id, robot, reason, now_ns)
         self._call_off(task_id, RobotOut(robot, reason))
         record = self._book.give_back(task_id, RobotOut(robot, reason), failed=failed)
-        if not record.state.ended and (hopeless := self._lifecycle.reasons.hopeless(record, now_ns)):
+        if not record.state.ended and (hopeless := self._lifecycle.eligibility.hopeless(record, now_ns)):
             self._book.move(task_id, TaskState.FAILED, hopeless)
 
     def _call_off(self, task_id: str, reason: TaskReason | None) -> None:

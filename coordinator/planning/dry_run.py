@@ -4,6 +4,7 @@ import msgspec
 
 from robrain.coordinator.planning.energy_budget import UNKNOWN
 from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.tasks.eligibility import Eligibility
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -20,14 +21,14 @@ class DryRuns:
     Args:
         book: of the tasks.
         roster: the robots of the team.
-        reasons: why tasks and robots stand as they do.
+        eligibility: which tasks may be offered.
+        explanation: how each robot is judged.
 
     """
 
-    def __init__(self, book: TaskBook, roster: Roster, reasons: TaskExplanation) -> None:
-        self._book = book
-        self._roster = roster
-        self._reasons = reasons
+    def __init__(self, book: TaskBook, roster: Roster, eligibility: Eligibility, explanation: TaskExplanation) -> None:
+        self._book, self._roster = book, roster
+        self._eligibility, self._explanation = eligibility, explanation
 
     def of(self, task: Task, by: str, now_ns: int) -> TaskDryRun:
         """What would follow from a task that is admitted; its id is not in the book.
@@ -39,8 +40,8 @@ class DryRuns:
 
         """
         record = TaskRecord(task=task, state=TaskState.QUEUED, by=by, submitted_ns=now_ns)
-        reason = self._reasons.new_task_state(record, now_ns)
-        robots = [self._with_costs(one, task) for one in self._reasons.judge(record, now_ns)]
+        reason = self._eligibility.new_task_state(record, now_ns)
+        robots = [self._with_costs(one, task) for one in self._explanation.judge(record, now_ns)]
         waiting = [one for one in self._book.open if not one.own and one.state is TaskState.QUEUED]
         return TaskDryRun(
             task=task,

@@ -1,15 +1,18 @@
 """Executes the plan: offers due tasks, publishes why tasks are left out, and fails those left out for too long."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
+from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.tasks.offers import dispatch, verdicts
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import NearestOut, PlanReason, TaskReason, needed_for, plain
-
-if TYPE_CHECKING:
-    from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.protocol.reasons import NearestOut, PlanReason, RobotReason, TaskReason, needed_for, plain
 
 OFFERS_MAX = 16
 """Offers per step: each is journalled first, and the team must not wait for that."""
@@ -18,29 +21,69 @@ TELL_NS = to_ns(5.0)
 
 
 class PlanExecutor:
-    """Executes plans.
+    """Offers tasks by the plan, or without plans to the nearest idle robots.
 
     Args:
-        planning: makes them.
+        planning: makes the plans.
         lifecycle: of the tasks.
         book: of the tasks.
+        roster: the robots of the team.
+        explanation: keeps the verdicts of each decision.
+        coalitions: executes tasks for several robots.
 
     """
 
-    def __init__(self, planning: Planning, lifecycle: "TaskLifecycle", book: TaskBook) -> None:
-        self._planning = planning
-        self._lifecycle = lifecycle
-        self._book = book
+    def __init__(
+        self,
+        planning: Planning,
+        lifecycle: TaskLifecycle,
+        book: TaskBook,
+        roster: Roster,
+        explanation: TaskExplanation,
+        coalitions: Coalitions,
+    ) -> None:
+        self._planning, self._lifecycle, self._book, self._roster = planning, lifecycle, book, roster
+        self._explanation, self._coalitions = explanation, coalitions
         self._published_number = 0
         self._publish_ns = 0
 
-    def step(self, now_ns: int) -> bool:
-        """Offer due tasks to robots that can take them now; a robot that explores gives that up.
+    def step(self, robots: Sequence[Robot], now_ns: int, *, is_halted: bool) -> bool:
+        """Offer tasks to robots that can do them now.
+
+        Args:
+            robots: those that may act and have no task.
+            now_ns: the time.
+            is_halted: whether the team is halted; then nothing is offered.
 
         Returns:
             Whether more is to be offered, at the next step.
 
         """
+        ready = self._lifecycle.publish_unfit(now_ns)
+        if not self._planning.is_on:
+            self._dispatch(ready, robots, now_ns)
+            return False
+        if is_halted:
+            return False
+        has_more = self._follow_plan(now_ns)
+        self._coalitions.step(now_ns)
+        return has_more
+
+    def _dispatch(self, ready: Sequence[TaskRecord], idle: Sequence[Robot], now_ns: int) -> None:
+        """Offer ready tasks to the nearest robots."""
+        eligibility, robots = self._lifecycle.eligibility, self._roster.by_name
+
+        def refusal(record: TaskRecord, robot: Robot) -> RobotReason | None:
+            return eligibility.refusal(record, robot, now_ns)
+
+        with self._lifecycle.as_far_as_written(now_ns):
+            by_id = {record.task.id: record for record in ready}
+            for task_id, robot in dispatch(ready, idle, refusal):
+                self._explanation.record(task_id, verdicts(by_id[task_id], robots, refusal, robot), now_ns)
+                self._lifecycle.offer(task_id, robot, now_ns)
+
+    def _follow_plan(self, now_ns: int) -> bool:
+        """Offer due tasks; a robot that explores gives that up. Returns whether more is due."""
         book, lifecycle, planning = self._book, self._lifecycle, self._planning
         with lifecycle.as_far_as_written(now_ns):
             self._publish_left_out(now_ns)
@@ -52,7 +95,7 @@ class PlanExecutor:
                 at = book.of_robot(robot)
                 if at is not None and not after:
                     book.move(at.task.id, TaskState.CANCELLED, needed_for(robot, task_id))
-                lifecycle.record_decision(task_id, [robot], now_ns)
+                self._explanation.record_decision(task_id, [robot], now_ns)
                 lifecycle.offer(task_id, robot, now_ns, after=after)
                 record = book.find(task_id)
                 if record is not None and record.state in (TaskState.OFFERED, TaskState.RUNNING):
@@ -64,16 +107,16 @@ class PlanExecutor:
         if self._planning.number == self._published_number and now_ns < self._publish_ns:
             return
         self._published_number, self._publish_ns = self._planning.number, now_ns + TELL_NS
-        reasons = self._lifecycle.reasons
+        eligibility, explanation = self._lifecycle.eligibility, self._explanation
         is_anybody_out = self._planning.anybody_out(now_ns)
         paused = {task for task, _ in self._lifecycle.backoff.pauses(now_ns)}
         for task_id, left in self._planning.left_out.items():
             record = self._book.find(task_id)
             if record is None or record.state is not TaskState.QUEUED:
                 continue
-            if task_id in paused or reasons.nobody_can(record) is not None:
+            if task_id in paused or eligibility.nobody_can(record) is not None:
                 continue  # the published reason says more
-            if is_anybody_out and reasons.able_but_out(record, now_ns):
+            if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done
             if record.task.deadline_ns is None and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
                 gave_up = plain("gave_up", f"nobody can do it: {left.reason}", because=left.reason.code)

@@ -206,6 +206,8 @@ class Planning:
         """Predicted state of charging robots after their charge; maintained by `ChargeDesk`."""
         self.charges: tuple[PlannedCharge, ...] = ()
         """Which robots charge where and when; maintained by `ChargePublisher`."""
+        self.lack_range: set[str] = set()
+        """Idle robots that lack only the energy to explore what is left; maintained by exploration."""
         self.held: dict[str, PlainReason] = {}
         """Robots that work on a task with others."""
         self.left_out: dict[str, Unplanned] = {}

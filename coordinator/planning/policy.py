@@ -10,7 +10,7 @@ import msgspec
 from robrain.algorithms.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.algorithms.exploration.strategies import AUTO, JOINT, NO_EXPLORATION, STRATEGIES
 from robrain.algorithms.exploration.strategies import NEAREST as NEAREST_STRATEGY
-from robrain.coordinator.motes.field_policy import MoteFieldPolicy
+from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.ranges import Text, check_not_negative, check_positive
 from robrain.protocol.model.tasks.objective import Objective

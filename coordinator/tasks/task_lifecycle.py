@@ -5,16 +5,15 @@ robots; and withdraws tasks from robots that should not do them.
 """
 
 import logging
-from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.admission import dependency_refusal, reason_of
 from robrain.coordinator.tasks.backoff import TaskBackoff
-from robrain.coordinator.tasks.offers import Answered, Offers, dispatch, verdicts
+from robrain.coordinator.tasks.eligibility import Eligibility, TaskGate
+from robrain.coordinator.tasks.offers import Answered, Offers
 from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
@@ -22,7 +21,6 @@ from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
-from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
 from robrain.protocol.messages.tasks.offer_messages import TaskWithdrawal
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
@@ -38,47 +36,12 @@ from robrain.protocol.reasons import (
     PlainReason,
     Refused,
     RobotOut,
-    RobotReason,
     TaskReason,
     plain,
 )
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import ROBOT_OFFER
 from robrain.protocol.wire.endpoint import Endpoint
-
-
-class HeldElsewhere:
-    """Who may be at which queued task, and until when.
-
-    Args:
-        book: of the tasks.
-        roster: the robots of the team.
-
-    """
-
-    def __init__(self, book: TaskBook, roster: Roster) -> None:
-        self._book, self._roster = book, roster
-        self._until: dict[str, tuple[str, int]] = {}
-
-    def hear(self, said: TeamBallot, now_ns: int) -> None:
-        """Take in what a robot says of itself and of others."""
-        self._until = {task: one for task, one in self._until.items() if one[0] != said.robot and one[1] > now_ns}
-        for other in said.absent:
-            record, known = self._book.find(other.id), self._until.get(other.id)
-            until_ns = now_ns + to_ns(other.left_s)
-            is_queued = record is not None and record.state is TaskState.QUEUED
-            if is_queued and other.robot != said.robot and (known is None or known[1] < until_ns):
-                self._until[other.id] = (other.robot, until_ns)
-
-    def by(self, task_id: str, now_ns: int) -> str:
-        """The robot that may be at a task; empty if there is none. One that is heard says itself what it is at."""
-        robot, until_ns = self._until.get(task_id, ("", now_ns))
-        known = self._roster.robots.get(robot)
-        if until_ns <= now_ns or known is None or known.state is None or not known.is_up(now_ns):
-            return robot if until_ns > now_ns else ""
-        statuses = (known.state.task, known.state.next_task)
-        return robot if any(one is not None and one.id == task_id for one in statuses) else ""
-
 
 logger = logging.getLogger(__name__)
 
@@ -95,12 +58,13 @@ class TaskLifecycle:
         book: of its tasks.
         roster: the robots of the team.
         capabilities: plugins and kinds of task of the robots.
+        gate: what may hold offers back, and is told of refusals.
 
     """
 
-    def __init__(self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities) -> None:
-        self.on_refused: Callable[[TaskRecord, str, OfferRefusal, int], None] = lambda *_refusal: None
-        """Called with each of the coordinator's own tasks that a robot refuses, the robot, its reason and the time."""
+    def __init__(
+        self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities, gate: TaskGate
+    ) -> None:
         self._offers = Offers(wire, LEASE_S)
         self._ahead: dict[str, tuple[str, str]] = {}
         """For each robot, the running task after which it was last offered another, and that one."""
@@ -110,10 +74,9 @@ class TaskLifecycle:
         self._since_ns = self._begun_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
+        self._gate = gate
         self.backoff = self._backoff = TaskBackoff()
-        self.reasons = TaskExplanation(book, roster, capabilities, self._backoff)
-        self.held_elsewhere = HeldElsewhere(book, roster)
-        self.reasons.held_by = self.held_elsewhere.by
+        self.eligibility = Eligibility(book, roster, capabilities, self._backoff, gate)
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._written = _AsFarAsWritten()
         self._settled_version = -1
@@ -188,7 +151,7 @@ class TaskLifecycle:
         if not after:  # what is refused for later is asked again when the robot is free
             self._avoid_refuser(task_id, robot, refusal, now_ns)
         if record.own:
-            self.on_refused(record, robot, refusal, now_ns)
+            self._gate.task_refused(record, robot, refusal, now_ns)
         return True
 
     def _end_replaced(self, robot: str, task_id: str) -> None:
@@ -219,7 +182,7 @@ class TaskLifecycle:
     def _avoid_refuser(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
         self._backoff.note(task_id, robot, Refused(refusal), now_ns, self._chargeable(robot))
         record = self._book.find(task_id)
-        if record is not None and not record.state.ended and (hopeless := self.reasons.hopeless(record, now_ns)):
+        if record is not None and not record.state.ended and (hopeless := self.eligibility.hopeless(record, now_ns)):
             self._book.move(task_id, TaskState.FAILED, hopeless)
 
     def _chargeable(self, robot: str) -> BatteryState | None:
@@ -307,46 +270,15 @@ class TaskLifecycle:
         ended = dependency_refusal(task, others)
         return None if ended is None else (TaskState.CANCELLED, ended)
 
-    def dispatch(self, idle: list[Robot], now_ns: int) -> None:
-        """Offer ready tasks to robots.
-
-        Args:
-            idle: available robots without a task.
-            now_ns: the time.
-
-        """
-        reasons = self.reasons
-        ready = [record for record in self._book.open if reasons.waits(record, now_ns) is None]
-        if not ready:
-            return
-        robots = [self._roster.robots[name] for name in sorted(self._roster.robots)]
-
-        def why_not(record: TaskRecord, robot: Robot) -> RobotReason | None:
-            return reasons.not_for(record, robot, now_ns)
-
+    def publish_unfit(self, now_ns: int) -> list[TaskRecord]:
+        """Publish for ready tasks that no robot of the team can do them; returns all ready tasks."""
+        ready = [record for record in self._book.open if self.eligibility.wait_reason(record, now_ns) is None]
         with self.as_far_as_written(now_ns):
-            self._publish_unfit(ready)
-            by_id = {record.task.id: record for record in ready}
-            for task_id, robot in dispatch(ready, idle, why_not):
-                reasons.note(task_id, verdicts(by_id[task_id], robots, why_not, robot), now_ns)
-                self.offer(task_id, robot, now_ns)
-
-    def publish_unfit(self, now_ns: int) -> None:
-        """Publish for ready tasks that no robot of the team can do them."""
-        with self.as_far_as_written(now_ns):
-            self._publish_unfit([record for record in self._book.open if self.reasons.waits(record, now_ns) is None])
-
-    def _publish_unfit(self, ready: list[TaskRecord]) -> None:
-        for record in ready:
-            reason = self.reasons.nobody_can(record)
-            if reason is not None and reason != record.reason:  # published once, and at each change
-                self._book.move(record.task.id, TaskState.QUEUED, reason)
-
-    def record_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
-        """Keep each robot's verdict on a task that is about to be offered, for later queries."""
-        record = self._book.find(task_id)
-        if record is not None:
-            self.reasons.note(task_id, self.reasons.judge(record, now_ns, robots), now_ns)
+            for record in ready:
+                reason = self.eligibility.nobody_can(record)
+                if reason is not None and reason != record.reason:  # published once, and at each change
+                    self._book.move(record.task.id, TaskState.QUEUED, reason)
+        return ready
 
     def may_be_next(self, robot: str, at: str) -> bool:
         """Whether a robot may be offered a next task after its running one: once for each."""

@@ -1,14 +1,12 @@
 """Answers queries about tasks: submit, dry run, cancel, list, get, why."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import msgspec
 
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.leadership.leadership import Leadership
-from robrain.coordinator.planning.dry_run import DryRuns
 from robrain.coordinator.tasks.admission import impossibility, why_unknown
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
@@ -44,6 +42,16 @@ REPLY_MAX = 10_000
 """Tasks in one reply to `list`."""
 
 
+class RequestGate(Protocol):
+    """Whether tasks are accepted, and when a change may be acknowledged."""
+
+    def request_refusal(self) -> str:
+        """Why no task is accepted or cancelled, in words; empty if tasks are."""
+
+    def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
+        """Call `on_kept` once no change so far can be lost with this machine, else `on_lost` with a reason."""
+
+
 class TaskRequests:
     """Answers the queries `task/…`, in the coordinator's own step.
 
@@ -53,10 +61,10 @@ class TaskRequests:
         team_map: the known map.
         capabilities: what robots of the team offer.
         explain: why a task stands as it does.
-        dry_runs: what would follow from a task.
+        dry_run: what would follow from a task, given who would submit it and the time.
         motes: names of those that were ever heard, each with what it senses.
         chargers: places of those that robots know.
-        leadership: whether tasks are accepted, and when a change may be acknowledged.
+        gate: whether tasks are accepted, and when a change may be acknowledged.
 
     """
 
@@ -67,10 +75,10 @@ class TaskRequests:
         team_map: TeamMap,
         capabilities: Capabilities,
         explain: Callable[[TaskRecord, int], TaskWhy],
-        dry_runs: DryRuns,
+        dry_run: Callable[[Task, str, int], TaskDryRun],
         motes: Callable[[], Mapping[str, str]],
         chargers: Callable[[], Sequence[Point2D]],
-        leadership: Leadership,
+        gate: RequestGate,
     ) -> None:
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
@@ -80,10 +88,10 @@ class TaskRequests:
         self._map = team_map
         self._capabilities = capabilities
         self._explain = explain
-        self._dry_runs = dry_runs
+        self._foresee = dry_run
         self._motes = motes
         self._chargers = chargers
-        self._leadership = leadership
+        self._gate = gate
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
         wire.answer(TASK_DRY_RUN, self._dry_run, serve=Serve.IN_STEP)
         wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)
@@ -95,7 +103,7 @@ class TaskRequests:
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
-        if why := self._leadership.refusal():
+        if why := self._gate.request_refusal():
             raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
         known = self._book.find(asked.task.id)
         if known is None:
@@ -125,7 +133,7 @@ class TaskRequests:
         task = self._stamped(asked)
         if why := self._refusal(task):
             return TaskDryRun(task=task, refused=cut(why, TEXT_MAX))
-        return self._dry_runs.of(task, asked.by or request.by, self._clock.now_ns())
+        return self._foresee(task, asked.by or request.by, self._clock.now_ns())
 
     def _stamped(self, asked: TaskSubmission) -> Task:
         """The task with stamps in place of times that count from now (CallError if that is impossible)."""
@@ -177,7 +185,7 @@ class TaskRequests:
                 tell(CallError(ErrorCode.FAILED, text, why))
 
             journal = self._book.journal
-            self._leadership.when_kept(lambda: journal.when_on_disk(told), not_kept)
+            self._gate.when_kept(lambda: journal.when_on_disk(told), not_kept)
 
         return Deferred(record, when)
 
@@ -204,11 +212,11 @@ class TaskRequests:
 
     def _cancel(self, request: Request[TaskRequest]) -> TaskRecord | Deferred[TaskRecord]:
         asked = request.asked
-        if why := self._leadership.refusal():
+        if why := self._gate.request_refusal():
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
         record = self._known(asked.id)
         if record.state is TaskState.CANCELLED:
-            return record if self._leadership.feed is None else self._once_on_disk(record)
+            return self._once_on_disk(record)
         if record.state.ended:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is {record.state}", record.state)
         by = asked.by or request.by
@@ -220,7 +228,7 @@ class TaskRequests:
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
         self.has_changed = True  # its robot is told to stop in the same step
-        return record if self._leadership.feed is None else self._once_on_disk(record)
+        return self._once_on_disk(record)
 
     def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:
         wanted = request.asked

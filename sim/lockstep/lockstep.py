@@ -20,8 +20,10 @@ from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.plugin import PluginState
 from robrain.agent.witness import WitnessExtension, WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
+from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
+from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.answers.collector import CalmCollector
 from robrain.protocol.clock import Clock, VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -246,8 +248,7 @@ class LockstepRun:
     @property
     def has_open_alarm(self) -> bool:
         """Whether a task that a rule has made is open."""
-        rules = self.coordinator.rules
-        return rules is not None and rules.has_open
+        return self.coordinator.part(TaskRules).has_open
 
     def floor_left(self) -> list[FloorLeft]:
         """Regions of floor that were not seen or cannot be reached, and why."""
@@ -261,7 +262,7 @@ class LockstepRun:
 
         It is part of the recording, so it changes the digest: for the end of a run.
         """
-        return self.coordinator.left.publish() if self.has_coordinator else None
+        return self.coordinator.part(Exploration).remaining.publish() if self.has_coordinator else None
 
     @property
     def truth(self) -> ArenaTruth:

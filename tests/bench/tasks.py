@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import median
 from threading import Event
 
+from robrain.coordinator.core.part import Parts
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
@@ -84,7 +85,7 @@ def _steps() -> list[Figure]:
         roster = Roster()
         book = TaskBook(clock, 0, lambda _event: None)
         capabilities = Capabilities(wire)
-        lifecycle = TaskLifecycle(wire, book, roster, capabilities)
+        lifecycle = TaskLifecycle(wire, book, roster, capabilities, Parts())
         for number in range(TASKS):
             book.add(_visit(f"t{number}", after=(f"t{number - 1}",) if number % 3 == 2 else ()))
         for number in range(ROBOTS):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -37,7 +38,9 @@ def test_a_team_at_rest_is_looked_after_twice_a_second(team, monkeypatch, method
     team.closed_room()
     team.run(2.0)
     looks = []
-    monkeypatch.setattr(team.coordinator.explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or [])
+    monkeypatch.setattr(
+        team.coordinator.part(Exploration).explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or []
+    )
     team.run(5.0)
     assert 9 <= len(looks) <= 11
 
@@ -51,7 +54,9 @@ def test_a_team_is_looked_after_twice_a_second_again_once_it_has_looked_at_what_
     team.ask(TASK_CANCEL, TaskRequest(id="t1"))
     team.run(2.0)
     looks = []
-    monkeypatch.setattr(team.coordinator.explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or [])
+    monkeypatch.setattr(
+        team.coordinator.part(Exploration).explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or []
+    )
     team.run(5.0)
     assert 9 <= len(looks) <= 11
 
@@ -137,7 +142,7 @@ def test_a_gap_that_a_robot_does_not_fit_through_is_remembered_where_it_stands(t
     team.run(1.0)
     robot.end(TaskState.FAILED, "the path has been too narrow", gap_m=0.36)
     team.run(0.5)
-    (gap,) = team.coordinator.explorer._narrow.gaps
+    (gap,) = team.coordinator.part(Exploration).explorer._narrow.gaps
     assert (gap.place, gap.gap_m) == (Point2D(robot.pose.x_m, robot.pose.y_m), 0.36)
 
 

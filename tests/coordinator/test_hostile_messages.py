@@ -6,6 +6,10 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
+from robrain.coordinator.charging.charging import Charging
+from robrain.coordinator.exploration import Exploration
+from robrain.coordinator.leadership.leadership import Leadership
+from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
@@ -97,15 +101,16 @@ def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team,
 
 
 STAGES = {
-    "answers": "lifecycle.process_answers",
-    "halts": "halts.hear",
-    "tasks": "lifecycle.settle",
-    "motes": "motes.step",
-    "planning": "planning.step",
-    "withdrawals": "lifecycle.withdraw_strays",
-    "offers": "_following.step",
-    "charging": "_send_to_charge",
-    "exploration": "_explore",
+    "answers": (lambda core: core.lifecycle, "process_answers"),
+    "halts": (lambda core: core.halts, "hear"),
+    "tasks": (lambda core: core.lifecycle, "settle"),
+    "MoteMembers": (lambda core: core.parts.find(MoteMembers), "decide"),
+    "planning": (lambda core: core.planning, "step"),
+    "withdrawals": (lambda core: core.lifecycle, "withdraw_strays"),
+    "offers": (lambda core: core.executor, "step"),
+    "Charging": (lambda core: core.parts.find(Charging), "assign"),
+    "Exploration": (lambda core: core.parts.find(Exploration), "assign"),
+    "Leadership": (lambda core: core.parts.find(Leadership), "check"),
 }
 NEEDED = ("planning", "offers")
 """Without these stages no task is given to a robot."""
@@ -117,12 +122,12 @@ def test_a_stage_that_raises_is_set_aside_and_the_others_run(team, monkeypatch, 
     team.robot("r1")
     team.hall()
     team.run(0.5)
-    part, _, function = STAGES[stage].rpartition(".")
+    owner, function = STAGES[stage]
 
     def faulty(*_args, **_options):
         raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr(getattr(team.coordinator, part) if part else team.coordinator, function, faulty)
+    monkeypatch.setattr(owner(team.coordinator.core), function, faulty)
     team.submit(Task(id="v1", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
     summary = team.summary

@@ -13,7 +13,7 @@ import pytest
 from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.task_desk import TaskDesk
 from robrain.client.team import Team
-from robrain.coordinator import frontier_desk
+from robrain.coordinator import exploration
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.surroundings import surroundings_of
@@ -237,6 +237,6 @@ def test_robots_that_go_through_walls_are_found(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_robot_that_does_not_go_home_to_charge_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RechargeBehavior, "step", lambda _: None)
-    monkeypatch.setattr(frontier_desk, "reach_m", lambda *_: math.inf)  # nor does the coordinator count the way home
+    monkeypatch.setattr(exploration, "reach_m", lambda *_: math.inf)  # nor does the coordinator count the way home
     [one] = only(judged(long_day, weak(WITH_CHARGER)), OutOfEnergy)
     assert one.robot == "r1"

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.charging.charge_desk import MOVED_NS, MOVED_SHARE, _is_the_same
+from robrain.coordinator.charging.charging import MOVED_NS, MOVED_SHARE, _is_the_same
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.plan_messages import PlannedCharge
 from robrain.protocol.model.geometry import Point2D

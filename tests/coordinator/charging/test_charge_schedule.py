@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.charging.charge_desk import LEAST_W, USUAL_W, ChargePower
 from robrain.coordinator.charging.charge_schedule import (
     CLEAR_S,
     DOCK_S,
@@ -15,6 +14,7 @@ from robrain.coordinator.charging.charge_schedule import (
     is_same_charger,
     schedule_charges,
 )
+from robrain.coordinator.charging.charging import LEAST_W, USUAL_W, ChargePower
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.coordinator.charging.charge_desk import DETOUR, STILL_M, ChargeWatch
 from robrain.coordinator.charging.charge_turns import TO_SOC
+from robrain.coordinator.charging.charging import DETOUR, STILL_M, ChargeWatch
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE
 from robrain.coordinator.planning.policy import PlanningPolicy

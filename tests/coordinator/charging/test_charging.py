@@ -7,6 +7,7 @@ import pytest
 
 from robrain.coordinator.charging.charge_schedule import schedule_charges
 from robrain.coordinator.charging.charge_turns import TO_SOC
+from robrain.coordinator.charging.charging import Charging
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.policy import ChargingPolicy, PlanningPolicy
 from robrain.coordinator.planning.snapshot import AfterCharge
@@ -188,7 +189,7 @@ def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_t
     assert second.why.startswith("waits for the charger at (3.5, 2.5), free in ")
     assert second.why.endswith(" s: r2 has it before")
     assert (second.reason.charger, second.reason.behind) == (DOCKS[0], "r2")
-    assert team.coordinator._charge_desk.waiting == {"r1": second.reason}
+    assert team.coordinator.part(Charging).waiting == {"r1": second.reason}
     assert second.from_ns >= first.until_ns
     free_ns = first.until_ns
     assert run(team, workers, 60.0, until=lambda: charges_of(workers[0]))
@@ -263,7 +264,7 @@ def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team
         seen.extend((one.name, one.is_whole) for one in seekers if one.bound_for is None)
         return tuple(turn._replace(to_soc=to_soc) for turn in schedule_charges(seekers, demand, power))
 
-    monkeypatch.setattr("robrain.coordinator.charging.charge_desk.schedule_charges", schedule)
+    monkeypatch.setattr("robrain.coordinator.charging.charging.schedule_charges", schedule)
     (worker,) = staff(team, (0.2,))
     assert run(team, [worker], 60.0, until=lambda: charges_of(worker))
     assert to_soc_of(charges_of(worker)[0]) == to_soc
@@ -302,7 +303,7 @@ def turns(team):
     own.robot.behavior = "recharge"
     run(team, [own, low], 3.0)
     assert charges_of(low) == []
-    assert team.coordinator._charge_desk.waiting == {"r2": Plain("chargers_taken", count=1)}
+    assert team.coordinator.part(Charging).waiting == {"r2": Plain("chargers_taken", count=1)}
     return own, low
 
 

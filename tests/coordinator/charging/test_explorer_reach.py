@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.algorithms.exploration.reach import PLENTY_M, STEP_M
-from robrain.coordinator.charging.explorer_reach import reach_m
+from robrain.coordinator.exploration import Exploration, reach_m
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.energy_model import Work, estimate
@@ -56,7 +56,7 @@ def test_robot_that_lacks_only_energy_charges_and_then_explores(team):
     team.run(1.0)  # its chargers are asked for
     team.corridor()
     team.run(1.0)
-    idle = team.coordinator.explorer.idle["r1"]
+    idle = team.coordinator.part(Exploration).explorer.idle["r1"]
     assert isinstance(idle, LacksRange)
     assert idle.frontiers == 2
     assert idle.reach_m == 4.0

@@ -9,12 +9,14 @@ import threading
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 
+import robrain.coordinator.backups
+from robrain.coordinator.backups import KEPT, Backups
 from robrain.coordinator.journal import backup as backup_module
-from robrain.coordinator.journal import backup_desk
 from robrain.coordinator.journal.backup import (
     PART,
     back_up_closed,
@@ -23,7 +25,6 @@ from robrain.coordinator.journal.backup import (
     restore_backup,
     write_backup,
 )
-from robrain.coordinator.journal.backup_desk import BackupDesk
 from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.journal.journal_check import check_journal
@@ -32,6 +33,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
+from robrain.protocol.wire.endpoint import Endpoint
 from tests.waiting import until
 
 ALL = TaskFilter(own=True, limit=10_000)
@@ -332,8 +334,13 @@ def test_check_of_another_file_says_so(tmp_path, content: bytes) -> None:
 # -- asked for over the wire ----------------------------------------------------------------------------------
 
 
+def backups(endpoint: Endpoint, journal: Journal, kept: int = KEPT) -> Backups:
+    core = SimpleNamespace(wire=endpoint, tasks=SimpleNamespace(journal=journal))
+    return Backups(core, kept)  # type: ignore[arg-type]
+
+
 def test_desk_keeps_as_many_as_it_is_told_and_begins_none_once_closed(journal, path, endpoint) -> None:
-    desk = BackupDesk(endpoint, journal, kept=2)
+    desk = backups(endpoint, journal, kept=2)
     told = [endpoint.ask(COORDINATOR_BACKUP) for _ in range(3)]
     assert [one.tasks for one in told] == [50, 50, 50]
     assert sorted(backup_folder(path).iterdir()) == [Path(one.path) for one in told[1:]]
@@ -350,8 +357,8 @@ def test_second_backup_at_the_same_time_is_refused(journal, endpoint, monkeypatc
         may_go_on.wait(10)
         raise JournalError(None, "the disk has gone")
 
-    monkeypatch.setattr(backup_desk, "write_backup", stand_still)
-    desk = BackupDesk(endpoint, journal)
+    monkeypatch.setattr(robrain.coordinator.backups, "write_backup", stand_still)
+    desk = backups(endpoint, journal)
     first = endpoint.ask_later(COORDINATOR_BACKUP, None, timeout_s=20.0)
     assert has_begun.wait(10)
     with pytest.raises(CallError, match="another backup is being written") as busy:
@@ -365,6 +372,6 @@ def test_second_backup_at_the_same_time_is_refused(journal, endpoint, monkeypatc
 
 def test_journal_in_memory_has_no_backup(endpoint) -> None:
     with closing(Journal()) as journal:
-        BackupDesk(endpoint, journal)
+        backups(endpoint, journal)
         with pytest.raises(CallError, match="the journal is in memory"):
             endpoint.ask(COORDINATOR_BACKUP)

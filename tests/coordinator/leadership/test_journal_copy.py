@@ -12,6 +12,7 @@ from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.candidate import Candidate, Following
 from robrain.coordinator.leadership.election import Elected, Election, Won
+from robrain.coordinator.leadership.leadership import ElectedLeadership
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -167,7 +168,7 @@ def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: 
     assert pair.acknowledged == []
     pair.run(0.5)
     assert pair.acknowledged == ["t1"]
-    feed = pair.coordinator.leadership.feed
+    feed = pair.coordinator.part(ElectedLeadership).feed
     assert not feed.status().in_step
     assert feed.status().why == "it is silent"
     pair.exchange.end(1)
@@ -185,7 +186,7 @@ def test_a_full_disk_of_the_one_that_stands_by_stops_it_and_not_the_coordinator(
     pair.waiting = ["t1"]
     pair.run(2.0)
     assert pair.acknowledged == ["t1"]
-    feed = pair.coordinator.leadership.feed
+    feed = pair.coordinator.part(ElectedLeadership).feed
     assert "full" in feed.status().why
     pair.other_disk.is_full = False
     pair.run(8.0)
@@ -263,7 +264,7 @@ def test_a_copy_in_step_has_all_that_was_acknowledged(seed, faults, joins_after)
         pair.waiting += [f"t{place}-{number}" for number in range(tasks)]
         for _ in range(round(time_s / TICK_S)):
             pair.run(TICK_S)
-            if pair.coordinator.leadership.feed.stand_by:
+            if pair.coordinator.part(ElectedLeadership).feed.stand_by:
                 assert pair.missing == []
         pair.exchange.end(place)
         pair.run(0.3)

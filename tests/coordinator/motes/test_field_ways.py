@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from robrain.coordinator.motes.field_keeper import FORWARDERS_TOLD, FieldWays
+from robrain.coordinator.motes.mote_field import FORWARDERS_TOLD, FieldWays
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 
 

@@ -4,7 +4,8 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.motes.field_policy import MoteFieldPolicy
+from robrain.coordinator.motes.mote_field import FieldKeeper
+from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
@@ -34,7 +35,7 @@ def made(field, kind):
 
 
 def state(field):
-    return field.team.coordinator.mote_field.state
+    return field.team.coordinator.part(FieldKeeper).state
 
 
 def test_nothing_is_done_and_told_unless_asked_for(field) -> None:
@@ -184,7 +185,7 @@ def test_what_a_stand_in_tells_makes_the_data_younger_and_says_nothing_of_the_ce
     field.run(5.0)
     mote.speaks = False
     field.run(10.0)
-    life = field.team.coordinator.mote_field.ledger.motes["m1"]
+    life = field.team.coordinator.part(FieldKeeper).ledger.motes["m1"]
     mote.voltage_v = 24.0
     mote.say(20.0, numbered=False)
     field.run(0.5)

@@ -1,12 +1,10 @@
 """Motes as members of the team: what they do in place of robots, and what becomes of it when they fall silent."""
 
-from contextlib import nullcontext
-
 import pytest
 
 from robrain.algorithms.motes.mote_energy import CAPACITY_J, FLAT_V, FRESH_V
 from robrain.coordinator.motes import mote_registry as motes
-from robrain.coordinator.motes.mote_members import mote_remaining_j, mote_share, reading_j, robot_share
+from robrain.coordinator.motes.mote_members import MoteMembers, mote_remaining_j, mote_share, reading_j, robot_share
 from robrain.coordinator.motes.mote_registry import MoteTable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
@@ -204,7 +202,7 @@ def test_what_a_mote_cannot_do_it_is_not_asked_for(field, task, why):
     field.team.submit(task)
     field.run(0.2)
     record = field.get("s")
-    verdicts, mote = field.team.coordinator.motes.judge(record, field.team.clock.now_ns())
+    verdicts, mote = field.team.coordinator.part(MoteMembers).judge(record, field.team.clock.now_ns())
     assert mote is None
     assert why in next(one.why_not for one in verdicts if one.robot == "m1")
 
@@ -212,7 +210,7 @@ def test_what_a_mote_cannot_do_it_is_not_asked_for(field, task, why):
 def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
     mote = field.mote()
     field.run(2.0)
-    known = field.team.coordinator.motes.table.motes["m1"]
+    known = field.team.coordinator.part(MoteMembers).table.motes["m1"]
     assert known.out_of_reach_reason(field.team.coordinator.roster, field.team.clock.now_ns()) is None
     mote.speaks = False
     field.run(20.0)
@@ -285,11 +283,13 @@ def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_ha
     field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
     field.run(1.0)
     assert field.get("s").robot == "mote:m1"
-    desk = field.team.coordinator.motes
-    assert not desk.step(field.team.clock.now_ns() + to_ns(0.5), lambda _now_ns: nullcontext())
+    core, motes = field.team.coordinator.core, field.team.coordinator.part(MoteMembers)
+    core.assign_due_ns = 1
+    motes.decide(field.team.clock.now_ns() + to_ns(0.5))
     assert field.get("s").robot == "mote:m1"
-    assert not desk.step(field.team.clock.now_ns() + to_ns(3.0), lambda _now_ns: nullcontext())
+    motes.decide(field.team.clock.now_ns() + to_ns(3.0))
     assert field.get("s").state is TaskState.FAILED
+    assert core.assign_due_ns == 1, "nobody else may do it"
 
 
 def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):

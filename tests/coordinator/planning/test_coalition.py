@@ -61,11 +61,11 @@ def test_they_do_not_begin_while_another_coordinator_may_lead(team, crew):
     held_back = MinorityHeard(1, 3)
     team.submit(together())
     run(team, crew, 60.0, until=lambda: len(at_it(crew)) == 2)
-    team.coordinator.lifecycle.reasons.held_back = lambda: held_back
+    team.coordinator.lifecycle.eligibility.offer_refusal = lambda: held_back
     run(team, crew, 60.0)
     assert not any(parts(worker, "share") for worker in crew)
     assert team.states() == {"lift": TaskState.RUNNING}
-    team.coordinator.lifecycle.reasons.held_back = lambda: None
+    team.coordinator.lifecycle.eligibility.offer_refusal = lambda: None
     assert run(team, crew, 60.0, until=lambda: team.states() == {"lift": TaskState.DONE})
 
 

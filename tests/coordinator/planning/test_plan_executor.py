@@ -5,9 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from robrain.coordinator.core.part import Parts
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX, TELL_NS, PlanExecutor
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
@@ -30,7 +32,7 @@ class Plan:
     """A plan as `PlanExecutor` asks it."""
 
     def __init__(self) -> None:
-        self.number = 1
+        self.number, self.is_on = 1, True
         self.policy = PlanningPolicy(give_up_s=GIVE_UP_S)
         self.offers: list[Due] = []
         self.left_out: dict[str, Unplanned] = {}
@@ -39,6 +41,12 @@ class Plan:
 
     def due(self, _now_ns: int) -> list[Due]:
         return self.offers
+
+    def exclusion(self, _robot: object, _now_ns: int) -> None:
+        """No robot is excluded."""
+
+    def decision(self, _task_id: str) -> None:
+        """No decision was made."""
 
     def begun(self, task_id: str, robot: str) -> None:
         self.taken.append((task_id, robot))
@@ -58,12 +66,20 @@ class Office:
         self.book = TaskBook(wire.clock, 0, lambda event: self.told.append((event.task.id, event.reason)))
         self.told: list[tuple[str, TaskReason | None]] = []
         self.roster = Roster()
-        self.tasks = TaskLifecycle(wire, self.book, self.roster, Capabilities(wire))
+        self.tasks = TaskLifecycle(wire, self.book, self.roster, Capabilities(wire), Parts())
         self.offered: list[tuple[str, str, str]] = []
         self.tasks._offers = SimpleNamespace(offer=self._send, answered=list)
         self.refuses: set[str] = set()
         self.plan = Plan()
-        self.following = PlanExecutor(self.plan, self.tasks, self.book)
+        eligibility = self.tasks.eligibility
+        self.explanation = TaskExplanation(
+            self.book, self.roster, self.tasks.backoff, eligibility, self.plan, Parts().verdicts
+        )
+        coalitions = SimpleNamespace(step=lambda _now_ns: None)
+        self.executor = PlanExecutor(self.plan, self.tasks, self.book, self.roster, self.explanation, coalitions)
+
+    def step(self, now_ns: int) -> bool:
+        return self.executor.step([], now_ns, is_halted=False)
 
     def robot(self, name: str, task: TaskStatus | None = None) -> None:
         self.roster.record_presence(Change({"robot": name}, True))
@@ -98,8 +114,8 @@ def test_what_is_due_is_offered_and_the_plan_is_told_that_it_was_taken(office):
     office.add("t1")
     office.plan.offers = [Due("t1", "r1", "")]
     decided = []
-    office.tasks.record_decision = lambda *decision: decided.append(decision)
-    assert not office.following.step(0)
+    office.explanation.record_decision = lambda *decision: decided.append(decision)
+    assert not office.step(0)
     assert decided == [("t1", ["r1"], 0)]
     assert office.offered == [("t1", "r1", "")]
     assert office.state("t1") is TaskState.OFFERED
@@ -111,7 +127,7 @@ def test_an_offer_that_is_refused_at_once_was_not_taken(office):
     office.refuses = {"r1"}
     office.add("t1")
     office.plan.offers = [Due("t1", "r1", "")]
-    office.following.step(0)
+    office.step(0)
     assert office.offered == [("t1", "r1", "")]
     assert office.plan.taken == []
 
@@ -122,7 +138,7 @@ def test_so_many_are_offered_in_one_step_and_no_more(office, due, is_more):
         office.robot(f"r{number}")
         office.add(f"t{number}")
         office.plan.offers.append(Due(f"t{number}", f"r{number}", ""))
-    assert office.following.step(0) is is_more
+    assert office.step(0) is is_more
     assert len(office.offered) == len(office.plan.taken) == OFFERS_MAX
 
 
@@ -132,7 +148,7 @@ def test_what_a_robot_explores_is_called_off_for_a_task(office):
     office.tasks.offer("explore-1", "r1", 0)
     office.add("t1")
     office.plan.offers = [Due("t1", "r1", "")]
-    office.following.step(0)
+    office.step(0)
     assert office.state("explore-1") is TaskState.CANCELLED
     assert ("explore-1", needed_for("r1", "t1")) in office.told
     assert office.state("t1") is TaskState.OFFERED
@@ -142,10 +158,10 @@ def test_a_task_for_later_leaves_the_robot_at_its_present_one(office):
     office.robot("r1")
     office.add("t1", "t2")
     office.plan.offers = [Due("t1", "r1", "")]
-    office.following.step(0)
+    office.step(0)
     office.book.move("t1", TaskState.RUNNING)
     office.plan.offers = [Due("t2", "r1", "t1")]
-    office.following.step(0)
+    office.step(0)
     assert office.state("t1") is TaskState.RUNNING
     assert office.offered[1:] == [("t2", "r1", "t1")]
 
@@ -156,7 +172,7 @@ def test_a_task_for_later_that_a_robot_may_not_be_given_now_keeps_nothing_else_w
     office.add("t1", "t2")
     office.tasks.may_be_next = lambda robot, after: False
     office.plan.offers = [Due("t1", "r1", "t0"), Due("t2", "r2", "")]
-    assert not office.following.step(0)
+    assert not office.step(0)
     assert office.offered == [("t2", "r2", "")]
 
 
@@ -166,32 +182,32 @@ def test_a_task_for_later_that_a_robot_may_not_be_given_now_keeps_nothing_else_w
 def test_why_a_task_is_left_out_is_told_once(office):
     office.add("t1")
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
-    office.following.step(0)
+    office.step(0)
     office.plan.number = 2
-    office.following.step(1)
+    office.step(1)
     assert office.told[1:] == [("t1", lacks("r1", 20.0))]
     office.plan.number = 3
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 31.5), 0)}
-    office.following.step(2)
+    office.step(2)
     assert office.told[2:] == [], "only its figure is another"
     office.plan.number = 4
     office.plan.left_out = {"t1": Unplanned(lacks("r2", 31.5), 0)}
-    office.following.step(3)
+    office.step(3)
     assert office.told[2:] == [], "names of robots differ by figures too"
     office.plan.number = 5
     office.plan.left_out = {"t1": Unplanned(NearestOut("r2", plain("no_way_and_back", "words")), 0)}
-    office.following.step(4)
+    office.step(4)
     assert office.told[2:] == [("t1", NearestOut("r2", plain("no_way_and_back", "words")))]
 
 
 def test_while_the_plan_stays_the_same_what_is_left_out_is_looked_at_every_five_seconds(office):
     office.add("t1")
     now_ns = to_ns(100.0)
-    office.following.step(now_ns)
+    office.step(now_ns)
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), now_ns)}
-    office.following.step(now_ns + TELL_NS - 1)
+    office.step(now_ns + TELL_NS - 1)
     assert office.told[1:] == []
-    office.following.step(now_ns + TELL_NS)
+    office.step(now_ns + TELL_NS)
     assert office.told[1:] == [("t1", lacks("r1", 20.0))]
 
 
@@ -199,7 +215,7 @@ def test_while_the_plan_stays_the_same_what_is_left_out_is_looked_at_every_five_
 def test_a_task_without_a_deadline_that_is_left_out_for_too_long_has_failed(office, late_ns, state):
     office.add("t1")
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
-    office.following.step(to_ns(GIVE_UP_S) + late_ns)
+    office.step(to_ns(GIVE_UP_S) + late_ns)
     assert office.state("t1") is state
     assert office.told[-1][1] == (Plain("gave_up") if late_ns else lacks("r1", 20.0))
 
@@ -207,7 +223,7 @@ def test_a_task_without_a_deadline_that_is_left_out_for_too_long_has_failed(offi
 def test_a_task_with_a_deadline_waits_for_that(office):
     office.add("t1", deadline_ns=to_ns(10 * GIVE_UP_S))
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
-    office.following.step(to_ns(2 * GIVE_UP_S))
+    office.step(to_ns(2 * GIVE_UP_S))
     assert office.state("t1") is TaskState.QUEUED
     assert office.told[-1][1] == lacks("r1", 20.0)
 
@@ -219,7 +235,7 @@ def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):
     office.tasks.backoff.note("t2", "r1", Refused(no_path()), 0)
     before = len(office.told)
     office.plan.left_out = {name: Unplanned(lacks("r1", 20.0), 0) for name in ("gone", "t1", "t2")}
-    office.following.step(1)
+    office.step(1)
     assert office.told[before:] == []
 
 
@@ -228,17 +244,17 @@ def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):
 def test_a_task_that_a_robot_could_do_which_is_out_now_is_not_given_up(office, is_anybody_out, able_but_out):
     office.add("t1")
     office.plan.is_anybody_out = is_anybody_out
-    office.tasks.reasons.able_but_out = lambda record, now_ns: able_but_out
+    office.explanation.able_but_out = lambda record, now_ns: able_but_out
     office.plan.left_out = {"t1": Unplanned(lacks("r2", 20.0), 0)}
-    office.following.step(to_ns(2 * GIVE_UP_S))
+    office.step(to_ns(2 * GIVE_UP_S))
     is_kept = is_anybody_out and able_but_out
     assert office.state("t1") is (TaskState.QUEUED if is_kept else TaskState.FAILED)
 
 
 def test_a_task_that_nobody_has_the_plugins_for_is_told_elsewhere(office):
     office.add("t1")
-    office.tasks.reasons.nobody_can = lambda record: plain("team_lacks", "words")
+    office.tasks.eligibility.nobody_can = lambda record: plain("team_lacks", "words")
     office.plan.left_out = {"t1": Unplanned(lacks("r2", 20.0), 0)}
-    office.following.step(to_ns(2 * GIVE_UP_S))
+    office.step(to_ns(2 * GIVE_UP_S))
     assert office.state("t1") is TaskState.QUEUED
-    assert office.told[1:] == []
+    assert [reason for _, reason in office.told[1:]] == [plain("team_lacks", "words")]

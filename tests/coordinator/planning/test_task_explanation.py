@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from robrain.coordinator.core.part import Parts
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
@@ -29,7 +30,7 @@ class Office:
         self.book = TaskBook(wire.clock, 1, lambda _event: None)
         self.roster = Roster()
         self.capabilities = Capabilities(wire)
-        self.life = TaskLifecycle(wire, self.book, self.roster, self.capabilities)
+        self.life = TaskLifecycle(wire, self.book, self.roster, self.capabilities, Parts())
         for name in ("r1", "r2"):
             robot = self.roster.robots[name] = Robot(name)
             robot.state = RobotState(robot=name)
@@ -51,7 +52,7 @@ class Office:
     def why_not(self, task: str = "t", robot: str = "r1", now_ns: int = NOW_NS) -> RobotReason | None:
         record = self.book.find(task)
         assert record is not None
-        return self.life.reasons.not_for(record, self.roster.robots[robot], now_ns)
+        return self.life.eligibility.refusal(record, self.roster.robots[robot], now_ns)
 
     def say(self, task: str, state: TaskState, why: str = "") -> None:
         record = self.book.find(task)

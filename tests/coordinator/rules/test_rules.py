@@ -3,6 +3,7 @@
 import msgspec
 import pytest
 
+from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
@@ -377,7 +378,7 @@ def test_alarms_of_rules_that_are_gone_leave_the_journal(begin):
 @pytest.mark.slow
 def test_a_flood_of_readings_costs_bounded_work_and_memory(begin):
     sensed = begin(rule(cooldown_s=0.0))
-    desk = sensed.team.coordinator.rules
+    desk = sensed.team.coordinator.part(TaskRules)
     desk.tracks._capacity = 100
     for number in range(2500):
         sensed.sense(20.0, mote=f"m{number}", sequence=1)

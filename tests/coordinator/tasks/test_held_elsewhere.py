@@ -2,8 +2,8 @@
 
 import pytest
 
+from robrain.coordinator.tasks.eligibility import HeldElsewhere
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_lifecycle import HeldElsewhere
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
@@ -24,7 +24,7 @@ class Elsewhere:
     def say(self, robot, now_s, **left_s):
         absent = [TaskHeldBy(id=task, robot="r9", left_s=value) for task, value in left_s.items()]
         said = TeamBallot(robot=robot, ballot=Ballot(robot=robot, number=1, bids=(), heard=()), absent=absent)
-        self.held.hear(said, to_ns(now_s))
+        self.held.receive(said, to_ns(now_s))
 
     def by(self, now_s):
         return [self.held.by(name, to_ns(now_s)) for name in ("t1", "t2")]

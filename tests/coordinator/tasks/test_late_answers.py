@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
+from robrain.coordinator.core.part import Parts
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.backoff import REFUSALS_MAX
 from robrain.coordinator.tasks.offers import Answered
@@ -79,11 +80,12 @@ class Desk:
         self.wire = Endpoint(session, "late", self.clock, Drive.LOCKSTEP)
         self.book = TaskBook(self.clock, 0, lambda _event: None)
         self.roster = Roster()
-        self.tasks = TaskLifecycle(self.wire, self.book, self.roster, Capabilities(self.wire))
+        parts = Parts()
+        parts.task_refused = lambda record, robot, _why, now_ns: self.refused.append((record.task.id, robot, now_ns))
+        self.tasks = TaskLifecycle(self.wire, self.book, self.roster, Capabilities(self.wire), parts)
         self.mail = Mail()
         self.tasks._offers = self.mail
         self.refused: list[tuple[str, str, int]] = []
-        self.tasks.on_refused = lambda record, robot, _why, now_ns: self.refused.append((record.task.id, robot, now_ns))
         for name in ("r1", "r2"):
             self.roster.record_presence(Change({"robot": name}, True))
             self.say(name)

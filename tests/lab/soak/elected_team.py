@@ -6,6 +6,7 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.leadership.candidate import Candidate
 from robrain.coordinator.leadership.election import Elected, Election
+from robrain.coordinator.leadership.leadership import ElectedLeadership
 from robrain.lab.soak.fault_script import FaultScript
 from robrain.lab.soak.operator import OPERATOR
 from robrain.lab.soak.soak_run import SoakRun
@@ -32,7 +33,7 @@ class Site:
         """Take the step of the part that it plays."""
         if self.coordinator is not None:
             self.coordinator.step()
-            if self.coordinator.leadership.mandate.superseded:
+            if self.coordinator.part(ElectedLeadership).mandate.superseded:
                 self.coordinator.close()
                 self._wire.close()
                 self.coordinator = None
@@ -61,7 +62,7 @@ class Site:
     def leads(self) -> bool:
         """Whether it would offer tasks now."""
         now_ns = self._process.clock.now_ns()
-        return self.coordinator is not None and self.coordinator.leadership.mandate.leads(now_ns)
+        return self.coordinator is not None and self.coordinator.part(ElectedLeadership).mandate.leads(now_ns)
 
     def _begin(self) -> None:
         self._wire = self._run.wire_of(self._process)

@@ -10,6 +10,7 @@ from robrain.agent.witness import Kept, Witness, WitnessExtension
 from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.journal_feed import JournalFeed
+from robrain.coordinator.leadership.leadership import ElectedLeadership
 from robrain.coordinator.planning.policy import NEAREST
 from robrain.lab.soak.fault_script import FaultScript, PointRobot
 from robrain.lab.soak.operator import OPERATOR
@@ -94,7 +95,7 @@ class Team:
         self.run.team_faults.set(number, fault, begins=False)
 
     def mandate(self, site: str):
-        return self.run.site(site).coordinator.leadership.mandate
+        return self.run.site(site).coordinator.part(ElectedLeadership).mandate
 
     def journals(self) -> list[set[str]]:
         """Names of journals that each robot remembers to have everything."""
@@ -378,7 +379,7 @@ def test_one_with_other_witnesses_neither_follows_nor_stands(team: Team) -> None
     candidate.election.witnesses = ("r1", "r2")
     team.pass_s(3.0)
     assert candidate.unlike == "the coordinator that is heard has other witnesses: r1, r2, r3"
-    assert team.run.leader.leadership.feed.status().why == candidate.unlike
+    assert team.run.leader.part(ElectedLeadership).feed.status().why == candidate.unlike
     assert team.journals() == [{FIRST}] * 3
     team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(6.0)

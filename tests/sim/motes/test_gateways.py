@@ -6,7 +6,8 @@ from collections import Counter
 import msgspec
 import pytest
 
-from robrain.coordinator.motes.field_policy import MoteFieldPolicy
+from robrain.coordinator.motes.mote_field import FieldKeeper
+from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.links.inbox import Inbox
@@ -81,7 +82,7 @@ def test_readings_of_a_cut_off_gateway_arrive_after_the_cut_none_twice_and_none_
         during = heard.run_until(CUT_S[1] - 0.5)
         assert {reading.mote for reading in during} & NORTH == set()
         assert gateway.store.waiting >= 8 * 18 / 4 - 8
-        assert heard.run.coordinator.mote_field.state.oldest_s > 15.0
+        assert heard.run.coordinator.part(FieldKeeper).state.oldest_s > 15.0
         heard.run_until(50.0)
         after = [reading for reading in heard.readings if reading.via == "m9"]
         late = [one for one in after if to_seconds(one.stamp_ns - one.taken_ns) > 10.0]
@@ -92,9 +93,9 @@ def test_readings_of_a_cut_off_gateway_arrive_after_the_cut_none_twice_and_none_
             came = {number for mote, number in times if mote == name}
             assert set(range(max(came) + 1)) == came  # from the first on: none is missing
             assert own_numbers(heard.run, name) - came <= {max(own_numbers(heard.run, name))}
-        (told,) = heard.run.coordinator.mote_field.state.gateways
+        (told,) = heard.run.coordinator.part(FieldKeeper).state.gateways
         assert (told.name, told.waiting, told.dropped) == ("m9", 0, 0)
-        assert heard.run.coordinator.mote_field.state.delivery_ratio > 0.97
+        assert heard.run.coordinator.part(FieldKeeper).state.delivery_ratio > 0.97
         assert gateway.store.dropped == 0
 
 
@@ -112,9 +113,9 @@ def test_a_gateway_with_too_little_room_drops_the_oldest_and_says_how_many() -> 
         lost = {(name, number) for name in NORTH for number in own_numbers(heard.run, name)} - came
         newest = {(name, max(own_numbers(heard.run, name))) for name in NORTH}
         assert len(lost - newest) == gateway.store.dropped >= dropped
-        (told,) = heard.run.coordinator.mote_field.state.gateways
+        (told,) = heard.run.coordinator.part(FieldKeeper).state.gateways
         assert told.dropped == gateway.store.dropped
-        assert f"gateway m9 stores 0, has dropped {told.dropped}" in heard.run.coordinator.mote_field.state.words
+        assert f"gateway m9 stores 0, has dropped {told.dropped}" in heard.run.coordinator.part(FieldKeeper).state.words
 
 
 @pytest.mark.slow
@@ -153,7 +154,7 @@ def test_a_robot_that_is_a_gateway_stores_what_it_collects_out_of_reach_of_the_c
         ages_s = [to_seconds(reading.stamp_ns - reading.taken_ns) for reading in after]
         assert 15.0 < max(ages_s) < 35.0
         assert max(Counter((reading.mote, reading.sequence) for reading in heard.readings).values()) == 1
-        assert {one.name for one in heard.run.coordinator.mote_field.state.gateways} == {"r1"}
+        assert {one.name for one in heard.run.coordinator.part(FieldKeeper).state.gateways} == {"r1"}
 
 
 @pytest.mark.slow
@@ -166,11 +167,11 @@ def test_a_coordinator_that_begins_anew_is_told_what_was_sensed_while_there_was_
         team.run_for(20.0)
         run.begin_coordinator()
         team.run_for(10.0)
-        lives = run.coordinator.mote_field.ledger.motes
+        lives = run.coordinator.part(FieldKeeper).ledger.motes
         assert set(lives) >= NORTH
         first, newest = max(before), max(own_numbers(run, "m12"))
         assert lives["m12"].arrived >= newest - first - 1 >= 5
-        assert run.coordinator.mote_field.state.delivery_ratio > 0.95
+        assert run.coordinator.part(FieldKeeper).state.delivery_ratio > 0.95
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.motes.field_policy import MoteFieldPolicy
+from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenarios.scenario import Scenario

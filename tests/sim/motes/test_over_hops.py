@@ -4,7 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.coordinator.motes.field_policy import MoteFieldPolicy
+from robrain.coordinator.motes.mote_field import FieldKeeper
+from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
@@ -223,5 +224,5 @@ def test_the_coordinator_puts_motes_on_and_off_duty_that_no_base_station_hears()
         near = {motes.motes[index].mote.name for index in motes._near_stations(radio.sensitivity_dbm - 3.0)}
         resting = {mote.mote.name for mote in motes.motes if mote.period_ds > 40}
         assert (resting & NORTH) - near
-        assert not resting & team.transport.run.coordinator.mote_field._duties.on_duty
+        assert not resting & team.transport.run.coordinator.part(FieldKeeper)._duties.on_duty
         assert motes.mesh.down.counters.delivered > 0

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenarios.scenario import Scenario
@@ -18,7 +19,7 @@ def test_one_task_is_made_and_the_run_goes_on_until_the_source_is_found():
     runs, told = [], {}
 
     def look(_):
-        tasks, rules = runs[0].coordinator.tasks, runs[0].coordinator.rules
+        tasks, rules = runs[0].coordinator.tasks, runs[0].coordinator.part(TaskRules)
         told["records"] = tasks.journal.select(TaskFilter(by="rule:heat"))
         told["histories"] = [tasks.journal.history(record.task.id) for record in told["records"]]
         told["rule"] = rules.status()[0]

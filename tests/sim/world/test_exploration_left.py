@@ -8,6 +8,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.client.team import Team
+from robrain.coordinator.exploration import Exploration
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.model.geometry import Point2D
@@ -126,7 +127,7 @@ def _send(run: LockstepRun, place: Point2D) -> None:
 def test_a_frontier_where_robots_fail_again_and_again_is_tried() -> None:
     """The coordinator is told of two failures there, as by robots whose tasks have failed."""
     with running(scenario(two_rooms(1.0))) as run:
-        explorer, left = run.coordinator.explorer, None
+        explorer, left = run.coordinator.part(Exploration).explorer, None
         while run.sim_time_s < 1.0:
             run.tick()
         left = run.publish_exploration_left()

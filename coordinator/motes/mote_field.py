@@ -5,26 +5,26 @@ The tasks are planned in the same objective as all others. Their record says by 
 
 import math
 from collections import Counter
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 
 from msgspec import UNSET
+from msgspec.structs import replace
 
 from robrain.algorithms.motes.cell_trend import CellTrend
 from robrain.algorithms.motes.collect_tour import stops_for, visit_weight
 from robrain.algorithms.motes.coverage import CoverageMap, duty_set
 from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
-from robrain.coordinator.motes.field_policy import MoteFieldPolicy
+from robrain.coordinator.core.core import Core
+from robrain.coordinator.core.part import CoordinatorPart
 from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
-from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
-from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import COLLECT, RELAY, REPLACE, Collect, Relay, Replace, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -335,30 +335,27 @@ FRESH_AGAIN_NS = to_ns(30.0)
 """After a robot was at a mote, so long nobody is sent there again (chosen)."""
 
 
-class FieldKeeper:
-    """Makes tasks for the field, and tells how it is doing.
+class FieldKeeper(CoordinatorPart):
+    """Makes tasks for the field, and reports on it.
 
     Args:
-        wire: the coordinator's Zenoh endpoint.
-        book: of its tasks.
-        policy: what is to be done.
-        new_id: gives an unused id of a task, for its kind.
+        core: the team.
 
     """
 
-    def __init__(self, wire: Endpoint, book: TaskBook, policy: MoteFieldPolicy, new_id: Callable[[str], str]) -> None:
+    inbox_max = 8192
+
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
+        policy = core.planning.policy.mote_field
         self.is_on = False
         self.ledger = FieldLedger(policy.sensing_m)
         self.state: MoteFieldState | None = None
-        """How the field is doing; None while nothing is done for it."""
-        self._wire = wire
-        self._book = book
-        self._new_id = new_id
-        self._inbox = Inbox(capacity=8192)
-        self._guard = RecordGuard(wire.refusals)
+        """State of the field; None while nothing is done for it."""
+        self._wire, self._book = core.wire, core.tasks
         self._listens = False
         self._policy = MoteFieldPolicy()
-        self._duties = FieldDuties(wire, self.ledger)
+        self._duties = FieldDuties(core.wire, self.ledger)
         self._check_ns = 0
         self._made: dict[str, tuple[str, str]] = {}
         """Kind and mote of each own task that has not ended."""
@@ -366,10 +363,13 @@ class FieldKeeper:
         """When the last own task of a kind for a mote ended."""
         self._open: set[tuple[str, str]] = set()
         """Kind and mote of all tasks that have not ended, whoever asked for them."""
-        self.set_policy(policy)
+        self._set_policy(policy)
 
-    def set_policy(self, policy: MoteFieldPolicy) -> None:
+    def policy_changed(self, policy: PlanningPolicy) -> None:
         """Do this from now on; tasks that were made go on."""
+        self._set_policy(policy.mote_field)
+
+    def _set_policy(self, policy: MoteFieldPolicy) -> None:
         if policy == self._policy:
             return
         self._policy = policy
@@ -379,38 +379,32 @@ class FieldKeeper:
         self.state = None
         if self.is_on and not self._listens:
             self._listens = True
-            self._wire.subscribe(self._inbox, MOTE_READING)
+            self.subscribe(MOTE_READING)
 
-    def step(self, now_ns: int, writing: Callable[[int], AbstractContextManager[object]]) -> bool:
-        """Hear the motes and, once a second, make and call off tasks.
+    def handle(self, received: Received, now_ns: int) -> None:
+        """Remember a reading."""
+        self.ledger.note(received.message)
 
-        Args:
-            now_ns: the time.
-            writing: given the time, goes around all that changes tasks: what the journal does not take is not done.
-
-        Returns:
-            Whether there are new tasks.
-
-        """
-        if self._inbox.has_some:
-            self._guard.messages(self._inbox.drain(), self._take)
-        if now_ns < self._check_ns:
-            return False
+    def decide(self, now_ns: int) -> None:
+        """Once a second, make and call off tasks."""
+        if not self.is_on or now_ns < self._check_ns:
+            return
         self._check_ns = now_ns + LOOK_NS
-        has_made = False
-        with writing(now_ns):
+        before = len(self._made)
+        with self.core.lifecycle.as_far_as_written(now_ns):
             self._follow(now_ns)
             before = len(self._made)
             self._collect(now_ns)
             self._stand_in(now_ns)
             self._relay(now_ns)
-            has_made = len(self._made) > before
+        if len(self._made) > before:
+            self.core.assign_soon()
         self._duties.step(self._policy, now_ns)
         self.state = self.ledger.state(self._duties.on_duty, now_ns)
-        return has_made
 
-    def _take(self, received: Received) -> None:
-        self.ledger.note(received.message)
+    def summary(self, state: TeamState, now_ns: int) -> TeamState:
+        """Add the state of the field."""
+        return state if self.state is None else replace(state, mote_field=self.state)
 
     # -- following ------------------------------------------------------------------------------------------
 
@@ -539,7 +533,7 @@ class FieldKeeper:
         self, kind: str, mote: MoteLife, wanted: TaskParameters, reason: TaskReason, priority: float = 1.0
     ) -> None:
         assert mote.place is not None
-        task = Task(id=self._new_id(kind), kind=kind, place=mote.place, priority=priority, parameters=wanted.json)
+        task = Task(id=self.core.new_id(kind), kind=kind, place=mote.place, priority=priority, parameters=wanted.json)
         self._book.add(task, by=BY, reason=reason)
         self._made[task.id] = (kind, mote.name)
 

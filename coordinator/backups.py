@@ -5,15 +5,16 @@ import socket
 import threading
 from datetime import UTC, datetime
 
+from robrain.coordinator.core.core import Core
+from robrain.coordinator.core.part import CoordinatorPart
 from robrain.coordinator.journal.backup import ENDING, backup_folder, prune_backups, write_backup
 from robrain.coordinator.journal.errors import JournalError
-from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.team.standing_messages import JournalBackup
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
-from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+from robrain.protocol.wire.endpoint import Request, Serve
 
 logger = logging.getLogger(__name__)
 
@@ -24,21 +25,21 @@ MICROSECONDS = "%Y%m%dT%H%M%S.%f"
 CLOSE_TIMEOUT_S = 5.0
 
 
-class BackupDesk:
+class Backups(CoordinatorPart):
     """Answers the query for a backup.
 
     Args:
-        wire: the coordinator's Zenoh endpoint.
-        journal: its journal; one in memory is not backed up.
+        core: the team; a journal in memory is not backed up.
         kept: backups that stay in the folder.
 
     """
 
-    def __init__(self, wire: Endpoint, journal: Journal, kept: int = KEPT) -> None:
-        self._journal, self._clock, self._kept = journal, wire.clock, kept
+    def __init__(self, core: Core, kept: int = KEPT) -> None:
+        super().__init__(core)
+        self._journal, self._clock, self._kept = core.tasks.journal, core.wire.clock, kept
         self._writing = threading.Lock()
         self._is_closing = False
-        wire.answer(COORDINATOR_BACKUP, self._back_up, serve=Serve.SHARED)
+        core.wire.answer(COORDINATOR_BACKUP, self._back_up, serve=Serve.SHARED)
 
     def close(self) -> None:
         """End the backup that is being written, whose part is removed, and begin no other."""

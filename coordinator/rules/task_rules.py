@@ -1,40 +1,37 @@
-"""The rule desk: hears readings and events, and makes the tasks of the rules that they meet.
+"""Makes tasks by rules, from the readings and events that meet them.
 
 The tasks are ordinary ones: they pass the same admission as those that people submit, are journalled, planned, offered
 and explained alike. What a rule has made a task for is written down in the transaction that accepts the task, so that
 after a restart none is made twice. Work and memory are bounded, however much arrives.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import msgspec
 
+from robrain.coordinator.core.core import Core
+from robrain.coordinator.core.part import CoordinatorPart
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, check_rules
 from robrain.coordinator.rules.rule_watch import RuleWatch, TrackTable
 from robrain.coordinator.rules.template import Values, fill
-from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_requests import TaskRequests
-from robrain.coordinator.team.roster import Roster
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
-from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
-from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import Event
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import PlainReason, plain
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import MOTE_READING, ROBOT_EVENT
-from robrain.protocol.wire.endpoint import Endpoint
 
 INBOX_MAX = 2048
 """Readings and events in one step; of more the oldest are dropped."""
@@ -60,40 +57,25 @@ class TaskCause(NamedTuple):
     reason: PlainReason
 
 
-class RuleDesk:
+class TaskRules(CoordinatorPart):
     """Keeps all rules of a team.
 
     Args:
-        wire: the coordinator's Zenoh endpoint.
+        core: the team; its journal keeps the alarms.
         rules: the rules, checked as they are built.
-        book: of the tasks; its journal keeps the alarms.
-        roster: the robots of the team.
-        requests: admits tasks.
-        new_id: makes the id of a task, from how it is to begin.
 
     """
 
-    def __init__(
-        self,
-        wire: Endpoint,
-        rules: Sequence[Rule],
-        book: TaskBook,
-        roster: Roster,
-        requests: TaskRequests,
-        new_id: Callable[[str], str],
-    ) -> None:
+    inbox_max = INBOX_MAX
+
+    def __init__(self, core: Core, rules: Sequence[Rule] = ()) -> None:
+        super().__init__(core)
         check_rules(rules)
         self.tracks = TrackTable()
         self.sieve = ReadingSieve(REMEMBERED)
-        self._wire = wire
-        self._book = book
-        self._roster = roster
-        self._requests = requests
-        self._new_id = new_id
-        self._inbox = Inbox(capacity=INBOX_MAX)
-        self._guard = RecordGuard(wire.refusals)
-        self._now_ns = wire.clock.now_ns()
-        self._watches = self._restored(rules)
+        self._wire, self._book, self._roster = core.wire, core.tasks, core.roster
+        self._now_ns = core.wire.clock.now_ns()
+        self._watches = self._restored(rules) if rules else []
         self._of_quantity: dict[str, list[tuple[RuleWatch, ReadingCondition]]] = {}
         self._of_event: dict[tuple[str, str], list[tuple[RuleWatch, EventCondition]]] = {}
         for watch in self._watches:
@@ -103,24 +85,18 @@ class RuleDesk:
             if event is not None:
                 self._of_event.setdefault((event.plugin, event.event), []).append((watch, event))
         if self._of_quantity:
-            wire.subscribe(self._inbox, MOTE_READING)
+            self.subscribe(MOTE_READING)
         for plugin, event_name in self._of_event:
-            wire.subscribe(self._inbox, ROBOT_EVENT, plugin=plugin, event=event_name)
-
-    @property
-    def has_some(self) -> bool:
-        """Whether anything has arrived since the last step."""
-        return self._inbox.has_some
+            self.subscribe(ROBOT_EVENT, plugin=plugin, event=event_name)
 
     @property
     def has_open(self) -> bool:
         """Whether a task of a rule is open."""
         return any(status.open for status in self.status())
 
-    def step(self, now_ns: int) -> None:
-        """Hear what has arrived, and make the tasks that follow from it."""
-        self._now_ns = now_ns
-        self._guard.messages(self._inbox.drain(), self._take)
+    def summary(self, state: TeamState, now_ns: int) -> TeamState:
+        """Add what the rules have done."""
+        return msgspec.structs.replace(state, rules=self.status()) if self._watches else state
 
     def status(self) -> list[RuleStatus]:
         """Each rule and what it has done, in the order of the file."""
@@ -143,7 +119,9 @@ class RuleDesk:
 
     # -- hearing --------------------------------------------------------------------------------------------
 
-    def _take(self, received: Received) -> None:
+    def handle(self, received: Received, now_ns: int) -> None:
+        """Make the tasks that follow from a reading or an event."""
+        self._now_ns = now_ns
         if received.topic is ROBOT_EVENT:
             self._handle_event(received.message)
         else:
@@ -259,7 +237,7 @@ class RuleDesk:
         alarm = Alarm(rule.name, cause.source, cause.stamp_ns, now_ns, is_armed)
         try:
             asked = TaskSubmission(task=self._task(rule, cause), deadline_in_s=rule.task.deadline_s)
-            record = self._requests.admit(asked, rule.by, reason=cause.reason, alarm=alarm)
+            record = self.core.requests.admit(asked, rule.by, reason=cause.reason, alarm=alarm)
         except (CallError, ValueError) as error:
             why = error.message if isinstance(error, CallError) else str(error)
             watch.refused(why, now_ns)
@@ -276,7 +254,7 @@ class RuleDesk:
         place = Point2D(*fixed_m) if fixed_m is not None else cause.place
         assert place is not None
         return Task(
-            id=self._new_id(rule.name),
+            id=self.core.new_id(rule.name),
             kind=order.kind,
             place=place,
             priority=order.priority,

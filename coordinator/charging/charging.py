@@ -5,7 +5,7 @@ robot waits.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from robrain.coordinator.charging.charge_schedule import (
@@ -17,6 +17,8 @@ from robrain.coordinator.charging.charge_schedule import (
     schedule_charges,
 )
 from robrain.coordinator.charging.charge_turns import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
+from robrain.coordinator.core.core import Core
+from robrain.coordinator.core.part import CoordinatorPart
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, SOC_LEAST, profile_of
 from robrain.coordinator.planning.planning import Planning
@@ -26,18 +28,19 @@ from robrain.coordinator.planning.snapshot_builder import HOMEWARD, is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
 from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
-from robrain.protocol.model.tasks.task import TaskState, parameters_of
+from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.reasons import (
     BelowReserve,
     HolderLacksEnergy,
     LacksEnergy,
     NearestOut,
+    OfferRefusal,
     PlainReason,
     PlanReason,
     WaitsForCharge,
@@ -320,30 +323,45 @@ EARLY_S = 5.0
 """A robot sets out this much early, because it may have to stop on its way (chosen)."""
 
 
-class ChargeDesk:
+class Charging(CoordinatorPart):
     """Decides which robots charge.
 
     Args:
-        wire: the coordinator's Zenoh endpoint.
-        planning: knows the chargers, and which robots have tasks.
-        book: of the tasks.
-        roster: the robots of the team.
+        core: the team.
 
     """
 
-    def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook, roster: Roster) -> None:
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
         self.waiting: Mapping[str, PlainReason | None] = {}
         """Robots that should charge and have not set out, with the reason if it is known."""
-        self.lack_range: set[str] = set()
-        """Idle robots that lack only the energy to explore what is left."""
-        self._planning = planning
-        self._book = book
-        self._roster = roster
-        self._watch = ChargeWatch(planning, book, roster)
-        self._telling = ChargePublisher(wire, planning, book)
+        self._planning, self._book, self._roster = core.planning, core.tasks, core.roster
+        self._watch = ChargeWatch(core.planning, core.tasks, core.roster)
+        self._publisher = ChargePublisher(core.wire, core.planning, core.tasks)
         self._not_before_ns: dict[str, int] = {}
         self._to_soc: dict[str, float] = {}
         """State of charge to which each robot was last sent to charge."""
+
+    def assign(self, robots: Sequence[Robot], now_ns: int) -> None:
+        """Send robots to charge, if plans are made."""
+        if not self._planning.is_on:
+            return
+        pauses = self.core.lifecycle.backoff.robots
+        free = [robot for robot in self.core.idle(robots) if not pauses.why(robot.name, now_ns)]
+        for robot, charger, to_soc in self.choose(free, now_ns):
+            wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=to_soc)
+            task = Task(id=self.core.new_id("recharge"), kind=RECHARGE, place=charger.place, parameters=wanted.json)
+            self.core.offer_own(task, robot, now_ns)
+
+    def task_ended(self, record: TaskRecord, robot: str, status: TaskStatus, now_ns: int) -> None:
+        """A robot's charge may have ended."""
+        if record.task.kind == RECHARGE:
+            self.ended(robot, status.state, now_ns)
+
+    def task_refused(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+        """A robot may have refused to charge."""
+        if record.task.kind == RECHARGE:
+            self.ended(robot, TaskState.FAILED, now_ns)
 
     def choose(self, idle: list[Robot], now_ns: int) -> list[Charge]:
         """Return the robots, of those without a task, that must be asked to charge now.
@@ -358,13 +376,13 @@ class ChargeDesk:
         if not any(planning.chargers.of.values()):
             self.waiting = {}
             planning.after_charge.clear()
-            self._telling.schedule((), {}, set(), now_ns)
+            self._publisher.schedule((), {}, set(), now_ns)
             return []
         is_short = self._is_short()
         below = FULL_ENOUGH if is_short else planning.policy.charge_below
         if planning.policy.charging is ChargingPolicy.TURNS:
             return self._in_turns(idle, below, now_ns)
-        limits = {robot.name: FULL_ENOUGH if robot.name in self.lack_range else below for robot in idle}
+        limits = {robot.name: FULL_ENOUGH if robot.name in planning.lack_range else below for robot in idle}
         seekers = self._watch.seekers(limits, set(self._not_before_ns), now_ns)
         demand = Demand(TO_SOC, planning.policy.charge_turn, is_short)
         turns = schedule_charges(seekers.values(), demand, self._watch.power.of)
@@ -376,9 +394,9 @@ class ChargeDesk:
             if turn.robot in has_set_out:
                 free_ns = now_ns + to_ns(turn.until_s)
                 planning.after_charge[turn.robot] = AfterCharge(free_ns, turn.charger, turn.to_soc)
-        self.waiting = self._telling.schedule(turns, seekers, has_set_out, now_ns)
+        self.waiting = self._publisher.schedule(turns, seekers, has_set_out, now_ns)
         self._end(turns, seekers)
-        self._telling.tasks(now_ns)
+        self._publisher.tasks(now_ns)
         return charges
 
     def ended(self, robot: str, state: TaskState, now_ns: int) -> None:

@@ -1,0 +1,120 @@
+"""Reads what robots publish: presence, states, maps, and what they did without a coordinator."""
+
+from robrain.coordinator.core.core import Core
+from robrain.coordinator.tasks.team_intake import take_in
+from robrain.protocol.border.border import Received
+from robrain.protocol.clock import clock_difference_ns
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.refusals import RefusalCode
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_BALLOT, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_STATE
+
+
+class RobotReports:
+    """Brings the team, its map and its tasks up to date with what robots publish.
+
+    Args:
+        core: the team.
+
+    """
+
+    def __init__(self, core: Core) -> None:
+        self._core, self._wire, self._refusals = core, core.wire, core.wire.refusals
+        self._inbox = Inbox(capacity=16384)
+        self._presence = core.wire.watch(ROBOT_ALIVE)
+        self._now_ns = core.wire.clock.now_ns()
+        for topic in (ROBOT_STATE, ROBOT_MAP, ROBOT_BALLOT):
+            core.wire.subscribe(self._inbox, topic)
+
+    @property
+    def received(self) -> int:
+        """Number of messages so far."""
+        return self._inbox.received
+
+    def receive(self, now_ns: int) -> bool:
+        """Handle what has arrived; returns whether there were messages."""
+        self._now_ns = now_ns
+        if self._presence.arrived:
+            self._follow_presence(now_ns)
+        if not self._inbox.has_some:
+            return False
+        self._core.guard.messages(self._inbox.drain(), self._handle)
+        return True
+
+    def merge_held_patches(self) -> None:
+        """Merge the patches held back while the map's kernels were loading; hold none from now on."""
+        for robot, why in self._core.team_map.release():
+            key = ROBOT_MAP.key(self._wire.team, robot=robot)
+            self._refusals.note(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, why)
+
+    def _follow_presence(self, now_ns: int) -> None:
+        gone = []
+        for change in self._presence.changes():
+            robot = self._core.roster.record_presence(change)
+            if not change.present:
+                gone.append(robot)
+                continue
+            # It may have mapped before this coordinator came.
+            self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot.name)
+            self._core.capabilities.came(robot.name)
+            self._core.planning.chargers.came(robot.name)
+        if gone:
+            self._core.parts.robots_gone(gone, now_ns)
+
+    def _handle(self, received: Received) -> None:
+        if received.topic is ROBOT_MAP:
+            self._handle_patch(received.message, received.key)
+            return
+        sender: str = received.message.robot
+        if why := self._core.roster.why_unknown(sender, self._now_ns):
+            self._refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
+        elif received.topic is ROBOT_BALLOT:
+            self._handle_ballot(received.message, received.key)
+        else:
+            self._handle_state(received.message)
+
+    def _handle_patch(self, patch: MapPatch, key: str) -> None:
+        known = self._core.roster.robots.get(patch.robot)
+        if known is None or not known.was_there:  # once its token appears, its whole map is queried
+            self._refusals.note(ROBOT_MAP.name, key, RefusalCode.UNKNOWN_SENDER, f"{patch.robot} is not there")
+        elif why := self._core.team_map.merge(patch, self._now_ns):
+            self._refusals.note(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, why)
+
+    def _handle_ballot(self, ballot: TeamBallot, key: str) -> None:
+        core, now_ns = self._core, self._now_ns
+        core.roster.record_contact(ballot.robot, now_ns, hears_coordinator=ballot.hears_coordinator)
+        epochs = [one.epoch for one in ballot.held] + [one.epoch for one in ballot.done]
+        if not all(map(core.tasks.is_possible, epochs)):
+            why = "it reports an epoch that no coordinator gives out"
+            self._refusals.note(ROBOT_BALLOT.name, key, RefusalCode.NOT_PLAUSIBLE, why)
+        core.lifecycle.eligibility.held_elsewhere.receive(ballot, now_ns)
+        is_secured, impossibility = self._wire.member is not None, core.requests.impossibility
+        ahead_ns = clock_difference_ns(ballot.stamp_ns, now_ns)
+        with core.lifecycle.as_far_as_written(now_ns):
+            if take_in(core.tasks, ballot, impossibility, is_secured=is_secured, ahead_ns=ahead_ns):
+                core.assign_soon()
+
+    def _handle_state(self, state: RobotState) -> None:
+        core = self._core
+        known = core.roster.robots.get(state.robot)
+        before = known.state if known is not None else None
+        core.planning.hear(before, state)
+        core.roster.record_state(state, self._now_ns)
+        core.halts.record_state(state)
+        for status in (state.task_before, state.task):  # oldest first
+            if status is not None:
+                self._handle_status(state.robot, status)
+        core.planning.ends_soon(before, state, self._now_ns)
+
+    def _handle_status(self, robot: str, status: TaskStatus) -> None:
+        core = self._core
+        ended = core.lifecycle.hear(robot, status, self._now_ns)
+        if ended is None:
+            return
+        core.assign_soon()  # the next goal is there before the wheels stop
+        core.parts.task_ended(ended, robot, status, self._now_ns)
+        if status.state is TaskState.FAILED:
+            core.planning.blocked()

@@ -1,0 +1,109 @@
+"""Parts of other distributions: they receive, decide, assign and report like robrain's own."""
+
+from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
+
+import pytest
+from msgspec.structs import replace
+
+from robrain.coordinator.core import part as part_module
+from robrain.coordinator.core.core import Core
+from robrain.coordinator.core.part import GROUP, CoordinatorPart
+from robrain.coordinator.team.roster import Robot
+from robrain.protocol.border.border import Received
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import VISIT
+from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.reasons import TaskReason, plain
+from robrain.protocol.table.topics import ROBOT_PATH
+from robrain.protocol.wire.session import open_lockstep_session
+from tests.coordinator.conftest import Team
+
+
+class Patrol(CoordinatorPart):
+    """Sends each idle robot to one place, once."""
+
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
+        self.sent: list[str] = []
+        self.received: list[str] = []
+        self.refusal: TaskReason | None = None
+        self.is_closed = False
+        self.subscribe(ROBOT_PATH)
+
+    def handle(self, received: Received, now_ns: int) -> None:
+        self.received.append(received.message.robot)
+
+    def assign(self, robots: Sequence[Robot], now_ns: int) -> None:
+        for robot in self.core.idle(robots):
+            if robot.name not in self.sent:
+                self.sent.append(robot.name)
+                task = Task(id=self.core.new_id("patrol"), kind=VISIT, place=Point2D(6.0, 4.0))
+                self.core.offer_own(task, robot.name, now_ns)
+
+    def offer_refusal(self) -> TaskReason | None:
+        return self.refusal
+
+    def summary(self, state: TeamState, now_ns: int) -> TeamState:
+        return replace(state, tasks_done=len(self.sent))
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def broken(_core: Core) -> CoordinatorPart:
+    raise ZeroDivisionError("a defect")
+
+
+@pytest.fixture
+def team(monkeypatch: pytest.MonkeyPatch) -> Iterator[Team]:
+    points = [
+        SimpleNamespace(name="patrol", load=lambda: Patrol),
+        SimpleNamespace(name="broken", load=lambda: broken),
+    ]
+    monkeypatch.setattr(
+        part_module, "metadata", SimpleNamespace(entry_points=lambda *, group: points if group == GROUP else [])
+    )
+    with open_lockstep_session() as session:
+        team = Team(session)
+        yield team
+        team.close()
+
+
+@pytest.mark.sets_aside
+def test_a_part_of_another_distribution_acts_and_reports(team: Team) -> None:
+    robot = team.robot("r1", 4.0)
+    robot.plugins = ["visit"]
+    team.run(1.0)
+    assert next(offer.task.kind for offer in robot.offers) == VISIT
+    summary = team.summary
+    assert summary.tasks_done == 1
+    assert ("stage", f"{GROUP} broken", "failed") in [(one.topic, one.key, one.code) for one in summary.refused]
+    patrol = team.coordinator.part(Patrol)
+    team.coordinator.close()
+    assert patrol.is_closed
+
+
+@pytest.mark.sets_aside
+def test_a_part_may_hold_back_what_was_submitted(team: Team) -> None:
+    robot = team.robot("r1", 4.0)
+    robot.plugins = ["visit"]
+    patrol = team.coordinator.part(Patrol)
+    patrol.sent, patrol.refusal = ["r1"], plain("not_now", "not now")
+    team.run(0.5)
+    team.coordinator.tasks.add(Task(id="t1", kind=VISIT, place=Point2D(5.0, 4.0)), by="ann")
+    team.run(1.0)
+    assert [offer for offer in robot.offers if offer.task.kind == VISIT] == []
+    patrol.refusal = None
+    team.run(1.5)
+    assert [offer.task.id for offer in robot.offers if offer.task.kind == VISIT] == ["t1"]
+
+
+@pytest.mark.sets_aside
+def test_a_coordinator_has_no_part_that_nobody_has_registered(team: Team) -> None:
+    class Unknown(CoordinatorPart):
+        """Registered nowhere."""
+
+    with pytest.raises(KeyError, match="Unknown"):
+        team.coordinator.part(Unknown)
