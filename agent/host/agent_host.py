@@ -199,8 +199,6 @@ class AgentHost:
         self.clock = clock
         self.board = Board()
         self.desk = TaskDesk()
-        self._registry = PluginRegistry(self.name, clock, self.desk, self._make_environment, robot_file.parameters)
-        self._registry.has_one_thread = has_one_thread
         self._schedule = LockstepSchedule(has_one_thread=has_one_thread) if drive is Drive.LOCKSTEP else None
         self._seed = seed
         self._on_outside = on_outside
@@ -210,11 +208,22 @@ class AgentHost:
         self.refusals = Refusals(clock)
         """What all its wires have refused, and failures of parts of the host."""
         self._guard = RecordGuard(self.refusals)
-        self.manager = PluginManager(self._registry, self._guard)
         bytes_per_s = robot_file.zenoh.telemetry_bytes_per_s
         self.thinning = None if not bytes_per_s else Thinning(bytes_per_s, clock)
         """Leaves telemetry out on a thin link; None if the robot's file does not say that it is."""
         self.wire = self._open_wire()
+        live = drive is Drive.LIVE
+        self._registry = PluginRegistry(
+            self.name,
+            clock,
+            self.desk,
+            self._make_environment,
+            robot_file.parameters,
+            has_one_thread=has_one_thread,
+            starters=WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S) if live else None,
+            foreign=ForeignPlugins(self.wire, self.name, lambda: self._registry.halted) if live else None,
+        )
+        self.manager = PluginManager(self._registry, self._guard)
         self._inbox = Inbox()
         self._state = self.wire.publisher(ROBOT_STATE, robot=self.name)
         self._state_due_ns = 0
@@ -269,9 +278,6 @@ class AgentHost:
             ManifestError, PluginMissing, RobotFileError: the robot's plugins are not as its file says.
 
         """
-        if self.drive is Drive.LIVE:
-            self._registry.foreign = ForeignPlugins(self.wire, self.name, lambda: self._registry.halted)
-            self._registry.starters = WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S)
         found = self.manager.discover(self._places, self._load, self._manifests, self._roles)
         for name in self._parameters:
             if name not in found:

@@ -27,6 +27,8 @@ class RobotContext:
         desk: where behaviors register for tasks.
         make_environment: makes what a plugin is given.
         parameters: for each plugin, parameters that override its manifest's.
+        has_one_thread: whether nothing but the lockstep runner's own thread ever calls a plugin.
+        starters: starts plugins, in live; one that hangs while it is started is abandoned.
 
     """
 
@@ -37,6 +39,9 @@ class RobotContext:
         desk: TaskDesk,
         make_environment: MakeEnvironment,
         parameters: Mapping[str, Mapping[str, Any]],
+        *,
+        has_one_thread: bool = False,
+        starters: WorkerPool | None = None,
     ) -> None:
         self.robot = robot
         self.clock = clock
@@ -46,10 +51,8 @@ class RobotContext:
         self.halted = False
         self.halts = 0
         """How often it was halted."""
-        self.has_one_thread = False
-        """Whether nothing but the lockstep runner's own thread ever calls a plugin."""
-        self.starters: WorkerPool | None = None
-        """Starts plugins, in live; one that hangs while it is started is abandoned."""
+        self.has_one_thread = has_one_thread
+        self.starters = starters
         self.newly_running = False
         """Whether a plugin runs that did not, since the host last started those that lacked one."""
         self._parameters = parameters

@@ -13,6 +13,7 @@ from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugin
 from robrain.agent.lifecycle.access import AccessiblePlugin, Handle, level_conflict
 from robrain.agent.lifecycle.instance import MakeEnvironment, RobotContext
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import causes_of, where_raised
@@ -24,7 +25,13 @@ from robrain.protocol.model.ranges import cut
 
 
 class PluginRegistry(RobotContext):
-    """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock."""
+    """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock.
+
+    Args:
+        foreign: plugins that are processes of their own, in live.
+        robot, clock, desk, make_environment, parameters, has_one_thread, starters: see RobotContext.
+
+    """
 
     def __init__(
         self,
@@ -33,12 +40,17 @@ class PluginRegistry(RobotContext):
         desk: TaskDesk,
         make_environment: MakeEnvironment,
         parameters: Mapping[str, Mapping[str, Any]],
+        *,
+        has_one_thread: bool = False,
+        starters: WorkerPool | None = None,
+        foreign: ForeignPlugins | None = None,
     ) -> None:
-        super().__init__(robot, clock, desk, make_environment, parameters)
+        super().__init__(
+            robot, clock, desk, make_environment, parameters, has_one_thread=has_one_thread, starters=starters
+        )
         self.plugins: dict[str, ManagedPlugin] = {}
         """Requirements before those that require them."""
-        self.foreign: ForeignPlugins | None = None
-        """Plugins that are processes of their own, in live."""
+        self.foreign = foreign
         self.new_faults: deque[ManagedPlugin] = deque()
         """Plugins that have faulted since the host's last look at them."""
 

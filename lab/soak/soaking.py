@@ -123,7 +123,7 @@ def run_full_trial(
         run = LockstepRun(scenario.world(), record=record, scenario=scenario.name)
         trial = _Trial(run, script)
         try:
-            run.follow(judging.hear)
+            run.follow(judging.receive)
             while not trial.is_over and not should_stop():
                 trial.tick()
         finally:

@@ -76,7 +76,7 @@ def _done(task: RunTask) -> RunRecord:
     _stop_if_asked()
     judging = Judging(surroundings_of(scenario))
     result = scenario.run(
-        record=task.recording, on_progress=_stop_if_asked, before_start=lambda run: run.follow(judging.hear)
+        record=task.recording, on_progress=_stop_if_asked, before_start=lambda run: run.follow(judging.receive)
     )
     if result.ended == "interrupted":
         raise _Stopped

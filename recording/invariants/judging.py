@@ -1,7 +1,7 @@
 """Judges all invariants of a run, from a recording or while it runs.
 
     judging = Judging(surroundings)
-    run.follow(judging.hear)      # or judging.handle(message, time_ns) with decoded messages
+    run.follow(judging.receive)      # or judging.handle(message, time_ns) with decoded messages
     …
     for ruling in judging.finish(): …
 
@@ -495,7 +495,7 @@ class Judging:
         for handler in self._handlers.get(type(message), ()):
             handler(message, time_ns)
 
-    def hear(self, heard: Sequence[tuple[Topic[Any], str, bytes, int, int]], now_ns: int) -> None:
+    def receive(self, heard: Sequence[tuple[Topic[Any], str, bytes, int, int]], now_ns: int) -> None:
         """What a recorder has heard: for `LockstepRun.follow`."""
         handlers = self._handlers
         for topic, _, payload, _, _ in heard:

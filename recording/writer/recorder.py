@@ -252,8 +252,7 @@ class Recorder:
         self._outside_queries = 0
         self._inbox = RecorderInbox(INBOX_CAPACITY, INBOX_BYTES, Border(endpoint.clock, self._refusals))
         self._digest = RunDigest()
-        self.on_recorded: OnRecorded | None = None
-        """Told of the messages of each step, in order, and of the run's clock."""
+        self._listener: OnRecorded | None = None
         self._summary: RecordingSummary | None = None
         self._path = path
         self._visual: FoxgloveChannels | None = None
@@ -310,6 +309,10 @@ class Recorder:
         outside = self.outside
         return self._digest.hexdigest() + (f"+outside:{outside}" if outside else "")
 
+    def follow(self, on_recorded: OnRecorded) -> None:
+        """Have a function called with the messages of each step, in order, and the run's clock; in place of another."""
+        self._listener = on_recorded
+
     def ask_maps(self, endpoint: Endpoint, robots: Iterable[str]) -> None:
         """Have robots tell all that they know of the map, for a recording that begins in mid-run.
 
@@ -363,8 +366,8 @@ class Recorder:
         heard = self._stamped(self._inbox.drain_samples(), now_ns)
         self._messages += len(heard)
         self._digest.add(heard)
-        if self.on_recorded is not None and heard:
-            self.on_recorded(heard, now_ns)
+        if heard and self._listener is not None:
+            self._listener(heard, now_ns)
         if file is not None:
             file.write(heard, now_ns)
             for topic, key, payload, _, _ in heard:

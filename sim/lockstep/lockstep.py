@@ -313,7 +313,7 @@ class LockstepRun:
 
     def follow(self, on_recorded: OnRecorded) -> None:
         """Have a function told of the messages that each tick records, and of those at the end."""
-        self._recorder.on_recorded = on_recorded
+        self._recorder.follow(on_recorded)
 
     def switch_off(self, robot: str) -> None:
         """Switch a robot's computer off: its team loses contact, and its wheels stop for lack of commands.

@@ -54,7 +54,7 @@ def judged(script: Callable[[Team], object], scenario: Scenario = SMALL) -> dict
     """How the invariants of a run stand that a script has run."""
     judging = Judging(surroundings_of(scenario))
     with scenario.team(seed=3) as team:
-        team.transport.run.follow(judging.hear)  # type: ignore[attr-defined]
+        team.transport.run.follow(judging.receive)  # type: ignore[attr-defined]
         script(team)
     return {ruling.invariant: ruling for ruling in judging.finish()}
 

@@ -224,16 +224,15 @@ def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it
 
 
 def test_what_was_to_be_done_later_is_not_begun_after_the_robot_has_stopped():
-    manager = PluginManager(
-        PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}), RecordGuard(Refusals(VirtualClock()))
-    )
-    manager.registry.starters = WorkerPool("start-r1", PATIENCE_S)
+    starters = WorkerPool("start-r1", PATIENCE_S)
+    registry = PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}, starters=starters)
+    manager = PluginManager(registry, RecordGuard(Refusals(VirtualClock())))
     done = []
     manager.later(lambda: done.append("before"))
     until(lambda: done == ["before"])
     manager.stop()
     manager.later(lambda: done.append("after"))
-    manager.registry.starters.close()  # returns when all that was begun has come back
+    starters.close()  # returns when all that was begun has come back
     assert done == ["before"]
 
 

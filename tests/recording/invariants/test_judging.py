@@ -87,7 +87,7 @@ def test_what_a_recorder_hears_is_judged_as_what_was_decoded() -> None:
     for message, time_ns in told.messages:
         for topic in (ROBOT_STATE, ARENA_TRUTH):
             if topic.message is type(message):
-                from_wire.hear([(topic, "key", msgspec.json.encode(message), 0, 0)], time_ns)
+                from_wire.receive([(topic, "key", msgspec.json.encode(message), 0, 0)], time_ns)
     at_one = [ruling for ruling in from_wire.finish() if ruling.invariant is Invariant.TASK_AT_ONE]
     assert at_one == [told.ruling(Invariant.TASK_AT_ONE)]
     assert broken(at_one) == 1
@@ -95,7 +95,7 @@ def test_what_a_recorder_hears_is_judged_as_what_was_decoded() -> None:
 
 def test_a_payload_that_is_not_of_its_topic_is_passed_over() -> None:
     judging = Judging()
-    judging.hear([(ROBOT_STATE, "key", b'{"robot": 3}', 0, 0)], to_ns(1.0))
+    judging.receive([(ROBOT_STATE, "key", b'{"robot": 3}', 0, 0)], to_ns(1.0))
     assert broken(judging.finish()) == 0
 
 
