@@ -11,11 +11,11 @@ import viser
 from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.panels.page import ClientPage, set_theme
 from robrain.dashboard.panels.page_context import Inquiries, PageContext, Panel, PanelContext
-from robrain.dashboard.parts import parts_of, topics_of_parts
 from robrain.dashboard.replay.replay_source import ReplaySource
 from robrain.dashboard.server.asker import Asker
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.live_source import LiveSource
+from robrain.dashboard.state.parts import parts_of, topics_of_parts
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.wire.endpoint import Endpoint
 

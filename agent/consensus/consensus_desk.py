@@ -7,19 +7,23 @@ coordinator, if it lives, hears none of that group.
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Set
+from functools import partial
 from typing import Any, NamedTuple
+
+import msgspec
 
 from robrain.agent.board import Board
 from robrain.agent.consensus.holders import GIVEN_UP_NS, GOES_ON_S, Holders
 from robrain.agent.consensus.known_tasks import KnownTasks, TaskLook
 from robrain.agent.consensus.task_intake import Known, TaskIntake
+from robrain.agent.host.host_extension import ExtendedHost, HostExtension
 from robrain.agent.task_desk import TaskDesk
 from robrain.algorithms.consensus.negotiation import Negotiation
 from robrain.algorithms.consensus.route_scorer import task_scorer
 from robrain.protocol.clock import clock_difference_ns, to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.messages.tasks.consensus_messages import (
     ABSENT_MAX,
     ENDED_TOLD,
@@ -37,9 +41,9 @@ from robrain.protocol.model.ballot import Heard
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import Occupied
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
-from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.reasons import Occupied, OfferRefusal
+from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, ROBOT_CANCEL, ROBOT_SUBMIT, TASK_EVENT
+from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 NUMBERS_MAX = 64
 """Ballots with the claim whose echo counts, the last ones (chosen: 6 s and more)."""
@@ -493,3 +497,67 @@ class ConsensusDesk:
 def chargers_in(parameters: Mapping[str, Mapping[str, Any]]) -> list[Point2D]:
     """The chargers that a robot's file names for the plugin `home`."""
     return [Point2D(one["x_m"], one["y_m"]) for one in parameters.get("home", {}).get("chargers", ())]
+
+
+def consensus_extension(host: ExtendedHost) -> HostExtension:
+    """Consensus for a robot whose file says `consensus = true`; for others an extension that refuses tasks."""
+    return ConsensusExtension(host) if host.robot_file.robot.consensus else NoConsensus(host)
+
+
+class ConsensusExtension(HostExtension):
+    """Has a robot's ConsensusDesk stepped, asked and reported."""
+
+    def __init__(self, host: ExtendedHost) -> None:
+        chargers = chargers_in(host.robot_file.parameters)
+        self.desk = ConsensusDesk(host.wire, host.name, host.board, host.desk, chargers, host.follows)
+        self._host = host
+
+    def start(self) -> None:
+        """Answer clients that find no coordinator."""
+        wire, robot = self._host.wire, self._host.name
+        wire.answer(ROBOT_SUBMIT, self._submit, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_CANCEL, self._cancel, serve=Serve.IN_STEP, robot=robot)
+
+    def step(self, now_ns: int, *, may_begin: bool) -> None:
+        """See ConsensusDesk.step."""
+        self.desk.step(now_ns, may_begin=may_begin)
+
+    def offer_refusal(self, task_id: str, now_ns: int) -> OfferRefusal | None:
+        """See ConsensusDesk.offer_refusal."""
+        return self.desk.offer_refusal(task_id, now_ns)
+
+    def withdrawal_refusal(self, now_ns: int) -> OfferRefusal | None:
+        """Refuse while a coordinator is being told what was done without it."""
+        return TELLING if self.desk.is_telling(now_ns) else None
+
+    def extend_state(self, state: RobotState) -> RobotState:
+        """Report that the robot continues without a coordinator."""
+        return msgspec.structs.replace(state, goes_on_s=GOES_ON_S, changes_heard=self.desk.changes_heard)
+
+    def _submit(self, request: Request[TaskSubmission]) -> TaskTaken:
+        return self.desk.submit(request.asked, self._host.clock.now_ns())
+
+    def _cancel(self, request: Request[TaskRequest]) -> DropTaken:
+        return self.desk.cancel(request.asked, self._host.clock.now_ns())
+
+
+class NoConsensus(HostExtension):
+    """Refuses tasks that clients without a coordinator submit."""
+
+    def __init__(self, host: ExtendedHost) -> None:
+        self._host = host
+
+    def start(self) -> None:
+        """Answer clients that find no coordinator."""
+        wire, robot = self._host.wire, self._host.name
+        why = f"{robot} has its tasks from a coordinator alone: its file has no `consensus = true`"
+        wire.answer(ROBOT_SUBMIT, partial(_refuse_task, why), serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_CANCEL, partial(_refuse_cancel, why), serve=Serve.IN_STEP, robot=robot)
+
+
+def _refuse_task(why: str, request: Request[TaskSubmission]) -> TaskTaken:
+    raise CallError(ErrorCode.REFUSED, f"task {request.asked.task.id} is refused: {why}", why)
+
+
+def _refuse_cancel(why: str, request: Request[TaskRequest]) -> DropTaken:
+    raise CallError(ErrorCode.REFUSED, f"task {request.asked.id} is not cancelled: {why}", why)

@@ -83,8 +83,8 @@ HOST_EXTENSIONS: Registry[MakeExtension] = Registry(
     "host extension",
     "robrain.host_extensions",
     {
-        "witness": "robrain.agent.witness:WitnessExtension",
-        "consensus": "robrain.agent.consensus.consensus_extension:consensus_extension",
+        "witness": "robrain.agent.consensus.witness:WitnessExtension",
+        "consensus": "robrain.agent.consensus.consensus_desk:consensus_extension",
     },
 )
 """The extensions by name."""

@@ -11,11 +11,11 @@ from typing import Any, ClassVar
 
 import viser
 
-from robrain.dashboard.parts import parts_of
 from robrain.dashboard.scene.merged_meshes import MergedMeshes
 from robrain.dashboard.scene.meshes import Mesh
 from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
+from robrain.dashboard.state.parts import parts_of
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.backoff import Backoff
 from robrain.protocol.table.topic import Topic

@@ -7,8 +7,8 @@ import numpy as np
 import viser
 
 from robrain.dashboard.layers.layer import Layer, OwnLayer
-from robrain.dashboard.parts import parts_of
 from robrain.dashboard.scene import camera
+from robrain.dashboard.state.parts import parts_of
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.model.geometry import Point2D
 

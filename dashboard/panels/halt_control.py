@@ -14,7 +14,7 @@ import zenoh
 from robrain.dashboard.html.elements import CLOSE_MARK, render
 from robrain.dashboard.html.team_html import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.panels.gui_values import set_visible
-from robrain.dashboard.panels.page_context import Panel, PanelContext, RowActions
+from robrain.dashboard.panels.page_context import BY, Panel, PanelContext, RowActions
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.team.team_messages import Halt
@@ -25,7 +25,6 @@ WIDTH_PX = 290
 MARGIN_PX = 15
 BUTTON_PX = 64
 """Height of the button that `page.js` draws below the panel."""
-BY = "operator:dashboard"
 LABEL_RESUME = "Resume after halt …"
 LABEL_CONFIRM = "Resume all robots"
 LABEL_KEEP = "Keep them halted"

@@ -13,11 +13,11 @@ from robrain.dashboard.html.team_html import (
     strip_html,
 )
 from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, switches_of, troubles_of
-from robrain.dashboard.layers.selection import SelectionMark, floor_hit, mote_near, robot_near
+from robrain.dashboard.layers.robot_layers import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.dashboard.panels.gui_values import set_html
 from robrain.dashboard.panels.page_context import PageContext, Tab
-from robrain.dashboard.parts import parts_of
 from robrain.dashboard.state.focus import Focus
+from robrain.dashboard.state.parts import parts_of
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.backoff import Backoff
 

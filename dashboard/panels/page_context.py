@@ -28,6 +28,8 @@ from robrain.protocol.wire.endpoint import Endpoint
 if TYPE_CHECKING:  # loads what compares recordings
     from robrain.dashboard.panels.what_if import ForkRunner
 
+BY = "operator:dashboard"
+"""Name of the page in halts and in records of tasks."""
 PLUGINS_S = 2.0
 PLANNING_S = 5.0
 

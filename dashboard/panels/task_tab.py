@@ -12,8 +12,7 @@ from robrain.dashboard.html.elements import CLOSE_MARK, cut, render
 from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue_html
 from robrain.dashboard.panels.function_form import FormField, FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
-from robrain.dashboard.panels.halt_control import BY
-from robrain.dashboard.panels.page_context import Page, RowActions, Tab
+from robrain.dashboard.panels.page_context import BY, Page, RowActions, Tab
 from robrain.dashboard.server.asker import QueryOutcome
 from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy

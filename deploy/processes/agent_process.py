@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.agent.consensus.witness import Kept, WitnessExtension
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
 from robrain.agent.host.robot_log import plugin_here
 from robrain.agent.lifecycle.registry import plugin_faults
-from robrain.agent.witness import Kept, WitnessExtension
 from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.processes.live_process import (
     LiveStop,

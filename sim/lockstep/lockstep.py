@@ -14,11 +14,11 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
+from robrain.agent.consensus.witness import WitnessExtension, WitnessInMemory
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.plugin import PluginState
-from robrain.agent.witness import WitnessExtension, WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.planning.policy import PlanningPolicy

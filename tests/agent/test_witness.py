@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.agent.witness import SILENT_NS, Kept, Witness, WitnessInMemory
+from robrain.agent.consensus.witness import SILENT_NS, Kept, Witness, WitnessInMemory
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRefusal, WitnessRequest, WitnessWish
 from robrain.protocol.messages.team.team_messages import TeamState

@@ -5,8 +5,7 @@ import math
 import msgspec
 import pytest
 
-from robrain.dashboard.layers.robot_layers import ellipse
-from robrain.dashboard.layers.selection import floor_hit, robot_near
+from robrain.dashboard.layers.robot_layers import ellipse, floor_hit, robot_near
 from robrain.dashboard.panels.halt_control import acknowledgements
 from robrain.dashboard.state.alerts import AlertLevel, alerts_of
 from robrain.dashboard.state.radio_links import relay_lines

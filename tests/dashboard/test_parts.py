@@ -2,9 +2,9 @@
 
 import pytest
 
-from robrain.dashboard import parts
 from robrain.dashboard.layers.layer import Layer, OwnLayer
 from robrain.dashboard.panels.page_context import Panel, Tab
+from robrain.dashboard.state import parts
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.registry import Registry

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.agent.witness import Witness, WitnessInMemory
+from robrain.agent.consensus.witness import Witness, WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal

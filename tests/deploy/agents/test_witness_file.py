@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.agent.witness import Kept, Witness
+from robrain.agent.consensus.witness import Kept, Witness
 from robrain.deploy.processes.agent_process import WitnessFile, witness_path
 from robrain.protocol.messages.robots.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
 

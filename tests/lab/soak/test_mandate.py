@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 
-from robrain.agent.witness import Kept, Witness, WitnessExtension
+from robrain.agent.consensus.witness import Kept, Witness, WitnessExtension
 from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.journal_feed import JournalFeed
