@@ -1,4 +1,4 @@
-"""Energy: a robot with a small battery patrols, charges before it has too little energy left, and continues."""
+"""Energy: a robot with a small battery patrols, charges before its energy is too low, and continues."""
 
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario
 
@@ -10,23 +10,23 @@ scenario = Scenario.builtin("arena_small").replace(
 
 with scenario.team() as team:
     team.run_for(30.0)  # it explores the floor
-    told = ""
+    activity = ""
     rounds, charges = 0, 0
 
     def patrol() -> bool:
         """Begin a new round when the last one is done; True once the robot has charged and is at its posts again."""
-        global told, rounds, charges
+        global activity, rounds, charges
         if all(record.state.ended for record in team.list()):
             rounds += 1
             for number, post in enumerate(POSTS):
                 team.submit("visit", id=f"round-{rounds}-post-{number}", place=post, service_s=5.0)
         state = team.state("r1")
-        before, told = told, told if state.behavior == "idle" else state.behavior  # between two tasks
-        if told != before and "recharge" in (told, before) and state.battery is not None:
-            charges += told == "recharge"
+        before, activity = activity, activity if state.behavior == "idle" else state.behavior  # between two tasks
+        if activity != before and "recharge" in (activity, before) and state.battery is not None:
+            charges += activity == "recharge"
             left = f"{state.battery.soc:.0%}, {state.battery.remaining_j:.0f} J left"
-            print(f"{team.now_s:4.0f} s, round {rounds}: from {before or 'nothing'} to {told}, {left}")
-        return charges > 0 and told == "visit"
+            print(f"{team.now_s:4.0f} s, round {rounds}: from {before or 'nothing'} to {activity}, {left}")
+        return charges > 0 and activity == "visit"
 
     team.run_for(900.0, until=patrol)
     done = [record for record in team.list() if record.state == "done" and not record.own]

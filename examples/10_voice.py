@@ -2,7 +2,7 @@
 
     RECOGNISER | python 10_voice.py --connect tcp/10.0.0.5:7447 | SPEECH_SYNTHESIS
 
-Any recogniser that prints a line for each sentence will do. What the assistant accepts also goes for speech.
+Use any recogniser that prints a line for each sentence. The assistant applies the same rules as to a language model.
 """
 
 import os
@@ -23,7 +23,7 @@ GRAMMAR = {
     r"(?:who is there|what are you doing)": ("list_robots", dict),
     r"(?:please )?(?:continue|resume)": ("resume", dict),
 }  # fmt: skip
-"""Sentences, with the tool and the arguments that they mean. Whatever begins with stop halts the team."""
+"""Sentences with their tool and arguments. Every line that begins with `stop` halts the team."""
 
 
 def understood(line: str) -> tuple[str, dict] | None:
@@ -38,12 +38,12 @@ def understood(line: str) -> tuple[str, dict] | None:
 async def listen() -> None:
     words = ["-m", "robrain.cli", "assistant", *sys.argv[1:]]
     server = StdioServerParameters(command=sys.executable, args=words, env=dict(os.environ))
-    waiting, task = None, ""  # an order that was read back, and the last task
+    waiting, task = None, ""  # the order that awaits a confirmation, and the last task
     async with Client(stdio_client(server)) as team:
         while line := await anyio.to_thread.run_sync(sys.stdin.readline):
             print(f"heard: {line.strip()}")
             is_yes = re.fullmatch(r"(yes|confirm|do it)\W*", line.strip().lower())
-            order, waiting = waiting if is_yes else understood(line), None  # anything else but yes is a no
+            order, waiting = waiting if is_yes else understood(line), None  # any other line is a no
             if order is None:
                 print("  say: I did not understand; nothing is done", flush=True)
                 continue

@@ -1,6 +1,6 @@
-"""Look at a recorded run in a notebook: each `# %%` begins a cell (VS Code, PyCharm, Spyder, jupytext).
+"""Analyse a recorded run in a notebook: each `# %%` begins a cell (VS Code, PyCharm, Spyder, jupytext).
 
-Give a recording, or none: then a short run of the depot is recorded first.
+Without a recording as argument, the script first records a short run of the depot.
 
     python examples/notebook_run_analysis.py run.mcap
 """
@@ -32,9 +32,9 @@ states["step_m"] = (steps["pose.x_m"] ** 2 + steps["pose.y_m"] ** 2) ** 0.5
 print(states.groupby("robot")["step_m"].sum().round(1).rename("way_m"))
 
 # %% Typed messages
-done = [told for told in run.messages("task_event") if told.message.state == "done"]
-for told in done[:3]:
-    print(f"{told.t_s:6.1f} s  {told.message.task.id} done by {told.message.robot}")
+done = [event for event in run.messages("task_event") if event.message.state == "done"]
+for event in done[:3]:
+    print(f"{event.t_s:6.1f} s  {event.message.task.id} done by {event.message.robot}")
 
 # %% The team's map half-way and at the end
 for t_s in (run.info.duration_s / 2, run.info.duration_s):

@@ -1,4 +1,4 @@
-"""A plugin of your own: measures how far the robot has driven."""
+"""A plugin of your own: measures the distance that the robot has driven."""
 
 from robrain import Unit, external
 

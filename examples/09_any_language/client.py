@@ -1,4 +1,4 @@
-"""A client of a live team that knows nothing but what `robrain wire` prints: standard library and Zenoh alone.
+"""A client of a live team, based on the output of `robrain wire`: it uses the standard library and Zenoh only.
 
 robrain wire --format jsonschema | python client.py tcp/127.0.0.1:7447
 """
@@ -28,7 +28,7 @@ def until(condition, what, step=lambda: None):
 
 
 def patiently(wire, *asked, **names):
-    """Ask again while nobody answers in time: on a busy machine, or while a robot starts."""
+    """Repeat a query until a member answers in time: on a busy machine, or while a robot starts."""
 
     def ask():
         try:
@@ -42,7 +42,7 @@ def patiently(wire, *asked, **names):
 
 
 def drive(wire, states, robot):
-    """Have a robot wander, and say how far it has come."""
+    """Start the behavior `wander` of a robot, and print its distance from the start."""
     plugins = {plugin["name"]: plugin for plugin in patiently(wire, "robot_plugins", robot=robot)}
     start = next(function for function in plugins["wander"]["functions"] if function["name"] == "start")
     (duration,) = resolved(start["parameters"], start["parameters"])["properties"]
@@ -62,7 +62,7 @@ def drive(wire, states, robot):
 
 
 def do_task(wire):
-    """Submit a visit, and follow it to its end."""
+    """Submit a visit, and print its states until its end."""
     events, task_id = queue.Queue(), f"{ME}-{time.time_ns()}"
     wire.listen("task_event", lambda event: event["task"]["id"] == task_id and events.put(event))
     visit = wire.message({"$ref": "#/$defs/Task"}, kind="visit", id=task_id, place=PLACE, priority=100.0)
@@ -78,7 +78,7 @@ def do_task(wire):
 
 
 def halt(wire, states, *, halted):
-    """Halt all robots, or end their halt; said again until all confirm it."""
+    """Halt all robots, or end their halt; repeated until all confirm it."""
     said = {"halted": halted, "by": ME, "reason": "an example"}
     until(
         lambda: all(state["halted"] is halted for state in states.values()),
@@ -89,7 +89,7 @@ def halt(wire, states, *, halted):
 
 
 def main():
-    """Talk to the team at the endpoint given, with the document on standard input."""
+    """Use the team at the given endpoint, with the document on standard input."""
     document = json.load(sys.stdin)
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')

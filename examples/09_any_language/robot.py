@@ -1,4 +1,4 @@
-"""A robot of a live team, in the standard library and Zenoh alone: a point that drives straight to its tasks.
+"""A robot of a live team, with the standard library and Zenoh only: a point that drives straight to its tasks.
 
 robrain wire --format jsonschema | python robot.py tcp/127.0.0.1:7447 p1
 """
@@ -27,11 +27,11 @@ class Robot:
         self.x_m, self.y_m, self.yaw_rad = *START, 0.0
         self.moving = False
         self.task = self.status = None
-        self.epoch, self.lease_s, self.heard_s, self.stays_until_s = 0, 0.0, 0.0, None
+        self.epoch, self.lease_s, self.received_s, self.stays_until_s = 0, 0.0, 0.0, None
         self.halted_by, self.halt_stamp_ns = [], 0
 
     def join(self):
-        """Serve all queries, listen, ask for a halt in force, and then declare the token."""
+        """Serve all queries, subscribe, query the current halt, and then declare the token."""
         for row, answer in (
             ("robot_plugins", self.plugins),
             ("robot_offer", self.offer),
@@ -42,7 +42,7 @@ class Robot:
             self.wire.serve(row, answer, robot=self.name)
         self.wire.listen("halt", self.team_halt)
         self.wire.listen("coordinator_state", self.coordinator_state)
-        with contextlib.suppress(Refused):  # no coordinator is there
+        with contextlib.suppress(Refused):  # there is no coordinator
             self.halt_of_coordinator(self.wire.ask("coordinator_halt") or {"halted": False})
         return self.wire.session.liveliness().declare_token(self.wire.key("robot_alive", robot=self.name))
 
@@ -62,12 +62,12 @@ class Robot:
             if self.halted_by or task["kind"] != "visit" or request.get("after"):
                 return {"accepted": False, "why": "halted" if self.halted_by else "only single visits"}
             self.task, self.epoch, self.lease_s = task, epoch, request["lease_s"]
-            self.heard_s, self.stays_until_s = time.monotonic(), None
+            self.received_s, self.stays_until_s = time.monotonic(), None
             self.status = {"id": task["id"], "epoch": epoch, "state": "running"}
             return {"accepted": True}
 
     def withdraw(self, request):
-        """Give a task back."""
+        """Release a task that the coordinator withdraws."""
         with self.lock:
             if request["epoch"] < self.epoch:
                 return {"accepted": False, "why": f"epoch {self.epoch} is newer", "epoch": self.epoch}
@@ -87,7 +87,7 @@ class Robot:
             self.halt(message)
 
     def halt(self, request):
-        """Stop and latch, or end the halt of whoever asks; operators end all halts."""
+        """Stop and latch the halt, or end the halt of the sender; operators end all halts."""
         with self.lock:
             by = request.get("by", "")
             if request["halted"]:
@@ -113,12 +113,12 @@ class Robot:
                 self.halt_of_coordinator(message["halt"])
             for robot in message["robots"]:
                 if robot["name"] == self.name and robot["up"]:
-                    self.heard_s = max(self.heard_s, time.monotonic() - robot["age_s"])
+                    self.received_s = max(self.received_s, time.monotonic() - robot["age_s"])
 
     def step(self):
         """Drive for one period, and publish."""
         with self.lock:
-            if self.task is not None and time.monotonic() - self.heard_s > self.lease_s:
+            if self.task is not None and time.monotonic() - self.received_s > self.lease_s:
                 self.end("cancelled", "the coordinator is silent, the lease ran out")
             moved_m = self.drive()
             if (moved_m > 0.0) != self.moving:
@@ -162,7 +162,7 @@ class Robot:
 
 
 def main():
-    """Be a robot until Ctrl-C."""
+    """Run the robot until Ctrl-C."""
     document = json.load(sys.stdin)
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')

@@ -1,4 +1,4 @@
-"""What both programs here know of the wire: the document that `robrain wire --format jsonschema` prints."""
+"""The wire of both programs in this folder, read from the output of `robrain wire --format jsonschema`."""
 
 import itertools
 import json
@@ -12,7 +12,7 @@ ME = "any-language"
 
 
 class Refused(Exception):
-    """An error reply, or none at all."""
+    """An error reply, or no reply."""
 
 
 class Wire:
@@ -25,7 +25,7 @@ class Wire:
         self.rows = {row["name"]: row for kind in ("topics", "queries", "tokens") for row in document[kind]}
 
     def key(self, row, **names):
-        """The key of a row; names that are not given match any."""
+        """The key of a row; missing names match any."""
         filled = {"team": self.document["default_team"], **names}
         return re.sub(r"{(\w+)}", lambda found: filled.get(found[1], "*"), self.rows[row]["key"])
 
@@ -35,10 +35,10 @@ class Wire:
 
     def message(self, schema, **fields):
         """A message with these fields, if its schema has them and no others are required."""
-        told = resolved(schema, self.document)
-        unknown, missing = fields.keys() - told["properties"].keys(), set(told["required"]) - fields.keys()
+        expected = resolved(schema, self.document)
+        unknown, missing = fields.keys() - expected["properties"].keys(), set(expected["required"]) - fields.keys()
         if unknown or missing:
-            raise TypeError(f"{told['title']}: unknown {sorted(unknown)}, missing {sorted(missing)}")
+            raise TypeError(f"{expected['title']}: unknown {sorted(unknown)}, missing {sorted(missing)}")
         return fields
 
     def ask(self, row, request=None, **names):
@@ -51,16 +51,16 @@ class Wire:
                 return json.loads(reply.ok.payload.to_string())
             try:
                 error = json.loads(reply.err.payload.to_string())
-            except ValueError:  # Zenoh's own word
+            except ValueError:  # Zenoh's own error text
                 raise Refused("timeout") from None
             raise Refused(error["code"], error["message"])
         raise Refused("nobody answers")
 
-    def listen(self, row, take, **names):
-        """Give each message of a topic to `take`, decoded."""
+    def listen(self, row, on_message, **names):
+        """Call `on_message` with each decoded message of a topic."""
 
         def decode(sample):
-            take(json.loads(sample.payload.to_string()))
+            on_message(json.loads(sample.payload.to_string()))
 
         self.subscribers.append(self.session.declare_subscriber(self.key(row, **names), decode))
 
@@ -76,7 +76,7 @@ class Wire:
         self.session.put(self.key(row, **fields), json.dumps(message), **options)
 
     def serve(self, row, answer, **names):
-        """Answer a query with what `answer` returns for its request; a ValueError is the error `refused`."""
+        """Answer a query with the result of `answer(request)`; a ValueError is the error `refused`."""
 
         def reply(query):
             request = json.loads(query.payload.to_string()) if query.payload else {}
@@ -94,7 +94,7 @@ class Wire:
 
 
 def resolved(schema, root):
-    """A schema, or the one in `root` that it refers to."""
+    """A schema, or the schema in `root` to which it refers."""
     for name in schema.get("$ref", "#").split("/")[1:]:
         root = root[name]
     return root if "$ref" in schema else schema

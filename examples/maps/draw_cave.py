@@ -1,8 +1,8 @@
 """Draws the floor of the scenario `cave`: `python examples/maps/draw_cave.py` writes picture and YAML again.
 
-Rock and room come from a cellular automaton (Johnson, Yannakakis and Togelius, *Cellular automata for real-time
-generation of infinite cave levels*, PCG 2010): noise, in which a cell turns to rock if most of its neighbours are.
-Chambers are cleared beforehand and joined by winding galleries. What a robot cannot reach is rock.
+A cellular automaton draws the rock (Johnson, Yannakakis and Togelius, *Cellular automata for real-time generation of
+infinite cave levels*, PCG 2010): in random noise, a cell becomes rock if most of its neighbours are rock.
+Chambers are cleared beforehand and joined by winding galleries. Areas that a robot cannot reach are rock.
 """
 
 from pathlib import Path
@@ -19,9 +19,9 @@ CELL_M = 0.4
 """Cell of the automaton."""
 ROCK_SHARE, STEPS = 0.42, 6
 ROCK_OF_NINE = 4
-"""A cell is rock after a step if so many are among it and its eight neighbours."""
+"""A cell becomes rock if at least this number of cells among it and its eight neighbours are rock."""
 ROBOT_M = 0.35
-"""Radius of a disc that must reach every part: a robot with room to spare."""
+"""Radius of a disc that must reach every part: a robot with some clearance."""
 CHAMBERS = ((5.0, 5.5, 2.21), (14.5, 4.5, 1.7), (25.5, 5.5, 2.55), (31.5, 12.5, 2.04), (26.0, 19.0, 2.38),
             (15.5, 18.5, 2.72), (5.5, 17.5, 2.21), (16.5, 11.5, 1.53))  # fmt: skip
 """x, y and radius of the chambers, metres."""
@@ -67,7 +67,7 @@ def _gallery(
     y_m: NDArray[np.float64],
     rng: np.random.Generator,
 ) -> NDArray[np.bool_]:
-    """A winding way between two places."""
+    """A winding path between two places."""
     share = np.linspace(0.0, 1.0, 60)
     sway_m = 1.3 * np.sin(np.pi * share) * np.sin(2 * np.pi * (share * rng.uniform(1.0, 1.8) + rng.uniform()))
     off = np.array(other) - np.array(one)
@@ -78,7 +78,7 @@ def _gallery(
 
 
 def _smooth(rock: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The rock in the cells of the map, with rounded sides, and without what a robot cannot reach."""
+    """The rock in the cells of the map, with rounded sides; areas that a robot cannot reach are rock."""
     scale = round(CELL_M / RESOLUTION_M)
     fine = ndimage.gaussian_filter(np.kron(rock, np.ones((scale, scale))), 0.6 * scale) > 0.5
     room = ndimage.distance_transform_edt(~fine) * RESOLUTION_M

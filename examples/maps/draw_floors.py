@@ -1,7 +1,7 @@
 """Draws the two large floors beside this file: `python examples/maps/draw_floors.py` writes them again.
 
-Both are hard to map by a team that meets late: places look alike, and long stretches tell nothing of the way along
-them to a lidar that sees 6 m. They were drawn for this project and are under its licence.
+Both are hard to map by a team whose robots meet late. Places are similar, and long stretches give a lidar with a range
+of 6 m no position along them. They were drawn for this project and are under its licence.
 """
 
 from pathlib import Path
@@ -32,14 +32,14 @@ WAREHOUSE_COMMENT = """\
 # three cross aisles, and a dock hall with pillars in the east."""
 OFFICE_RING_COMMENT = """\
 # An office building of 50 × 40 m: a corridor 2 m wide runs 128 m around a closed core. Offices with doors of 0.95 m lie
-# outside it and some inside; long stretches have no door at all."""
+# outside it and some inside; long stretches have no door."""
 
 RACK_LENGTH_M, RACK_DEPTH_M, AISLE_M = 22.0, 1.2, 2.9
 RACKS = 9
 BANKS_X_M = (3.0, 28.5)
 GAP_M = 1.5
 GAPS = {(0, 2): 14.0, (0, 6): 5.5, (1, 1): 8.0, (1, 4): 16.5, (1, 7): 3.0}
-"""Passages through racks: (bank, rack) and how far along the rack they begin."""
+"""Passages through racks: (bank, rack) and the distance along the rack at which they begin."""
 
 DOOR_M = 0.95
 RING_M = (5.5, 44.5, 5.5, 34.5)
@@ -131,7 +131,7 @@ FLOORS = {
 
 
 def occupied_cells(name: str) -> NDArray[np.bool_]:
-    """What is solid on a floor, (H, W), row 0 at the lowest y: walls, and all that is closed off by them."""
+    """Solid cells of a floor, (H, W), row 0 at the lowest y: walls, and the areas that they close off."""
     draw, (x_m, y_m), _ = FLOORS[name]
     plan = rasterise(draw(), name)
     regions, _ = ndimage.label(~plan.occupied)

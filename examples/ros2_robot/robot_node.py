@@ -1,6 +1,6 @@
-"""A ROS 2 robot that knows nothing of robrain: cmd_vel in; odom, scan, battery_state and TF out.
+"""A ROS 2 robot without any robrain code: cmd_vel in; odom, scan, battery_state and TF out.
 
-For tests it also publishes where it really is, on ground_truth.
+For tests it also publishes its true pose on ground_truth.
 
 python robot_node.py --ros-args -p map:=../maps/clinic.yaml -p x:=0.0 -p y:=0.0 -r __ns:=/r7
 """
@@ -21,7 +21,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, LaserScan
 from simulated_robot import Battery, Body, FloorMap, Lidar, Pose, Twist
 
-try:  # it comes with an installed ROS 2, not from PyPI
+try:  # part of an installed ROS 2, not on PyPI
     from tf2_msgs.msg import TFMessage
 except ModuleNotFoundError:
     TFMessage = None
@@ -116,7 +116,7 @@ class RobotNode(Node):
         battery, state = self.battery, BatteryState()
         state.header.stamp = self.get_clock().now().to_msg()
         state.voltage, state.temperature = battery.voltage_v, TEMPERATURE_C
-        state.current = -battery.current_a  # negative while discharging, says the message
+        state.current = -battery.current_a  # negative while discharging, by the definition of the message
         state.percentage, state.present = battery.soc, True
         state.power_supply_status = BatteryState.POWER_SUPPLY_STATUS_DISCHARGING
         state.power_supply_technology = BatteryState.POWER_SUPPLY_TECHNOLOGY_LION

@@ -34,7 +34,7 @@ class Twist:
 
 
 class FloorMap:
-    """A map of ROS' map_server: what is dark, or unknown, is solid.
+    """A map of ROS' map_server: dark and unknown cells are solid.
 
     Args:
         path: of the YAML file; its image lies beside it.
@@ -51,7 +51,7 @@ class FloorMap:
         self.origin_x_m, self.origin_y_m = map(float, spec["origin"][:2])
 
     def is_solid(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether points lie in walls; there is nothing beyond the map's edge."""
+        """Whether points lie in walls; the area beyond the map's edge is free."""
         column = np.floor((x_m - self.origin_x_m) / self.resolution_m).astype(np.int64)
         row = np.floor((y_m - self.origin_y_m) / self.resolution_m).astype(np.int64)
         height, width = self.solid.shape
@@ -69,7 +69,7 @@ class Lidar:
         self._reach_m = np.arange(step_m, range_max_m + step_m, step_m)
 
     def ranges_m(self, pose: Pose, rng: np.random.Generator) -> NDArray[np.float32]:
-        """(N,), infinite where nothing is hit (REP 117)."""
+        """(N,), infinite for beams without a hit (REP 117)."""
         along_rad = pose.yaw_rad + self.angles_rad[:, np.newaxis]
         x_m, y_m = pose.x_m + self._reach_m * np.cos(along_rad), pose.y_m + self._reach_m * np.sin(along_rad)
         hit = self._floor.is_solid(x_m, y_m)
@@ -81,9 +81,9 @@ class Body:
     """A round robot on two driven wheels, or on mecanum wheels if `holonomic`; walls stop it.
 
     Args:
-        floor: where it drives.
+        floor: the map on which it drives.
         start: its pose on the map.
-        slip: standard deviation of what its odometry misjudges of each motion, as a share.
+        slip: standard deviation of the odometry's error of each motion, as a share.
 
     """
 
@@ -91,7 +91,7 @@ class Body:
     speed_max_m_s, turn_max_rad_s = 0.8, 2.0
     acceleration_m_s2, turn_acceleration_rad_s2 = 1.5, 5.0
     watchdog_s = 0.5
-    """A command holds for so long."""
+    """Time for which a command is valid."""
 
     def __init__(self, floor: FloorMap, start: Pose, *, holonomic: bool, slip: float) -> None:
         self.pose, self.odometry = start, Pose(0.0, 0.0, 0.0)
@@ -104,12 +104,12 @@ class Body:
             raise ValueError(f"expected a start where the robot touches no wall, got {start}")
 
     def command(self, wanted: Twist, now_s: float) -> None:
-        """Take a velocity; what is not finite is ignored."""
+        """Set the velocity; values that are not finite are ignored."""
         if all(map(math.isfinite, (wanted.forward_m_s, wanted.left_m_s, wanted.yaw_rad_s))):
             self._wanted, self._commanded_s = wanted, now_s
 
     def step(self, now_s: float, dt_s: float, rng: np.random.Generator) -> None:
-        """Move on by `dt_s`."""
+        """Advance by `dt_s`."""
         wanted = self._wanted if now_s - self._commanded_s <= self.watchdog_s else Twist()
         now, reach_m_s = self.velocity, self.acceleration_m_s2 * dt_s
         self.velocity = Twist(
@@ -136,7 +136,7 @@ class Body:
 
 
 class Battery:
-    """Four lithium-ion cells in series that are drained by what the robot does."""
+    """Four lithium-ion cells in series, drained by the robot's motion."""
 
     capacity_c = 1.35 * 3600.0
 

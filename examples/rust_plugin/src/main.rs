@@ -1,10 +1,10 @@
 //! A plugin of a robrain robot, in Rust: the process announces itself as `gauge` and answers two functions.
 //!
-//! `gauge ROBOT [TEAM]` connects to the endpoint in ROBRAIN_CONNECT. What it has to do is the same in any language:
+//! `gauge ROBOT [TEAM]` connects to the endpoint in ROBRAIN_CONNECT. A foreign plugin in any language has these duties:
 //!
-//! 1. answer `robrain/TEAM/robot/ROBOT/foreign/gauge/info` with what it is (a PluginInfo, in JSON),
+//! 1. answer `robrain/TEAM/robot/ROBOT/foreign/gauge/info` with its description (a PluginInfo, in JSON),
 //! 2. answer `robrain/TEAM/robot/ROBOT/foreign/gauge/call/FUNCTION`, with a result or an error, in JSON,
-//! 3. declare the liveliness token `robrain/TEAM/robot/ROBOT/foreign/gauge`, for as long as it is there.
+//! 3. declare the liveliness token `robrain/TEAM/robot/ROBOT/foreign/gauge`, while it runs.
 //!
 //! The robot's host lists it, checks who may call it, and relays the calls.
 
@@ -74,7 +74,7 @@ fn config(connect: &str) -> Result<Config, Fatal> {
     Ok(config)
 }
 
-/// What the robot's host lists: a PluginInfo.
+/// The entry in the host's list: a PluginInfo.
 fn info() -> Value {
     json!({
         "name": "gauge",
@@ -106,7 +106,7 @@ fn info() -> Value {
     })
 }
 
-/// Do what was asked for; the function is the last part of the key.
+/// Execute a call; the function is the last part of the key.
 fn answer(query: &Query, key: &str, started: Instant) -> Result<Value, CallError> {
     let function = key.rsplit('/').next().unwrap_or_default();
     let payload = query.payload().map(|bytes| bytes.to_bytes().to_vec()).unwrap_or_default();
@@ -155,7 +155,7 @@ fn integer(given: &Map<String, Value>, name: &str) -> Result<i64, CallError> {
     value.as_i64().ok_or_else(|| bad_arguments(format!("argument {name}: expected an integer, got {value}")))
 }
 
-/// Every query is answered; one that is not reads as "nobody there".
+/// Every query is answered; a missing answer means "nobody there".
 fn reply(query: &Query, key: &str, result: Result<Value, CallError>) {
     let sent = match result {
         Ok(value) => query.reply(key, value.to_string()).encoding("application/json").wait(),
