@@ -303,20 +303,24 @@ class Team(CoordinatorAnswers, RobotCalls):
     def submit(self, task: str | Task, **fields: Unpack[TaskFields]) -> TaskRecord:
         """Submit a task; submitting the same task with the same id again returns the same answer.
 
-        If there is no coordinator, and robots go on without, one of them accepts it and tells the others.
+        Without a coordinator, a robot of a team with consensus accepts the task and publishes it to the others.
+
+        Fields of a task:
+
+        - `id`: the task's name; None for a new one, such as `visit-3`.
+        - `place`: x and y, metres, arena frame.
+        - `priority`: reward for doing it; the default is 1.
+        - `earliest_s`: earliest start, seconds from its acceptance.
+        - `deadline_s`: latest end, seconds from its acceptance.
+        - `service_s`: expected time at its place.
+        - `needs`: plugins that a robot must have for it.
+        - `after`: tasks that must be done before.
+        - `robots`: number of robots that must work on it at the same time; the default is 1.
+        - `parameters`: fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
 
         Args:
-            task: a kind, such as `visit`, with the fields below; or a whole task, with only the times.
-            id: the task's name; None for a new one, such as `visit-3`.
-            place: x and y, metres, arena frame.
-            priority: reward for doing it; 1 if not given.
-            earliest_s: earliest start, seconds from its acceptance.
-            deadline_s: latest end, seconds from its acceptance.
-            service_s: expected time at its place.
-            needs: plugins that a robot must have for it.
-            after: tasks that must be done before.
-            robots: number of robots that must work on it at the same time; 1 if not given.
-            parameters: fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
+            task: a kind, such as `visit`, with the fields above; or a whole task, with only the times.
+            **fields: fields of the task.
 
         Raises:
             BadTask: a field is missing or invalid.
