@@ -27,8 +27,8 @@ from robrain.protocol.wire.endpoint import Endpoint
 logger = logging.getLogger(__name__)
 
 LEASE_NS = to_ns(1.7)
-"""A witness votes for no other coordinator within 2 s of a summary (`agent/consensus/witness.py`). The difference covers
-clock drift and long steps (chosen)."""
+"""A witness votes for no other coordinator within 2 s of a summary (`agent/consensus/witness.py`). The difference
+covers clock drift and long steps (chosen)."""
 LISTEN_NS = to_ns(2.0)
 """A coordinator that replaces another one waits this long before its first offer. By then robots have reported the
 other's last offers, or their leases have expired."""
