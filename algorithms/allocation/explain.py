@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import msgspec
@@ -19,6 +20,8 @@ from robrain.algorithms.allocation.problem import (
     Worker,
     make_arrays,
 )
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.reasons import (
     BelowReserve,
     LacksEnergy,
@@ -29,37 +32,18 @@ from robrain.protocol.reasons import (
     after_undone,
     lacks_plugins,
     plain,
+    told,
 )
 
 
-class Option(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One robot's cost of one job, or why the robot is excluded."""
-
-    worker: str
-    energy_j: float | None = None
-    """Additional energy on top of the rest of its route; None if excluded."""
-    time_s: float | None = None
-    """Additional time until the robot is at its charger."""
-    start_s: float | None = None
-    """Start of the job."""
-    why_not: RobotReason | None = None
-    """Why the robot is excluded; None if it is not."""
-
-
-class Decision(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The decision about one job. Encodes as JSON."""
-
-    job: str
-    robots: tuple[str, ...] = ()
-    """The robots that do it; empty if none does."""
-    start_s: float | None = None
-    reason: PlanReason | None = None
-    """Why these robots do it, or why none does."""
-    options: tuple[Option, ...] = ()
-    """One for each robot, in the problem's order."""
-
-
-def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> list[Decision]:
+def explain(
+    problem: Problem,
+    plan: Plan,
+    jobs: Iterable[str] | None = None,
+    *,
+    number: int = 0,
+    pauses: Mapping[tuple[str, str], RobotReason] = MappingProxyType({}),
+) -> list[TaskDecision]:
     """Return the decisions of a plan.
 
     Each robot's figures are those of the cheapest position in its route of the plan, with all other jobs in place. A
@@ -69,6 +53,8 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
         problem: the problem.
         plan: its plan.
         jobs: ids; all if None.
+        number: of the plan.
+        pauses: job and robot that must not be brought together for a while, and why.
 
     """
     arrays = make_arrays(problem)
@@ -85,29 +71,38 @@ def explain(problem: Problem, plan: Plan, jobs: Iterable[str] | None = None) -> 
     for name in [job.id for job in problem.jobs] if jobs is None else jobs:
         index = problem.job_index[name]
         job, done_by = problem.jobs[index], stops.get(name, [])
-        robots = tuple(worker for worker, _ in done_by)
+        robots, bids = tuple(worker for worker, _ in done_by), list[RobotVerdict]()
+        reason: PlanReason | None
         if job.pinned_to:
-            start_s = done_by[0][1].start_s if done_by else None
-            decisions.append(
-                Decision(
-                    name,
-                    robots,
-                    start_s,
-                    left_out.get(name) or plain("is_at_it", f"{job.pinned_to} is at it", robot=job.pinned_to),
-                )
+            reason = left_out.get(name) or plain("is_at_it", f"{job.pinned_to} is at it", robot=job.pinned_to)
+        else:
+            taken = _remove_job(problem, arrays, routes, index)
+            bids = [
+                _bid(problem, arrays, routes, worker, job, visit_of[index]) for worker in range(len(problem.workers))
+            ]
+            for worker, order in taken.items():
+                routes.order[worker, : len(order)] = order
+                routes.length[worker] = len(order)
+                refresh(arrays.team, arrays.visits, routes, worker)
+            reason = _choice_reason(robots, bids) if robots else left_out.get(name)
+        decisions.append(
+            TaskDecision(
+                task=name,
+                plan=number,
+                robots=robots,
+                start_in_s=round(done_by[0][1].start_s, 2) if done_by else None,
+                why=told(reason),
+                reason=reason,
+                bids=tuple(_published(bid, robots, pauses.get((name, bid.robot))) for bid in bids),
             )
-            continue
-        taken = _remove_job(problem, arrays, routes, index)
-        options = tuple(
-            _option(problem, arrays, routes, worker, job, visit_of[index]) for worker in range(len(problem.workers))
         )
-        for worker, order in taken.items():
-            routes.order[worker, : len(order)] = order
-            routes.length[worker] = len(order)
-            refresh(arrays.team, arrays.visits, routes, worker)
-        reason = _choice_reason(robots, options) if robots else left_out.get(name)
-        decisions.append(Decision(name, robots, done_by[0][1].start_s if done_by else None, reason, options))
     return decisions
+
+
+def _published(bid: RobotVerdict, robots: tuple[str, ...], pause: RobotReason | None) -> RobotVerdict:
+    if pause is not None:
+        bid = RobotVerdict.judged(bid.robot, pause)
+    return msgspec.structs.replace(bid, chosen=True) if bid.robot in robots else bid
 
 
 def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArrays:
@@ -133,17 +128,17 @@ def _remove_job(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, ind
     return taken
 
 
-def _option(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int, job: Job, visit: int) -> Option:
+def _bid(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int, job: Job, visit: int) -> RobotVerdict:
     worker = problem.workers[index]
     judged = judge(arrays, routes, index, visit)
     if judged.code != FITS:
-        return Option(worker.name, why_not=why_not(judged, worker, job, problem.horizon_s))
-    return Option(worker.name, round(judged.more_j, 3), round(judged.more_s, 3), round(judged.start_s, 3))
+        return RobotVerdict.judged(worker.name, why_not(judged, worker, job, problem.horizon_s))
+    return RobotVerdict(robot=worker.name, energy_j=round(judged.more_j, 3), time_s=round(judged.more_s, 3))
 
 
-def _choice_reason(robots: tuple[str, ...], options: Sequence[Option]) -> PlainReason:
+def _choice_reason(robots: tuple[str, ...], bids: Sequence[RobotVerdict]) -> PlainReason:
     """Whether they are the cheapest robots, or the plan as a whole is cheaper this way."""
-    costs = sorted((option.energy_j, option.worker) for option in options if option.energy_j is not None)
+    costs = sorted((bid.energy_j, bid.robot) for bid in bids if bid.energy_j is not None)
     cheapest = {worker for _, worker in costs[: len(robots)]}
     names = " and ".join(robots)
     if set(robots) <= cheapest:

@@ -1,7 +1,6 @@
 """A plan as the coordinator follows it: assignments with order and times, and the decisions behind them."""
 
 import math
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -11,11 +10,9 @@ from robrain.algorithms.allocation.problem import Problem
 from robrain.coordinator.planning.plan_passes import PlanFailure
 from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem, TaskDecision
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
-from robrain.protocol.reasons import PlanReason, TaskReason, told
+from robrain.protocol.reasons import PlanReason, TaskReason
 
 if TYPE_CHECKING:
-    from robrain.algorithms.allocation.explain import Decision
     from robrain.coordinator.planning.problem_builder import BuiltProblem
 from typing import Protocol
 
@@ -107,37 +104,13 @@ def planned(
     ]
     new.sort(key=lambda job: start_s.get(job, math.inf))
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
-    decisions = [_told(one, snapshot, written.plan) for one in explain(problem, plan, new)]
+    decisions = explain(problem, plan, new, number=written.plan, pauses=snapshot.pauses)
     return PlanInForce(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
                    failures=failures, took_s=took_s, charger_ways=asked.charger_ways, takes_j=takes_j)  # fmt: skip
 
 
 def _at(snapshot: Snapshot, in_s: float) -> int:
     return snapshot.now_ns + round(1e9 * in_s)
-
-
-def _told(decision: "Decision", snapshot: Snapshot, number: int) -> TaskDecision:
-    return TaskDecision(
-        task=decision.job,
-        plan=number,
-        robots=decision.robots,
-        start_in_s=None if decision.start_s is None else round(decision.start_s, 2),
-        why=told(decision.reason),
-        reason=decision.reason,
-        bids=tuple(_bids(decision, snapshot)),
-    )
-
-
-def _bids(decision: "Decision", snapshot: Snapshot) -> Iterable[RobotVerdict]:
-    for option in decision.options:
-        why_not = snapshot.pauses.get((decision.job, option.worker)) or option.why_not
-        yield RobotVerdict.judged(
-            option.worker,
-            why_not,
-            chosen=option.worker in decision.robots,
-            energy_j=None if why_not else option.energy_j,
-            time_s=None if why_not else option.time_s,
-        )
 
 
 class PlanMaker(Protocol):

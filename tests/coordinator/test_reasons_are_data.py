@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -127,17 +128,29 @@ def test_the_same_is_planned_offered_and_charged_whatever_the_reasons_are_called
     assert told == (tired if socs is TIRED else fresh)[0]
 
 
+def without_words(value: object) -> object:
+    """A value in plain types, without the sentences of reasons."""
+    match value:
+        case dict():
+            return {key: without_words(one) for key, one in value.items() if key not in ("text", "why", "why_not")}
+        case list() | tuple():
+            return [without_words(one) for one in value]
+        case msgspec.Struct():
+            return without_words(msgspec.to_builtins(value))
+    return value
+
+
 @pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(problem=problems(), objective=st.sampled_from(Objective), seed=st.integers(0, 1000))
 def test_allocators_plan_the_same_whatever_the_reasons_are_called(problem, objective, seed) -> None:
     for allocator in allocators(objective):
         plan = allocator.plan(problem, iterations=ITERATIONS, seed=seed)
-        decisions = explain(problem, plan)
+        decisions = without_words(explain(problem, plan))
         with random_words(seed):
             other = allocator.plan(problem, iterations=ITERATIONS, seed=seed)
-            assert other == plan
-            assert explain(problem, other) == decisions
+            assert without_words(other) == without_words(plan)
+            assert without_words(explain(problem, other)) == decisions
 
 
 @pytest.mark.parametrize(

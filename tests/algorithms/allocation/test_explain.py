@@ -6,10 +6,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from robrain.algorithms.allocation.auction import AuctionAllocator
-from robrain.algorithms.allocation.explain import Decision, explain
+from robrain.algorithms.allocation.explain import explain
 from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.reasons import BelowReserve, LacksEnergy, NearestOut, lacks_plugins
 from tests.algorithms.allocation.instances import team_problem
 from tests.algorithms.allocation.test_allocators import problems
@@ -27,8 +28,8 @@ def only_decision(problem):
 def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
     decision = only_decision(line([job("a", 2)], [worker("r1"), worker("r2", start=1), worker("r3", start=3)]))
     assert decision.robots == ("r2",)
-    assert [option.energy_j for option in decision.options] == [4.0, 3.0, 3.0]
-    assert [option.time_s for option in decision.options] == [4.0, 3.0, 3.0]
+    assert [bid.energy_j for bid in decision.bids] == [4.0, 3.0, 3.0]
+    assert [bid.time_s for bid in decision.bids] == [4.0, 3.0, 3.0]
     assert decision.reason == Plain("cheapest", robots=("r2",), next_j=3.0)
 
 
@@ -45,7 +46,7 @@ def test_each_reason_to_be_out_is_told():
         line([job("a", 2, needs=frozenset({"camera"}), latest_s=100.0)], [low, bare, late, poor, good])
     )
     assert decision.robots == ("good",)
-    assert [option.why_not for option in decision.options] == [
+    assert [bid.reason for bid in decision.bids] == [
         BelowReserve(left=0.03, reserve=0.15),
         lacks_plugins(("camera",)),
         Plain("too_late", start_s=120.0, latest_s=100.0),
@@ -59,7 +60,7 @@ def test_job_that_nobody_does_says_why_for_each_robot():
     decision = only_decision(line([job("a", 5)], [worker("r1", usable_j=4.0), worker("r2", usable_j=8.0)]))
     assert decision.robots == ()
     assert decision.reason == NearestOut("r2", LacksEnergy(missing_j=2.0))
-    assert [option.why_not for option in decision.options] == [LacksEnergy(missing_j=6.0), LacksEnergy(missing_j=2.0)]
+    assert [bid.reason for bid in decision.bids] == [LacksEnergy(missing_j=6.0), LacksEnergy(missing_j=2.0)]
 
 
 def test_job_that_only_robots_may_do_that_lack_something_says_what_keeps_each_from_it():
@@ -67,7 +68,7 @@ def test_job_that_only_robots_may_do_that_lack_something_says_what_keeps_each_fr
     camera = frozenset({"camera"})
     decision = only_decision(line(jobs, [worker("r1", offers=camera), worker("r2", ready_s=9.0, offers=camera)]))
     assert decision.reason == Plain("nobody_allowed")
-    assert [option.why_not for option in decision.options] == [Plain("forbidden"), Plain("not_ready")]
+    assert [bid.reason for bid in decision.bids] == [Plain("forbidden"), Plain("not_ready")]
     decision = only_decision(line(jobs, [worker("r1"), worker("r3")]))
     assert decision.reason == Plain("nobody_has", plugins=("camera",))
 
@@ -77,7 +78,7 @@ def test_job_without_a_way_says_so():
     ways[0, :, 2] = ways[0, 2, :] = np.inf
     decision = only_decision(Problem(jobs=(job("a", 2),), workers=(worker("r1"),), energy_j=ways, time_s=ways))
     assert decision.robots == ()
-    assert [option.why_not for option in decision.options] == [Plain("no_way_and_back")]
+    assert [bid.reason for bid in decision.bids] == [Plain("no_way_and_back")]
 
 
 def test_job_that_ends_just_when_the_plan_must_is_done():
@@ -102,7 +103,7 @@ def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(
     )
     plan = make_plan(problem, [["a"]], Objective.ENERGY)
     (decision,) = explain(problem, plan, ["b"])
-    assert decision.options[0].why_not == why
+    assert decision.bids[0].reason == why
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not
     problem = line([job("a", 1, service_s=1.0), job("b", 4, service_s=service_s)], [worker("r1")], horizon_s=10.0)
     plan = make_plan(problem, [["a"]], Objective.ENERGY)
     (decision,) = explain(problem, plan, ["b"])
-    assert decision.options[0].why_not == why
+    assert decision.bids[0].reason == why
 
 
 def test_job_that_a_robot_is_at_stays_with_it():
@@ -130,7 +131,7 @@ def test_explaining_changes_nothing_for_the_next_job():
     together = explain(problem, plan)
     alone = [explain(problem, plan, [one.id])[0] for one in problem.jobs]
     assert together == alone
-    assert msgspec.json.decode(msgspec.json.encode(together), type=list[Decision]) == together
+    assert msgspec.json.decode(msgspec.json.encode(together), type=list[TaskDecision]) == together
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -138,10 +139,10 @@ def test_explaining_changes_nothing_for_the_next_job():
 def test_who_does_a_job_never_is_out_and_who_is_out_has_a_reason(problem):
     plan = AuctionAllocator().plan(problem)
     for decision in explain(problem, plan):
-        for option in decision.options:
-            assert (option.energy_j is None) == (option.why_not is not None)
-            assert problem.jobs[problem.job_index[decision.job]].robots > 1 or not (
-                option.worker in decision.robots and option.why_not
+        for bid in decision.bids:
+            assert (bid.energy_j is None) == (bid.reason is not None)
+            assert problem.jobs[problem.job_index[decision.task]].robots > 1 or not (
+                bid.robot in decision.robots and bid.reason
             ), (decision, plan)
         if not decision.robots:
             assert decision.reason is not None
@@ -160,4 +161,4 @@ def test_a_robot_that_waits_for_another_is_explained_with_the_wait_of_the_plan()
     waits = worker("waits", wait_w=1.0, usable_j=8.5, offers=camera)
     problem = line(jobs, [arm, waits])
     for decision in explain(problem, AuctionAllocator().plan(problem)):
-        assert all(option.why_not is None for option in decision.options if option.worker in decision.robots)
+        assert all(bid.reason is None for bid in decision.bids if bid.robot in decision.robots)
