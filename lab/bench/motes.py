@@ -9,6 +9,7 @@ from rich.table import Table
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
+from robrain.algorithms.motes.field_life import HORIZON_DAYS, FieldPlan, MoteSite, Routing, field_life
 from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy
 from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.deploy.command_line.terminal import new_console, print_line
@@ -17,8 +18,6 @@ from robrain.lab.bench.figure import Figure, are_kept, at_least, deterministic, 
 from robrain.lab.bench.mapping_plan import all_runs, names_of, numbers_of
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing
-from robrain.sim.mote_days.mote_days import FieldLife, FieldRun
 from robrain.sim.scenarios.scenario import MAX_SEED
 
 
@@ -121,8 +120,7 @@ def run_case(case: MoteCase) -> MoteFieldRun:
     site = site_of(case.seed, case.motes)
     graph = RadioGraph(site.places, site.sink, site.range_m)
     full_j = [site.energy.capacity_j] * case.motes
-    run = FieldRun(site, case.plan)
-    life: FieldLife = run.run()
+    life = field_life(site, case.plan)
     return MoteFieldRun(
         case=case,
         bound_days=lifetime_bound_days(graph, full_j, site.energy, 1.0 / site.period_s),
@@ -133,8 +131,8 @@ def run_case(case: MoteCase) -> MoteFieldRun:
         coverage=life.coverage,
         age_h=life.age_h,
         news_age_h=life.news_age_h,
-        robot_j_per_day=life.robot_j / run.horizon_days,
-        driven_m_per_day=life.driven_m / run.horizon_days,
+        robot_j_per_day=life.robot_j / HORIZON_DAYS,
+        driven_m_per_day=life.driven_m / HORIZON_DAYS,
     )
 
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.algorithms.motes.field_life import FieldLife, FieldPlan, MoteSite, RobotFigures, Routing, field_life
 from robrain.algorithms.motes.mote_energy import DAY_S, mica2
+from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.lab.bench.motes import lifetime_bound_days
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, RobotFigures, Routing
-from robrain.sim.mote_days.mote_days import FieldLife, FieldRun
 from tests.algorithms.motes.fields import ORIGIN, scattered
 
 ENERGY = mica2()
@@ -22,7 +22,7 @@ def site(seed: int, motes: int = 25, **fields: object) -> MoteSite:
 
 
 def live(where: MoteSite, **plan: object) -> FieldLife:
-    return FieldRun(where, FieldPlan(**plan)).run()
+    return field_life(where, FieldPlan(**plan))
 
 
 PLANS = st.sampled_from(
@@ -54,9 +54,10 @@ def test_all_energy_and_every_reading_is_accounted_for(seed: int, plan: dict[str
 @pytest.mark.parametrize("seed", range(3))
 def test_no_field_without_robots_outlives_the_bound_and_routes_in_turn_come_near_it(seed: int) -> None:
     where = site(seed)
-    run = FieldRun(where, FieldPlan())
-    bound_days = lifetime_bound_days(run.graph, list(run.left_j), where.energy, 1.0 / where.period_s)
-    first_days = run.run().first_days
+    graph = RadioGraph(where.places, where.sink, where.range_m)
+    full_j = [ENERGY.capacity_j] * len(where.places)
+    bound_days = lifetime_bound_days(graph, full_j, where.energy, 1.0 / where.period_s)
+    first_days = live(where).first_days
     assert 0.9 * bound_days <= first_days <= bound_days
     beacons = 0.001
     assert live(where, routing=Routing.TREE).first_days <= (1.0 + beacons) * first_days
@@ -84,7 +85,7 @@ def test_robots_that_relay_connect_a_cut_off_part_for_what_standing_takes() -> N
     places = (Point2D(15.0, 0.0), Point2D(55.0, 0.0), Point2D(58.0, 0.0))
     where = MoteSite(places=places, sink=ORIGIN, size_m=60.0)
     alone, relayed = live(where), live(where, relays=1)
-    assert FieldRun(where, FieldPlan(relays=1)).relays == [Point2D(35.0, 0.0)]
+    assert relayed.relays == [Point2D(35.0, 0.0)]
     assert alone.delivery_ratio < 0.34
     assert relayed.delivery_ratio > 0.99
     assert relayed.age_h < 4.0 / 3600.0
@@ -94,8 +95,8 @@ def test_robots_that_relay_connect_a_cut_off_part_for_what_standing_takes() -> N
 
 def test_part_that_needs_more_relays_than_there_are_stays_cut_off() -> None:
     where = MoteSite(places=(Point2D(15.0, 0.0), Point2D(95.0, 0.0)), sink=ORIGIN, size_m=100.0)
-    assert FieldRun(where, FieldPlan(relays=2)).relays == []
-    assert len(FieldRun(where, FieldPlan(relays=3)).relays) == 3
+    assert live(where, relays=2).relays == []
+    assert len(live(where, relays=3).relays) == 3
 
 
 def test_robot_on_tour_takes_what_standing_and_driving_take() -> None:

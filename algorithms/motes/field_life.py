@@ -5,12 +5,13 @@ that are sent within range arrive; readings are lost in motes that die, and in f
 """
 
 import math
+from enum import StrEnum
 
 import msgspec
 
 from robrain.algorithms.motes.collect_tour import shortest_order, stops_for, tour_m
 from robrain.algorithms.motes.coverage import CoverageMap, duty_set
-from robrain.algorithms.motes.mote_energy import DAY_S
+from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy, mica2
 from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.algorithms.motes.relay_places import relay_places
 from robrain.algorithms.motes.routes import (
@@ -22,7 +23,7 @@ from robrain.algorithms.motes.routes import (
     share_at_once,
 )
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.mote_days.field_plan import FieldPlan, MoteSite, Routing
+from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
 
 HOP_S = 1.0
 """Delay of one hop: the receiver listens once in that time; chosen."""
@@ -35,6 +36,81 @@ LEAST_GOAL_DAYS = 20.0
 MAX_DAYS = 3650.0
 FLAT_J = 1e-6
 """A mote that has no more than this left is dead."""
+
+
+class Routing(StrEnum):
+    """How readings travel between motes."""
+
+    TREE = "tree"
+    """A collection tree with the fewest hops."""
+    LIFETIME = "lifetime"
+    """Routes in turn that spare the motes with little energy."""
+    NONE = "none"
+    """Not at all: robots collect everything."""
+
+
+class MoteSite(msgspec.Struct, frozen=True, kw_only=True):
+    """Where motes lie, and what they are."""
+
+    places: tuple[Point2D, ...]
+    sink: Point2D
+    """Where readings leave the field, and where the robots' charger is."""
+    size_m: float
+    """The floor is a square from the origin of this width."""
+    range_m: float = 22.0
+    """Distance up to which two motes hear each other."""
+    sensing_m: float = 15.0
+    """A mote tells of the floor up to this distance; chosen."""
+    period_s: float = 60.0
+    """Time between two readings of a mote."""
+    energy: MoteEnergy = mica2()
+    log_readings: int = 30_000
+    """What a mote stores; of more, the oldest are lost."""
+
+    def __post_init__(self) -> None:
+        check_positive(self, "size_m", "range_m", "sensing_m", "period_s")
+        check_within(self, 1, 1_000_000, "log_readings")
+
+
+class RobotFigures(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot that collects."""
+
+    speed_m_s: float = 0.5
+    standing_w: float = 8.0
+    """All the time on a tour, for computer, sensors and radio: that of the simulated robots."""
+    driving_j_per_m: float = 20.0
+    """What driving takes besides; about that of the simulated robots."""
+    reach_m: float = 15.0
+    """Distance up to which it collects, which leaves a margin to the radio's range."""
+    readings_per_s: float = 25.0
+    """How fast a mote hands over what it has stored: one every 40 ms."""
+
+    def __post_init__(self) -> None:
+        check_positive(self, "speed_m_s", "standing_w", "driving_j_per_m", "reach_m", "readings_per_s")
+
+
+class FieldPlan(msgspec.Struct, frozen=True, kw_only=True):
+    """How the field is run. Raises ValueError if a value makes no sense."""
+
+    routing: Routing = Routing.LIFETIME
+    tours_per_day: float = 0.0
+    """How often a robot visits all motes; 0 for never."""
+    goal_days: float = 0.0
+    """With tours: the lifetime that is aimed at. Readings travel over the air as far as it allows."""
+    takes_turns: bool = False
+    """Whether only as many motes are on duty as the coverage needs, in turn."""
+    relays: int = 0
+    """Number of robots that may stand in the field all the time, to connect parts that do not reach the sink."""
+    replan_days: float = 10.0
+    """Time after which routes and duties are made again; also after each death."""
+    robot: RobotFigures = RobotFigures()
+
+    def __post_init__(self) -> None:
+        check_not_negative(self, "tours_per_day", "goal_days", finite=True)
+        check_positive(self, "replan_days")
+        check_within(self, 0, 1000, "relays")
+        if self.routing is Routing.NONE and self.tours_per_day == 0:
+            raise ValueError("expected tours_per_day above 0 if readings do not travel over the air")
 
 
 class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
@@ -66,6 +142,8 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
     """By the robots, within the horizon."""
     driven_m: float
     """By the robots, within the horizon."""
+    relays: list[Point2D]
+    """Places where robots stand as relays."""
 
     @property
     def first_days(self) -> float:
@@ -88,8 +166,13 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
         return self.delivered_in_horizon / self.due if self.due else 0.0
 
 
-class FieldRun:
-    """One life of a field.
+HORIZON_DAYS = 365.0
+
+
+def field_life(
+    site: MoteSite, plan: FieldPlan, horizon_days: float = HORIZON_DAYS, until_days: float = MAX_DAYS
+) -> FieldLife:
+    """The life of a field.
 
     Args:
         site: where the motes lie, and what they are.
@@ -98,10 +181,13 @@ class FieldRun:
         until_days: when the run ends at the latest.
 
     """
+    return _FieldRun(site, plan, horizon_days, until_days).run()
 
-    def __init__(
-        self, site: MoteSite, plan: FieldPlan, horizon_days: float = 365.0, until_days: float = MAX_DAYS
-    ) -> None:
+
+class _FieldRun:
+    """State of a field; arguments are those of `field_life`."""
+
+    def __init__(self, site: MoteSite, plan: FieldPlan, horizon_days: float, until_days: float) -> None:
         self.site, self.plan = site, plan
         motes_alone = RadioGraph(site.places, site.sink, site.range_m)
         self.relays = relay_places(motes_alone, most=plan.relays) if plan.relays else []
@@ -113,7 +199,6 @@ class FieldRun:
         sides_m = [(index + 0.5) * step_m for index in range(POINTS_A_SIDE)]
         points = [Point2D(x_m, y_m) for x_m in sides_m for y_m in sides_m]
         self._cover = CoverageMap(site.places, points, site.sensing_m)
-        self.horizon_days = horizon_days
         self._horizon_s, self._until_s = horizon_days * DAY_S, until_days * DAY_S
         self.left_j = [site.energy.capacity_j] * count
         self.stored = [0.0] * count
@@ -314,4 +399,5 @@ class FieldRun:
             left_j=sum(max(0.0, joules) for joules in self.left_j),
             robot_j=self._robot_j,
             driven_m=self._driven_m,
+            relays=self.relays,
         )
