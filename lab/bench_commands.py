@@ -10,7 +10,7 @@ from robrain.deploy.command_line.options import JsonOption, NearOption
 
 BENCHES = {
     "allocation": "task allocation: gap to the best known solution of a public routing instance",
-    "exploration": "exploration strategies and team sizes on map files: the full stack beside ideal motion",
+    "exploration": "exploration strategies and team sizes on map files: full runs beside points",
     "motes": "lifetime of a mote field: routes beside their bound, robots as mules beside a collection tree",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
@@ -117,9 +117,7 @@ def exploration(
         str | None,
         typer.Option(help="Names of exploration strategies, or FILE.py:NAME, separated by commas; default: all."),
     ] = None,
-    motion: Annotated[
-        str, typer.Option(help="full (the whole stack), ideal (points at top speed, exact poses), or both.")
-    ] = "full,ideal",
+    motion: Annotated[str, typer.Option(help="Fidelities: full, points, or both.")] = "full,points",
     near: NearOption = None,
     sight: Annotated[
         bool,

@@ -1,4 +1,4 @@
-"""Exploration by strategies, team sizes and floors: the full stack and ideal motion side by side."""
+"""Exploration by strategies, team sizes and floors: full runs and runs of points side by side."""
 
 import math
 import re
@@ -30,19 +30,18 @@ from robrain.lab.bench.mapping_plan import (
     numbers_of,
 )
 from robrain.lab.report.mean_interval import mean_interval
+from robrain.plugins.unit.driver.driver import Driver
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.registry import UnknownEntry
 from robrain.sim.errors import RunFailed
-from robrain.sim.ideal.ideal_run import IdealResult, run_ideal
-from robrain.sim.ideal.ideal_team import SPEED_M_S
-from robrain.sim.lockstep.result import RunResult
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import MAX_SEED, Scenario
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS
 from robrain.sim.world.time_use import TimeUse
+from robrain.sim.world.world import Fidelity
 
 BLOCK = re.compile(
     r"^<!-- exploration: (?P<motion>\w+) -->\n(?P<body>.*?)^<!-- /exploration -->$", re.DOTALL | re.MULTILINE
@@ -106,9 +105,11 @@ def _seen_m(plan: FloorPlan, cells: np.ndarray, away_m: Floats, range_m: float) 
     return seen_m
 
 
-FULL, IDEAL = "full", "ideal"
-MOTIONS = (FULL, IDEAL)
-"""The whole stack, or points at top speed with exact poses (`sim/ideal/ideal_team.py`)."""
+FULL, POINTS = Fidelity.FULL.value, Fidelity.POINTS.value
+MOTIONS = (FULL, POINTS)
+"""Fidelities of the runs."""
+SPEED_M_S = Driver.Parameters().speed_m_s
+"""Top speed."""
 BOUND_PERCENTILE = 95.0
 UNTIL = 0.99
 
@@ -142,7 +143,9 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
         changes: dict[str, object] = {"planning": policy, "until_explored": UNTIL, "time_limit_s": self.time_limit_s}
         if self.near is not None:
             changes["near"] = Point2D(*self.near)
-        return found.replace(robots=self.robots, seed=self.seed, starts=Starts.TOGETHER, **changes)
+        return found.replace(
+            robots=self.robots, seed=self.seed, starts=Starts.TOGETHER, fidelity=self.motion, **changes
+        )
 
 
 class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -160,10 +163,9 @@ class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
     sight_s: float | None = None
     """No team can have seen 95 % before, even one that knows the floor: `sight_bound_s`; None unless asked for."""
     distance_m: float = 0.0
-    energy_j: float | None = None
-    """None for ideal motion, which takes none."""
+    energy_j: float = 0.0
     explored_m2: float = 0.0
-    overlap: float | None = None
+    overlap: float = 0.0
     collisions: int = 0
     time_use: TimeUse = TimeUse()
     """Summed over the robots."""
@@ -173,7 +175,7 @@ def run_case(case: ExplorationCase) -> ExplorationRun:
     """Make one run; if it cannot be made, `why_not` gives the reason (RunFailed if its strategy fails)."""
     try:
         with errors_alone():
-            return _ideal(case) if case.motion == IDEAL else _full(case)
+            return _made(case)
     except RunFailed:
         raise
     except RobrainError as error:
@@ -201,31 +203,10 @@ def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, sp
     return max(0.0, farthest_m - range_m) / speed_m_s
 
 
-def _full(case: ExplorationCase) -> ExplorationRun:
+def _made(case: ExplorationCase) -> ExplorationRun:
     scenario = case.scenario()
     result = scenario.run()
-    spent = [robot.time_use for robot in result.per_robot]
-    run = _common(case, scenario, result)
-    return msgspec.structs.replace(
-        run,
-        energy_j=result.energy_j,
-        overlap=result.overlap,
-        collisions=result.collisions,
-        time_use=TimeUse(**{name: sum(getattr(one, name) for one in spent) for name in TimeUse.__struct_fields__}),
-    )
-
-
-def _ideal(case: ExplorationCase) -> ExplorationRun:
-    scenario = case.scenario()
-    result = run_ideal(scenario)
-    driving_s = max(0.0, result.sim_time_s * case.robots - result.standing_s)
-    run = _common(case, scenario, result)
-    return msgspec.structs.replace(run, time_use=TimeUse(driving_s=driving_s, standing_s=result.standing_s))
-
-
-def _common(case: ExplorationCase, scenario: Scenario, result: RunResult | IdealResult) -> ExplorationRun:
-    """What both motions tell."""
-    floor = _Floor(scenario)
+    floor, spent = _Floor(scenario), [robot.time_use for robot in result.per_robot]
     return ExplorationRun(
         case=case,
         explored_percent_s=result.explored_percent_s,
@@ -234,7 +215,11 @@ def _common(case: ExplorationCase, scenario: Scenario, result: RunResult | Ideal
         bound_s=floor.bound_s,
         sight_s=floor.sight_s() if case.with_sight else None,
         distance_m=result.distance_m,
+        energy_j=result.energy_j,
         explored_m2=result.explored_fraction * floor.area_m2,
+        overlap=result.overlap,
+        collisions=result.collisions,
+        time_use=TimeUse(**{name: sum(getattr(one, name) for one in spent) for name in TimeUse.__struct_fields__}),
     )
 
 
@@ -326,8 +311,8 @@ SPEED_UPS = {2: 1.6, 4: 3.2, 8: 6.4}
 """Least speed-up over the best strategy with one robot, by number of robots, unless the floor bounds the time."""
 OVER_BOUND = 1.5
 """Factor on the floor's bound within which a speed-up is not asked for."""
-OVER_IDEAL = {1: 1.15, 4: 1.25}
-"""Largest time over that of ideal motion, by number of robots."""
+OVER_POINTS = {1: 1.15, 4: 1.25}
+"""Largest time over that of points, by number of robots."""
 OVER_BEST = 1.03
 """Largest time of the default strategy over that of the best."""
 WIDTH = 178
@@ -479,7 +464,7 @@ def table(runs: Sequence[ExplorationRun]) -> Table:
             speed_up,
             _mean([run.overlap for run in made], 2),
             _mean([run.distance_m for run in made], 0),
-            _mean([None if run.energy_j is None else run.energy_j / run.explored_m2 for run in made]),
+            _mean([run.energy_j / run.explored_m2 for run in made]),
             *shares,
             str(sum(run.collisions for run in made)),
         )
@@ -487,7 +472,7 @@ def table(runs: Sequence[ExplorationRun]) -> Table:
 
 
 def figures(runs: Sequence[ExplorationRun]) -> Iterator[Figure]:
-    """The default strategy's times of the full stack beside one robot's, ideal motion's, and the best strategy's."""
+    """The default strategy's times of the full stack beside one robot's, the points', and the best strategy's."""
     groups = by_group(runs)
     default = PlanningPolicy().exploration
     for group, made in groups.items():
@@ -501,11 +486,11 @@ def figures(runs: Sequence[ExplorationRun]) -> Iterator[Figure]:
             floor_s = OVER_BOUND * sum(run.bound_s for run in made) / len(made)
             bound = at_most(round(max(least_s / wanted, floor_s), 2))
             yield deterministic(f"{name}: {JUDGED_PERCENT} % known", math.nan if own is None else own, "s", bound=bound)
-        ideal_s = _mean_s(groups.get(group._replace(motion=IDEAL), []))
-        if ideal_s and own:
-            over = OVER_IDEAL.get(group.robots)
+        points_s = _mean_s(groups.get(group._replace(motion=POINTS), []))
+        if points_s and own:
+            over = OVER_POINTS.get(group.robots)
             limit = None if over is None else at_most(over)
-            yield deterministic(f"{name}: time over that of ideal motion", own / ideal_s, "×", bound=limit)
+            yield deterministic(f"{name}: time over that of points", own / points_s, "×", bound=limit)
         times = {strategy: time_s for strategy, found in alike.items() if (time_s := _mean_s(found)) is not None}
         if len(times) > 1 and own:
             best = min(times, key=times.__getitem__)

@@ -17,9 +17,9 @@ from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Request
-from robrain.sim.points.point_team import robot_of
+from robrain.sim.points.point_team import POINT_TICK_S, robot_of
 
-SEEN_EVERY_M = 0.25
+SEEN_EVERY_M = 0.1
 """Length of the path between two turns of the lidar."""
 NO_CIRCLES = np.empty((0, 3))
 
@@ -34,7 +34,7 @@ class PointMapper(Skill):
         """Whether the robot knows the whole floor from the start."""
 
     interface = MapperInterface
-    period_s = 0.4
+    period_s = POINT_TICK_S
     parameters: Parameters
     paused = Event[str](outside=True)
 

@@ -30,8 +30,8 @@ SECTIONS = {
     ),
     "exploration_lab": Section(
         "Exploration strategies",
-        "`robrain bench exploration` with ideal motion until 95 % of the clinic are known, seeds 51 and 52, which "
-        "chose nothing; the full stack beside it with one robot. Figures are those of the default strategy.",
+        "`robrain bench exploration` with fidelity points until 95 % of the clinic are known, seeds 51 and 52, which "
+        "chose nothing; fidelity full beside it with one robot. Figures are those of the default strategy.",
         "tests.bench.exploration_lab:measure",
     ),
     "motion": Section(

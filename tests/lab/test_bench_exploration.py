@@ -11,7 +11,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
 from robrain.lab.bench.exploration import (
     FULL,
-    IDEAL,
+    POINTS,
     ExplorationCase,
     ExplorationPlan,
     ExplorationRun,
@@ -28,7 +28,7 @@ from robrain.sim.maps.floor_plan import FloorPlan
 
 DEFAULT = PlanningPolicy().exploration
 SMALL = ExplorationCase(
-    map="arena_small", path="", robots=2, seed=3, strategy=DEFAULT, motion=IDEAL, time_limit_s=120.0
+    map="arena_small", path="", robots=2, seed=3, strategy=DEFAULT, motion=POINTS, time_limit_s=120.0
 )
 
 
@@ -38,7 +38,7 @@ def chosen(**options: object) -> ExplorationPlan:
         "robots": "2",
         "seeds": "3",
         "strategies": DEFAULT,
-        "motions": IDEAL,
+        "motions": POINTS,
         "near": None,
         "jobs": 1,
         "time_limit_s": 120.0,
@@ -58,7 +58,9 @@ def bounds_of(runs: list[ExplorationRun]) -> dict[str, tuple[float | None, bool 
 
 
 def test_every_map_comes_with_every_team_strategy_motion_and_seed() -> None:
-    plan = chosen(maps="clinic,arena_small", robots="1,4", seeds="1-3", strategies="joint,minpos", motions="full,ideal")
+    plan = chosen(
+        maps="clinic,arena_small", robots="1,4", seeds="1-3", strategies="joint,minpos", motions="full,points"
+    )
     assert len(plan.cases) == len(set(plan.cases)) == 2 * 2 * 3 * 2 * 2
 
 
@@ -78,7 +80,7 @@ def test_by_default_all_strategies_are_compared() -> None:
     [
         ({"maps": "moon"}, "--maps moon: there is no such map"),
         ({"strategies": "best"}, "--strategies best: expected "),
-        ({"motions": "fast"}, "--motion fast: expected full or ideal"),
+        ({"motions": "fast"}, "--motion fast: expected full or points"),
         ({"robots": "0"}, "--robots 0: expected numbers from 1"),
         ({"seeds": "a"}, "--seeds a: expected whole numbers"),
         ({"jobs": 0}, "--jobs 0: expected at least 1"),
@@ -92,14 +94,14 @@ def test_a_wrong_option_is_refused_in_words(options: dict[str, object], told: st
 
 
 @pytest.mark.slow
-def test_ideal_motion_and_the_full_stack_explore_the_same_floor_from_the_same_place() -> None:
-    ideal, full = (run_case(msgspec.structs.replace(SMALL, motion=motion, near=(2.0, 2.0))) for motion in (IDEAL, FULL))
-    assert ideal.explored_m2 == pytest.approx(full.explored_m2, rel=0.03)
-    assert ideal.bound_s == full.bound_s > 0
-    assert full.bound_s <= ideal.explored_percent_s[95] <= 1.1 * full.explored_percent_s[95]
-    assert full.energy_j is not None
-    assert ideal.energy_j is None
-    assert full.overlap is not None
+def test_points_and_full_runs_explore_the_same_floor_from_the_same_place() -> None:
+    near = (2.0, 2.0)
+    points, full = (run_case(msgspec.structs.replace(SMALL, motion=motion, near=near)) for motion in (POINTS, FULL))
+    assert points.explored_m2 == pytest.approx(full.explored_m2, rel=0.03)
+    assert points.bound_s == full.bound_s > 0
+    assert full.bound_s <= points.explored_percent_s[95] <= 1.1 * full.explored_percent_s[95]
+    assert full.energy_j > 0.0
+    assert full.overlap > 0.0
 
 
 @pytest.mark.parametrize("near", [None, (2.0, 2.0)])
@@ -139,10 +141,10 @@ def test_a_run_that_did_not_come_so_far_misses_its_bound() -> None:
     assert bounds_of(runs)["arena_small, 8 robots: 95 % known"] == (None, False)
 
 
-def test_the_stack_is_judged_beside_ideal_motion_and_the_default_beside_the_best() -> None:
-    runs = [run_of(24.0, robots=1), run_of(20.0, robots=1, motion=IDEAL), run_of(23.0, robots=1, strategy="minpos")]
+def test_full_runs_are_judged_beside_points_and_the_default_beside_the_best() -> None:
+    runs = [run_of(24.0, robots=1), run_of(20.0, robots=1, motion=POINTS), run_of(23.0, robots=1, strategy="minpos")]
     told = bounds_of(runs)
-    assert told["arena_small, 1 robots: time over that of ideal motion"] == (pytest.approx(1.2), False)
+    assert told["arena_small, 1 robots: time over that of points"] == (pytest.approx(1.2), False)
     assert told["arena_small, 1 robots: time over the best"] == (pytest.approx(24 / 23), False)
 
 
@@ -160,4 +162,4 @@ def test_the_file_has_all_runs_and_figures(tmp_path: Path, capsys: pytest.Captur
     run_bench(plan, tmp_path / "out.json")
     told = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
     assert [run["case"]["robots"] for run in told["runs"]] == [1, 2]
-    assert f"arena_small, 2 robots, {DEFAULT}, ideal: 90 % after" in capsys.readouterr().out
+    assert f"arena_small, 2 robots, {DEFAULT}, points: 90 % after" in capsys.readouterr().out

@@ -11,7 +11,6 @@ from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.registry import UnknownEntry
 from robrain.sim.errors import RunFailed
-from robrain.sim.ideal.ideal_run import run_ideal
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.scenario_tasks import TaskSpec
 from tests.coordinator.planning.test_plan_solver import job, problem
@@ -173,10 +172,11 @@ def test_a_run_ends_with_the_failure_of_its_part(parts, key, name):
     check(key, name, str(failed.value).partition("failed: ")[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD["exploration"])
-def test_ideal_motion_ends_with_the_failure_of_its_strategy(parts, name):
-    with pytest.raises(RunFailed, match=f"exploration strategy .*parts.py:{name} failed: ") as failed:
-        run_ideal(parts("exploration", name))
+def test_points_end_with_the_failure_of_their_strategy(parts, name):
+    with pytest.raises(RunFailed, match=f"parts.py:{name} failed: ") as failed:
+        parts("exploration", name).replace(fidelity="points").run()
     check("exploration", name, str(failed.value).partition("failed: ")[2])
 
 

@@ -1,7 +1,11 @@
 """Runs of the fidelity `points`: host, behaviors and coordinator are real, robots are points."""
 
+import math
+from itertools import pairwise
+
 import pytest
 
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
@@ -24,6 +28,28 @@ def test_one_robot_explores_and_then_visits() -> None:
     assert result.map_accuracy.cells_off == 0
     assert [task.state for task in result.tasks] == [TaskState.DONE]
     assert 0.3 * result.sim_time_s < result.distance_m <= 0.6 * result.sim_time_s
+
+
+def test_points_keep_clear_of_walls_and_drive_at_top_speed() -> None:
+    places: list[list[tuple[float, float]]] = []
+    scenario = arena(robots=2, motes=0)
+    with scenario.team() as team:
+        run = team.transport.run
+        for _ in range(40):
+            run.tick()
+            places.append([(body.x_m, body.y_m) for body in run.arena.bodies])
+        plan, step_m = run.world.plan, 0.6 * run.tick_s
+    for before, after in pairwise(places):
+        for start, end in zip(before, after, strict=True):
+            assert math.dist(start, end) <= step_m + 1e-9
+            assert plan.contains_free(*end)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["nearest", "minpos", "burgard", "joint", "rooms", "tours"])
+def test_each_strategy_explores_a_floor(strategy: str) -> None:
+    result = arena(seed=3, robots=3, planning=PlanningPolicy(exploration=strategy)).run()
+    assert result.explored_fraction >= 0.98
 
 
 def test_equal_seeds_give_equal_digests() -> None:

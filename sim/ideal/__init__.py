@@ -1,1 +1,0 @@
-"""Ideal motion: exploration without motion control, localisation and messages, to judge strategies by themselves."""
