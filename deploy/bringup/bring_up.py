@@ -101,17 +101,13 @@ def check_square(
     if side == 0.0:
         sentence = f"there is no room for a square of {SIDE_MIN_M:g} m to the left and to the right"
         remedy = f"put the robot where it has {SIDE_MIN_M + radius_m + FREE_M:.1f} m ahead and at both sides"
-        return [
-            CheckFinding(step=CheckStep.SQUARE, found=FindingKind.NOT_DONE, ok=None, sentence=sentence, remedy=remedy)
-        ], view
+        return [CheckFinding(CheckStep.SQUARE, FindingKind.NOT_DONE, None, sentence, remedy=remedy)], view
     ends = SquareMeasurement([], [])
     for _ in range(rounds):
         for list_of, corner_rad in ((ends.counter_clockwise, 0.5 * math.pi), (ends.clockwise, -0.5 * math.pi)):
             end, view = _drive(bench, view, side, corner_rad, operator if measured else None)
             if end is None:
-                finding = CheckFinding(
-                    step=CheckStep.SQUARE, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS
-                )
+                finding = CheckFinding(CheckStep.SQUARE, FindingKind.FAILED, False, NO_SIGHT, remedy=MORE_WALLS)
                 return [finding], view
             list_of.append(end)
     return _judge(ends, side, base), view
@@ -165,17 +161,15 @@ def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | 
             patch["mocdevice"]["base"] |= {"track_m": found[0].patch["mocdevice"]["base"]["track_m"]}
         found.append(
             CheckFinding(
-                step=CheckStep.SQUARE,
-                found=FindingKind.UNEQUAL_WHEELS,
-                ok=False,
-                sentence=f"{sentence}: the right wheel is {ratio:.4g} times as large as the left one",
+                CheckStep.SQUARE,
+                FindingKind.UNEQUAL_WHEELS,
+                False,
+                f"{sentence}: the right wheel is {ratio:.4g} times as large as the left one",
                 values={**values, "wheel_radius_ratio": ratio},
                 patch=patch,
             )
         )
-    return found or [
-        CheckFinding(step=CheckStep.SQUARE, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
-    ]
+    return found or [CheckFinding(CheckStep.SQUARE, FindingKind.RIGHT, True, sentence, values=values)]
 
 
 def _wrong_track(
@@ -192,12 +186,7 @@ def _wrong_track(
         values, what = {**values, "wheel_distance_m": distance_m}, f"the wheels are {distance_m:.4g} m from the centre"
         patch = base_patch(wheels, wheel_distance_m=distance_m)
     return CheckFinding(
-        step=CheckStep.SQUARE,
-        found=FindingKind.WRONG_TRACK,
-        ok=False,
-        sentence=f"{sentence}: {what}",
-        values=values,
-        patch=patch,
+        CheckStep.SQUARE, FindingKind.WRONG_TRACK, False, f"{sentence}: {what}", values=values, patch=patch
     )
 
 
@@ -311,9 +300,7 @@ def check_imu(bench: Bench) -> list[CheckFinding]:
     bench.perform(TurnOnSpot(-TURN_RAD))
     seen = followed(view.points, [points_of(scan) for scan in record.scans], after.points)
     if seen is None:
-        return [
-            CheckFinding(step=CheckStep.IMU, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)
-        ]
+        return [CheckFinding(CheckStep.IMU, FindingKind.FAILED, False, NO_SIGHT, remedy=MORE_WALLS)]
     bias_rad_s = sum(sample.yaw_rate_rad_s for sample in rest.imu) / len(rest.imu)
     return _findings(bench, turned_rad(record.imu, bias_rad_s), seen[1], bias_rad_s)
 
@@ -332,7 +319,7 @@ def turned_rad(samples: tuple[ImuSample, ...], bias_rad_s: float) -> float:
 
 def _absent(sentence: str) -> CheckFinding:
     remedy = "check its power, port, baud and protocol in [parameters.imu]; [robot.roles] imu says what reads it"
-    return CheckFinding(step=CheckStep.IMU, found=FindingKind.NO_IMU, ok=False, sentence=sentence, remedy=remedy)
+    return CheckFinding(CheckStep.IMU, FindingKind.NO_IMU, False, sentence, remedy=remedy)
 
 
 def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[CheckFinding]:
@@ -343,11 +330,7 @@ def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: f
     found = []
 
     def say(kind: FindingKind, sentence: str, patch: Patch, remedy: str) -> None:
-        found.append(
-            CheckFinding(
-                step=CheckStep.IMU, found=kind, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy
-            )
-        )
+        found.append(CheckFinding(CheckStep.IMU, kind, False, sentence, values=values, patch=patch, remedy=remedy))
 
     if ratio < 0 and abs(ratio) > SCALE_TOLERANCE:
         upside_down = getattr(parameters, "upside_down", None)
@@ -364,9 +347,7 @@ def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: f
             remedy,
         )
     if not found:
-        found.append(
-            CheckFinding(step=CheckStep.IMU, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
-        )
+        found.append(CheckFinding(CheckStep.IMU, FindingKind.RIGHT, True, sentence, values=values))
     return found
 
 
@@ -453,7 +434,7 @@ class BringUp:
         except _Ended:
             pass
         except (MotionFailed, DeviceAbsent) as error:
-            self._record([CheckFinding(step=self._step, found=FindingKind.FAILED, ok=False, sentence=str(error))])
+            self._record([CheckFinding(self._step, FindingKind.FAILED, False, str(error))])
         return BringUpReport(
             robot=self._file.robot.name,
             file=str(self._path),
@@ -471,7 +452,7 @@ class BringUp:
             sentence = "this base is not commanded wheel by wheel"
             self._do(
                 CheckStep.WHEELS,
-                [CheckFinding(step=CheckStep.WHEELS, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
+                [CheckFinding(CheckStep.WHEELS, FindingKind.NOT_DONE, None, sentence)],
             )
         else:
             self._step = CheckStep.WHEELS
@@ -492,7 +473,7 @@ class BringUp:
             sentence = "this base cannot turn on the spot: measure the lidar's mounting and the track by hand"
             self._do(
                 CheckStep.ORIENTATION,
-                [CheckFinding(step=CheckStep.ORIENTATION, found=FindingKind.NOT_DONE, ok=None, sentence=sentence)],
+                [CheckFinding(CheckStep.ORIENTATION, FindingKind.NOT_DONE, None, sentence)],
             )
             return
         self._step = CheckStep.ORIENTATION

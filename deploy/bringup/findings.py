@@ -140,7 +140,7 @@ class FindingKind(StrEnum):
     UNEQUAL_WHEELS = "unequal_wheels"
 
 
-class CheckFinding(msgspec.Struct, frozen=True, kw_only=True):
+class CheckFinding(msgspec.Struct, frozen=True):
     """One thing that was found."""
 
     step: CheckStep

@@ -78,9 +78,7 @@ def check_scan(bench: Bench) -> tuple[CheckFinding, View]:
     if why or len(scans) < 2:
         sentence = f"the lidar's device does not run: {why}" if why else "the lidar has sent no turns"
         remedy = "check the lidar's power, port and device; [robot.roles] scan says which plugin reads it"
-        return CheckFinding(
-            step=CheckStep.SCAN, found=FindingKind.NO_SCANS, ok=False, sentence=sentence, remedy=remedy
-        ), view
+        return CheckFinding(CheckStep.SCAN, FindingKind.NO_SCANS, False, sentence, remedy=remedy), view
     rate_hz = (len(scans) - 1) / max(1e-9 * (scans[-1].stamp_ns - scans[0].stamp_ns), 1e-3)
     hit = scans[-1].ranges_m < scans[-1].range_max_m
     own = int(((scans[-1].ranges_m < radius_m) & hit).sum())
@@ -94,9 +92,7 @@ def check_scan(bench: Bench) -> tuple[CheckFinding, View]:
     if own:
         sentence += f"; {own} end within the robot's own radius"
     remedy = "set mount.hidden_within_m of [parameters.scan] to the robot's radius" if own else ""
-    return CheckFinding(
-        step=CheckStep.SCAN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values, remedy=remedy
-    ), view
+    return CheckFinding(CheckStep.SCAN, FindingKind.RIGHT, True, sentence, values=values, remedy=remedy), view
 
 
 def check_orientation(bench: Bench, view: View) -> tuple[list[CheckFinding], View]:
@@ -110,10 +106,10 @@ def check_orientation(bench: Bench, view: View) -> tuple[list[CheckFinding], Vie
         sentence = f"the scan turns by {turned.scan_yaw_rad:.2f} rad while the wheels turn the robot by "
         sentence += f"{turned.odometry_yaw_rad:.2f} rad"
         finding = CheckFinding(
-            step=CheckStep.ORIENTATION,
-            found=FindingKind.FAILED,
-            ok=False,
-            sentence=sentence,
+            CheckStep.ORIENTATION,
+            FindingKind.FAILED,
+            False,
+            sentence,
             values=values,
             remedy="see that the robot turns on the floor, and that the lidar sees walls and not the robot",
         )
@@ -153,7 +149,7 @@ def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None
         sentence = f"{by_odometry_m:.3f} m by the wheels are {true_m:.3f} m by the lidar"
         return [
             *found,
-            CheckFinding(step=CheckStep.DISTANCE, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values),
+            CheckFinding(CheckStep.DISTANCE, FindingKind.RIGHT, True, sentence, values=values),
         ], view
     sentence = f"{by_odometry_m:.3f} m by the wheels are {true_m:.3f} m by the lidar"
     patch: Patch = {}
@@ -163,12 +159,7 @@ def check_distance(bench: Bench, view: View, base: WheelDevice.Parameters | None
         sentence += f": the wheels' radius is {radius_m:.4g} m, not {base.base.wheel_radius_m:g} m"
         patch = base_patch(base.base, wheel_radius_m=radius_m)
     finding = CheckFinding(
-        step=CheckStep.DISTANCE,
-        found=FindingKind.WRONG_WHEEL_RADIUS,
-        ok=False,
-        sentence=sentence,
-        values=values,
-        patch=patch,
+        CheckStep.DISTANCE, FindingKind.WRONG_WHEEL_RADIUS, False, sentence, values=values, patch=patch
     )
     return [*found, finding], view
 
@@ -196,9 +187,7 @@ def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) ->
     values = {"lidar_x_m": x_m, "lidar_y_m": y_m}
     if math.hypot(x_m, y_m) <= MOVED_M:
         sentence = f"the lidar is where the file has it, to {1000 * math.hypot(x_m, y_m):.0f} mm"
-        found.append(
-            CheckFinding(step=CheckStep.TURN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
-        )
+        found.append(CheckFinding(CheckStep.TURN, FindingKind.RIGHT, True, sentence, values=values))
         return found, view
     mount = _mount(bench)
     patch: Patch = {}
@@ -208,14 +197,7 @@ def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) ->
         values |= {"mount_x_m": at_m[0], "mount_y_m": at_m[1]}
     sentence = f"the lidar sits {1000 * x_m:.0f} mm ahead and {1000 * y_m:.0f} mm to the left of where the file has it"
     found.append(
-        CheckFinding(
-            step=CheckStep.TURN,
-            found=FindingKind.LIDAR_OFF_CENTRE,
-            ok=False,
-            sentence=sentence,
-            values=values,
-            patch=patch,
-        )
+        CheckFinding(CheckStep.TURN, FindingKind.LIDAR_OFF_CENTRE, False, sentence, values=values, patch=patch)
     )
     return found, view
 
@@ -225,7 +207,7 @@ def _track(base: WheelDevice.Parameters | None, by_scan_rad: float, by_odometry_
     values = {"by_odometry_rad": by_odometry_rad, "by_scan_rad": by_scan_rad}
     sentence = f"{math.degrees(by_odometry_rad):.1f}° by the wheels are {math.degrees(by_scan_rad):.1f}° by the lidar"
     if abs(ratio - 1.0) <= TRACK_TOLERANCE:
-        return CheckFinding(step=CheckStep.TURN, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values)
+        return CheckFinding(CheckStep.TURN, FindingKind.RIGHT, True, sentence, values=values)
     patch: Patch = {}
     sizes = _turn_sizes(base.base, ratio) if base is not None else {}
     if base is not None and sizes:
@@ -234,9 +216,7 @@ def _track(base: WheelDevice.Parameters | None, by_scan_rad: float, by_odometry_
         sentence += ": " + ", ".join(
             f"{key} is {value:.4g}, not {getattr(base.base, key):g}" for key, value in sizes.items()
         )
-    return CheckFinding(
-        step=CheckStep.TURN, found=FindingKind.WRONG_TRACK, ok=False, sentence=sentence, values=values, patch=patch
-    )
+    return CheckFinding(CheckStep.TURN, FindingKind.WRONG_TRACK, False, sentence, values=values, patch=patch)
 
 
 def _turn_sizes(base: WheelBase, ratio: float) -> dict[str, float]:
@@ -272,9 +252,7 @@ def _orientation(
     remedy = "" if patch else "turn the lidar on the robot, or say so to what publishes its scans"
 
     def say(found: FindingKind, sentence: str) -> CheckFinding:
-        return CheckFinding(
-            step=step, found=found, ok=False, sentence=sentence, values=values, patch=patch, remedy=remedy
-        )
+        return CheckFinding(step, found, False, sentence, values=values, patch=patch, remedy=remedy)
 
     found = []
     if is_mirrored:
@@ -287,7 +265,7 @@ def _orientation(
         found.append(say(FindingKind.SCAN_TURNED, sentence))
     if not found:
         sentence = f"the scan's front is the robot's, to {abs(math.degrees(yaw_rad)):.1f}°, and turns as the robot does"
-        found.append(CheckFinding(step=step, found=FindingKind.RIGHT, ok=True, sentence=sentence, values=values))
+        found.append(CheckFinding(step, FindingKind.RIGHT, True, sentence, values=values))
     return found
 
 
@@ -344,8 +322,8 @@ def _mount_patch(mount: Mount) -> Patch:
 
 
 def _blind(step: CheckStep) -> CheckFinding:
-    return CheckFinding(step=step, found=FindingKind.FAILED, ok=False, sentence=NO_SIGHT, remedy=MORE_WALLS)
+    return CheckFinding(step, FindingKind.FAILED, False, NO_SIGHT, remedy=MORE_WALLS)
 
 
 def _not_done(step: CheckStep, sentence: str, remedy: str) -> CheckFinding:
-    return CheckFinding(step=step, found=FindingKind.NOT_DONE, ok=None, sentence=sentence, remedy=remedy)
+    return CheckFinding(step, FindingKind.NOT_DONE, None, sentence, remedy=remedy)

@@ -160,7 +160,7 @@ def check_bus(bench: Bench) -> list[CheckFinding]:
     values = {"rate_hz": rate_hz, "rejected": rejected, "foreign": foreign, "lost": lost, "errors": errors}
 
     def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None = False) -> CheckFinding:
-        return CheckFinding(step=CheckStep.BUS, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
+        return CheckFinding(CheckStep.BUS, found, ok, sentence, values=values, remedy=remedy)
 
     if not believed and rejected:
         return [
@@ -210,10 +210,10 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
             why = "no wheel turns" if answer == NONE else "no encoder counts"
             return [
                 CheckFinding(
-                    step=CheckStep.WHEELS,
-                    found=FindingKind.WHEEL_SILENT,
-                    ok=False,
-                    sentence=f"{name}: {why} while it is commanded to turn",
+                    CheckStep.WHEELS,
+                    FindingKind.WHEEL_SILENT,
+                    False,
+                    f"{name}: {why} while it is commanded to turn",
                     values={"turned_rad_s": turned_rad_s[encoder], "expected_rad_s": speed},
                     remedy="check motor, power stage, encoder and its cable, and the signals in frames",
                 )
@@ -221,10 +221,10 @@ def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters)
         if max(others, default=0.0) > COUPLED * abs(turned_rad_s[encoder]):
             return [
                 CheckFinding(
-                    step=CheckStep.WHEELS,
-                    found=FindingKind.WHEELS_UNCLEAR,
-                    ok=False,
-                    sentence=f"{name}: the encoders of several wheels count while it alone is commanded to turn",
+                    CheckStep.WHEELS,
+                    FindingKind.WHEELS_UNCLEAR,
+                    False,
+                    f"{name}: the encoders of several wheels count while it alone is commanded to turn",
                     remedy="put the wheels in the air, so that none turns another",
                 )
             ]
@@ -262,10 +262,10 @@ def check_halt(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
     after_s = ran_on_rad / max(0.1, *map(abs, _speeds_rad_s(record)))
     is_right = after_s <= STOP_MAX_S
     return CheckFinding(
-        step=CheckStep.HALT,
-        found=FindingKind.RIGHT if is_right else FindingKind.SLOW_HALT,
-        ok=is_right,
-        sentence=f"after a halt the wheels turned on by {ran_on_rad:.2f} rad, as far as in {1000 * after_s:.0f} ms",
+        CheckStep.HALT,
+        FindingKind.RIGHT if is_right else FindingKind.SLOW_HALT,
+        is_right,
+        f"after a halt the wheels turned on by {ran_on_rad:.2f} rad, as far as in {1000 * after_s:.0f} ms",
         values={"ran_on_rad": ran_on_rad, "stopped_after_s": after_s},
         remedy="" if is_right else "check the frame in frames.stop; without one the commands are 0",
     )
@@ -283,10 +283,10 @@ def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
     after_s = max(0.0, to_seconds(stopped_ns - driven[-1].stamp_ns))
     is_right = after_s <= WATCHDOG_MAX_S
     return CheckFinding(
-        step=CheckStep.WATCHDOG,
-        found=FindingKind.RIGHT if is_right else FindingKind.NO_WATCHDOG,
-        ok=is_right,
-        sentence=f"{1000 * after_s:.0f} ms after the last command the wheels stood"
+        CheckStep.WATCHDOG,
+        FindingKind.RIGHT if is_right else FindingKind.NO_WATCHDOG,
+        is_right,
+        f"{1000 * after_s:.0f} ms after the last command the wheels stood"
         if is_right
         else f"{1000 * after_s:.0f} ms after the last command the wheels still turned",
         values={"stopped_after_s": after_s},
@@ -300,7 +300,7 @@ def check_battery(bench: Bench) -> CheckFinding:
     """Whether the battery's measurements are there and make sense."""
 
     def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None, **values: float) -> CheckFinding:
-        return CheckFinding(step=CheckStep.BATTERY, found=found, ok=ok, sentence=sentence, values=values, remedy=remedy)
+        return CheckFinding(CheckStep.BATTERY, found, ok, sentence, values=values, remedy=remedy)
 
     why = bench.why_not(BATTERY)
     if why:
@@ -342,12 +342,7 @@ def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ..
 
     def say(found: FindingKind, sentence: str, patch: Patch | None = None, remedy: str = "") -> CheckFinding:
         return CheckFinding(
-            step=CheckStep.WHEELS,
-            found=found,
-            ok=found is FindingKind.RIGHT,
-            sentence=sentence,
-            patch=patch or {},
-            remedy=remedy,
+            CheckStep.WHEELS, found, found is FindingKind.RIGHT, sentence, patch=patch or {}, remedy=remedy
         )
 
     numbers = list(range(len(names)))
@@ -375,10 +370,7 @@ def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ..
         ]
     patch = _wheels_patch(seen, base)
     remedy = "" if patch else "its file cannot say that: change the wiring, or the parameters of its base"
-    return [
-        CheckFinding(step=each.step, found=each.found, ok=False, sentence=each.sentence, patch=patch, remedy=remedy)
-        for each in found
-    ]
+    return [CheckFinding(each.step, each.found, False, each.sentence, patch=patch, remedy=remedy) for each in found]
 
 
 def _wheels_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
@@ -428,10 +420,10 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[CheckFinding]
     if max(abs(each / ratio - 1.0) for each in ratios) > 2 * SCALE_TOLERANCE:
         return [
             CheckFinding(
-                step=CheckStep.SCALE,
-                found=FindingKind.WRONG_SCALE,
-                ok=False,
-                sentence="wheels with the same command turn differently far: "
+                CheckStep.SCALE,
+                FindingKind.WRONG_SCALE,
+                False,
+                "wheels with the same command turn differently far: "
                 + ", ".join(f"{100 * each:.0f} %" for each in ratios),
                 values=values,
                 remedy="check that all encoders are alike, and that no wheel is blocked",
@@ -440,10 +432,10 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[CheckFinding]
     if abs(ratio - 1.0) <= SCALE_TOLERANCE:
         return [
             CheckFinding(
-                step=CheckStep.SCALE,
-                found=FindingKind.RIGHT,
-                ok=True,
-                sentence=f"wheels turn {100 * ratio:.1f} % as far as they are commanded",
+                CheckStep.SCALE,
+                FindingKind.RIGHT,
+                True,
+                f"wheels turn {100 * ratio:.1f} % as far as they are commanded",
                 values=values,
             )
         ]
@@ -453,10 +445,10 @@ def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[CheckFinding]
     ticks = max(1, round(base.base.encoder_ticks_per_turn * plain))
     return [
         CheckFinding(
-            step=CheckStep.SCALE,
-            found=FindingKind.WRONG_SCALE,
-            ok=False,
-            sentence=f"encoders report {ratio:.2f} times the turns that wheels were commanded: "
+            CheckStep.SCALE,
+            FindingKind.WRONG_SCALE,
+            False,
+            f"encoders report {ratio:.2f} times the turns that wheels were commanded: "
             + (f"a turn has {ticks} counts, not {base.base.encoder_ticks_per_turn}" if counts else "check units"),
             values={**values, "encoder_ticks_per_turn": float(ticks)},
             patch=base_patch(base.base, encoder_ticks_per_turn=ticks) if counts else {},
