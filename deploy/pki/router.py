@@ -1,6 +1,5 @@
 """`robrain router`: a Zenoh router that lets each certificate do what its role may, and nothing else."""
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -9,7 +8,7 @@ import zenoh
 
 from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.pki.folder import MEMBERS_FILE, PkiError, read_members
-from robrain.deploy.processes.live_process import LiveStop
+from robrain.deploy.processes.live_process import LiveStop, steps
 from robrain.protocol.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
 from robrain.protocol.access.member import MemberRole
 from robrain.protocol.access.rules import access_control
@@ -140,8 +139,7 @@ def router_command(folder: Path | None, listen: str | None, connect: Sequence[st
         others = f"joined to {', '.join(connect)}, " if connect else ""
         print_result(f"{ROUTER_READY}{router.endpoint}, {others}{router.members} members may connect; Ctrl-C ends it")
         should_stop.ready()
-        while not should_stop():
-            time.sleep(LOOK_S)
+        for _ in steps(should_stop, LOOK_S):
             said = _log_once(said, router.look(), print_note)
     finally:
         router.close()

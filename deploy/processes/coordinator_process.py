@@ -25,6 +25,7 @@ from robrain.deploy.processes.live_process import (
     live_endpoint,
     open_hub,
     open_when_there,
+    steps,
 )
 from robrain.deploy.processes.name_claim import NameClaim, NameWatch, claim_coordinator
 from robrain.protocol.access.member import MemberRole
@@ -141,10 +142,9 @@ class ElectedCoordinator:
             election = Election(wire, self._witnesses, journal.name)
             candidate = Candidate(wire, journal, cut(f"{claim.info.host}-{claim.info.pid}", NAME_MAX), election)
             progress = _Progress(self._record)
-            while candidate.elected is None and not should_stop():
+            for _ in steps(lambda: candidate.elected is not None or should_stop(), PERIOD_S):
                 candidate.step()
                 progress.record(candidate)
-                time.sleep(PERIOD_S)
             return candidate.elected
 
 

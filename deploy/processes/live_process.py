@@ -298,6 +298,13 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
         endpoint.close()
 
 
+def steps(should_stop: Callable[[], bool], period_s: float) -> Iterator[None]:
+    """The steps of a loop that goes on until its process must end: one a period."""
+    while not should_stop():
+        yield
+        time.sleep(period_s)
+
+
 class LiveStop:
     """Tells when a live process must end: Ctrl-C, SIGTERM, or its parent's end.
 
@@ -320,8 +327,8 @@ class LiveStop:
 
     def wait(self) -> None:
         """Do nothing until the process must end."""
-        while not self():
-            time.sleep(LOOK_AGAIN_S)
+        for _ in steps(self, LOOK_AGAIN_S):
+            pass
 
     def ready(self) -> None:
         """Tell whoever supervises the process that it does its work now."""

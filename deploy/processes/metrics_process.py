@@ -13,7 +13,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, steps
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere, PortTaken
 from robrain.protocol.links.inbox import Inbox
@@ -263,12 +263,11 @@ def serve_metrics(wire: Endpoint, port: int, should_stop: Callable[[], bool], on
     try:
         on_ready(f"http://{HOST}:{server.server_address[1]}/metrics")
         ask_s = time.monotonic() + FIRST_ASK_S
-        while not should_stop():
+        for _ in steps(should_stop, HEAR_S):
             metrics.hear()
             if time.monotonic() >= ask_s:
                 metrics.ask_plugins()
                 ask_s = time.monotonic() + ASK_PLUGINS_S
-            time.sleep(HEAR_S)
     finally:
         server.shutdown()
         server.server_close()

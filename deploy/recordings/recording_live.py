@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from robrain.deploy.errors import UsageError
+from robrain.deploy.processes.live_process import steps
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -105,10 +106,9 @@ def record_team(
     try:
         on_ready()
         recorder.ask_maps(wire, robots)
-        while not should_stop():
+        for _ in steps(should_stop, PERIOD_S):
             recorder.step()
             on_progress(recorder)
-            time.sleep(PERIOD_S)
     finally:
         summary = recorder.close()
     return summary
@@ -157,8 +157,7 @@ def serve_foxglove(
     server = FoxgloveServer(wire, host, port)
     try:
         on_ready(server.address)
-        while not should_stop():
+        for _ in steps(should_stop, PERIOD_S):
             server.step()
-            time.sleep(PERIOD_S)
     finally:
         server.close()

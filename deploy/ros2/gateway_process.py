@@ -2,7 +2,6 @@
 
 import math
 import re
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
@@ -16,7 +15,7 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.client.team import Team
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, steps
 from robrain.plugins.device.ros2.link import environment_domain
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import RobrainError
@@ -554,9 +553,8 @@ def gateway_command(
         should_stop.ready()
         taken = "no orders are taken" if read_only else f"orders: {NAMESPACE}/submit_task, {NAMESPACE}/halt"
         print_result(f"{NAME}: team {team} in ROS domain {domain}; {taken}")
-        while not should_stop() and not failure():
+        for _ in steps(lambda: should_stop() or bool(failure()), PERIOD_S):
             shown.step()
-            time.sleep(PERIOD_S)
 
 
 def _zenoh_port(session: zenoh.Session, domain: int, wire: Endpoint) -> tuple[RosPort, Callable[[], str]]:
