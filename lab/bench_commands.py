@@ -177,6 +177,6 @@ def log(
     ] = None,
 ) -> None:
     """Measure a trajectory on a public log."""
-    from robrain.lab.log_bench.bench import run_bench
+    from robrain.lab.bench.log_bench import run_bench
 
     run_bench(log_file, relations, json_file, map_file, robot_file)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.agents.agent_arguments import agent_arguments
 from robrain.deploy.assistant.assistant_command import assistant
 from robrain.deploy.bringup.command_line import bringup
 from robrain.deploy.command_line.command_group import CommandGroup, missing_extra
@@ -43,6 +42,7 @@ from robrain.deploy.commands.supervision_commands import supervision_app
 from robrain.deploy.commands.team_commands import scenarios, team_app
 from robrain.deploy.machine.machine_files import machine_files
 from robrain.deploy.pki.pki_commands import pki_app, router
+from robrain.deploy.processes.agent_arguments import agent_arguments
 from robrain.deploy.processes.process_setup import guarded_streams, limit_native_threads, set_up_logs
 from robrain.deploy.recordings.recording_commands import recording_app
 from robrain.deploy.ros2.ros2_commands import ros2_app

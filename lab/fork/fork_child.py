@@ -9,8 +9,7 @@ import msgspec
 from robrain.dashboard.panels.what_if import ForkState
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child, Children, StartingPage
-from robrain.lab.fork.fork_result import ForkResult, fork_name
-from robrain.lab.fork.repeatable import repeatable
+from robrain.lab.fork.fork_result import ForkResult, fork_name, repeatable
 from robrain.protocol.clock import to_seconds
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import recording_info

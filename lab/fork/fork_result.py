@@ -4,6 +4,10 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.protocol.wire.endpoint import Drive
+from robrain.recording.errors import RecordingError
+from robrain.recording.provenance import SETUP_ATTACHMENT, Provenance, RunSetup
+from robrain.recording.reader.reading import read_provenance
 from robrain.recording.reader.two_runs import Difference
 
 
@@ -46,3 +50,22 @@ def fork_name(path: Path, at_s: float) -> Path:
     'runs/depot-1.fork-412s.mcap'
     """
     return path.with_name(f"{path.stem}.fork-{at_s:g}s{path.suffix}")
+
+
+def repeatable(path: Path) -> tuple[Provenance, RunSetup]:
+    """What a recorded run was started with, and what it takes to make it again.
+
+    Raises:
+        RecordingError: the file is no recording, or cannot be run again; the text says why.
+
+    """
+    provenance = read_provenance(path)
+    if provenance.drive != Drive.LOCKSTEP:
+        raise RecordingError(path, f"{path} cannot be run again: it was recorded live, and only lockstep runs repeat")
+    if provenance.setup is None:
+        raise RecordingError(
+            path,
+            f"{path} cannot be run again: it lacks {SETUP_ATTACHMENT}, the scenario as it was run; record it again "
+            "with this version of robrain",
+        )
+    return provenance, provenance.setup

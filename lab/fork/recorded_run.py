@@ -14,7 +14,7 @@ import zenoh
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.fork.changes import Change, SetPolicy, from_json
-from robrain.lab.fork.repeatable import repeatable
+from robrain.lab.fork.fork_result import repeatable
 from robrain.protocol.answers.lockstep_query import NO_LIMIT_S
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.team.arena_messages import OutsideInput, ScriptInput

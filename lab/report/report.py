@@ -21,16 +21,19 @@ from matplotlib.figure import Figure
 from robrain.lab.report import figures
 from robrain.lab.report.figure_style import (
     FORMATS,
+    draw_groups,
+    draw_mean_curves,
     figure_style,
     label,
+    label_rows,
     legend,
     line_style,
     new_figure,
+    panels,
     picture,
     time_axis,
 )
 from robrain.lab.report.figures import accuracy_figure, explored_curves
-from robrain.lab.report.interval_drawing import draw_groups, draw_mean_curves, label_rows, panels
 from robrain.lab.report.mean_interval import MeanInterval, mean_interval
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.safe_text import safe_text

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from robrain.lab.report.mean_interval import MeanInterval, PairedDifference, holm, mean_interval, paired_difference
-from robrain.lab.sweep.plan import SweepPlan
+from robrain.lab.sweep.plan import SweepPlan, Value
 from robrain.lab.sweep.run_outcome import RunRecord, RunState
-from robrain.lab.sweep.variables import Value
 
 
 class SummaryColumn(msgspec.Struct, frozen=True, kw_only=True):

@@ -56,10 +56,9 @@ def sweep(
     from robrain.deploy.command_line.options import above_zero, until_explored
     from robrain.deploy.command_line.scenario_choice import choose_scenario
     from robrain.deploy.errors import UsageError
-    from robrain.lab.sweep.plan import make_plan
+    from robrain.lab.sweep.plan import make_plan, read_seeds, read_vary
     from robrain.lab.sweep.sweep import SweepOptions, run_sweep
     from robrain.lab.sweep.sweep_display import show_sweep, sweep_display
-    from robrain.lab.sweep.variables import read_seeds, read_vary
 
     if limit < 1:
         raise UsageError(f"--limit {limit}: expected at least 1")

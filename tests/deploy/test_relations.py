@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain.deploy.errors import LogError
-from robrain.lab.log_bench.bench import Relation, read_relations, relations_between, relative_errors
+from robrain.lab.bench.log_bench import Relation, read_relations, relations_between, relative_errors
 from robrain.protocol.model.geometry import Pose2D
 
 LINE = "10.0 20.0 1.0 2.0 0 0 0 0.5"

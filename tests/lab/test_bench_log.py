@@ -11,7 +11,8 @@ import pytest
 from robrain.algorithms.localization.odometry import chord, moved_along
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.deploy.errors import LogError, UsageError
-from robrain.lab.log_bench.bench import (
+from robrain.lab.bench.carmen_log import read_carmen_log
+from robrain.lab.bench.log_bench import (
     LOOP_S,
     LogReport,
     play,
@@ -20,7 +21,6 @@ from robrain.lab.log_bench.bench import (
     relative_errors,
     run_bench,
 )
-from robrain.lab.log_bench.carmen_log import read_carmen_log
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from robrain.deploy.errors import LogError
-from robrain.lab.log_bench import carmen_log
-from robrain.lab.log_bench.carmen_log import read_carmen_log
+from robrain.lab.bench import carmen_log
+from robrain.lab.bench.carmen_log import read_carmen_log
 from robrain.protocol.model.geometry import Pose2D
 
 FLASER = "FLASER 3 1.0 2.5 81.9 9 9 9 4.0 5.0 0.5 {stamp} host 17.0"

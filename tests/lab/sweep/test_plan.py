@@ -10,8 +10,7 @@ from msgspec import NODEFAULT
 
 from robrain import Scenario, ScenarioError
 from robrain.deploy.errors import UsageError
-from robrain.lab.sweep.plan import make_plan
-from robrain.lab.sweep.variables import NOT_VARIED, SHORT, full_key, value_at, with_values
+from robrain.lab.sweep.plan import NOT_VARIED, SHORT, full_key, make_plan, value_at, with_values
 from robrain.sim.scenarios.scenario_file import ScenarioTables, builtin_folder, builtin_names, document_toml
 
 ROOT = Path(__file__).parents[3]

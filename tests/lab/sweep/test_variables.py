@@ -4,7 +4,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.deploy.errors import UsageError
-from robrain.lab.sweep.variables import full_key, read_seeds, read_vary, value_at, with_values
+from robrain.lab.sweep.plan import full_key, read_seeds, read_vary, value_at, with_values
 
 DEPOT = Scenario.builtin("depot").document()
 

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from robrain.deploy.agents.agent_arguments import AgentWords, agent_arguments
+from robrain.deploy.processes.agent_arguments import AgentWords, agent_arguments
 from robrain.deploy.processes.agent_process import Pages, unchanged_pages
 from robrain.protocol.wire.session import open_session
 from tests.bench.host_weight import ALONE, weigh

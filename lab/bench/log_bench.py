@@ -23,8 +23,7 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.warm_up import warm_up
 from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import LogError, UsageError
-from robrain.lab.bench.figure import WIDTH, write_json
-from robrain.lab.log_bench.carmen_log import (
+from robrain.lab.bench.carmen_log import (
     PLACE_MAX_M,
     STAMP_MAX_S,
     CarmenLog,
@@ -34,6 +33,7 @@ from robrain.lab.log_bench.carmen_log import (
     numbered_lines,
     read_carmen_log,
 )
+from robrain.lab.bench.figure import WIDTH, write_json
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.device.scan.scan import ScanDevice
 from robrain.plugins.skill.mapper.mapper import MapperCounters

@@ -1,1 +1,0 @@
-"""The process of one robot, and the files that it reads and writes."""

@@ -1,1 +1,0 @@
-"""`robrain bench log`: a public lidar log through localisation and mapper."""
