@@ -40,7 +40,6 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["allocation", "--instance", "gone.vrp"], ["gone.vrp", "No such file"]),
         (["allocation", "--instance", str(R101), "--seconds", "0"], ["--seconds 0", "above 0"]),
         (["allocation", "--instance", str(R101), "--best", "-1"], ["--best -1", "above 0"]),
-        (["allocation", "--best", "3"], ["--best", "--instance"]),
         (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
         (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
         (["mapping", "--maps", "clinic", "--conditions", "fog"], ["--conditions fog", "usual or glass or late"]),
