@@ -48,10 +48,10 @@ def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
     query = HOST_HALT if wanted.halted else HOST_RESUME
     if wire.member is not None and (refusal := why_not(AccessAction.ASK, query, wire.member)):
         raise CallError(ErrorCode.FORBIDDEN, refusal)
-    why = _ask(wire, robot, wanted)
-    if why is None:
+    reason = _ask(wire, robot, wanted)
+    if reason is None:
         raise no_robot(wire, robot, "halts")
-    return _report(wanted, {robot: why})
+    return _report(wanted, {robot: reason})
 
 
 class TeamOrder:
@@ -141,8 +141,8 @@ class TeamOrder:
             return "it does not say that it has stopped"
         if self._wanted.halted:
             return _not_stopped(state.not_halted)
-        why = _ask(self._wire, name, self._wanted)
-        return "it is not there" if why is None else why or "it does not say that it has resumed"
+        reason = _ask(self._wire, name, self._wanted)
+        return "it is not there" if reason is None else reason or "it does not say that it has resumed"
 
 
 def _ask(wire: Endpoint, robot: str, wanted: Halt) -> str | None:

@@ -93,8 +93,8 @@ class Requests:
 
         def ask(robot: str) -> TaskRecord:
             taken = self._until_kept(ROBOT_SUBMIT, asked, robot, "may be lost: only {} has it")
-            why = cut(f"there is no coordinator; {', '.join(taken.known_to)} accepted it")
-            return TaskRecord(task=taken.task, state=TaskState.QUEUED, by=asked.by, why=why)
+            reason = cut(f"there is no coordinator; {', '.join(taken.known_to)} accepted it")
+            return TaskRecord(task=taken.task, state=TaskState.QUEUED, by=asked.by, why=reason)
 
         return self._first_robot(ask, TASK_SUBMIT, asked, no_coordinator)
 
@@ -113,8 +113,8 @@ class Requests:
 
         def ask(robot: str) -> TaskRecord:
             taken = self._until_kept(ROBOT_CANCEL, asked, robot, "may go on: only {} knows that it is cancelled")
-            why = cut(f"there is no coordinator; {', '.join(taken.known_to)} cancelled it")
-            return TaskRecord(task=taken.task, state=TaskState.CANCELLED, why=why)
+            reason = cut(f"there is no coordinator; {', '.join(taken.known_to)} cancelled it")
+            return TaskRecord(task=taken.task, state=TaskState.CANCELLED, why=reason)
 
         return self._first_robot(ask, TASK_CANCEL, asked, no_coordinator)
 
@@ -122,16 +122,16 @@ class Requests:
         self, ask: Callable[[str], TaskRecord], topic: Query[Q, TaskRecord], asked: Q, no_coordinator: NobodyThere
     ) -> TaskRecord:
         """Return the answer of the first robot that accepts a request, or of a coordinator that has started since."""
-        why: list[str] = []
+        reason: list[str] = []
         for robot in team_found(self._wire).robots:
             try:
                 return ask(robot)
             except (CallError, NobodyThere) as error:
-                why.append(f"{robot}: {error}")
+                reason.append(f"{robot}: {error}")
         try:  # a coordinator may have started since, and have what a robot accepted
             return self._wire.ask(topic, asked, timeout_s=ASK_TIMEOUT_S)
         except NobodyThere:
-            raise NobodyThere("; ".join([str(no_coordinator), *why[:SHOWN_WHYS]])) from None
+            raise NobodyThere("; ".join([str(no_coordinator), *reason[:SHOWN_WHYS]])) from None
 
     def _until_kept(self, topic: Query[Q, _A], asked: Q, robot: str, risk: str) -> _A:
         """Repeat a request until more than half of the team knows of it (CallError after 5 s, with the risk)."""
@@ -142,8 +142,8 @@ class Requests:
             if taken.is_kept:
                 return taken
             if transport.elapsed_s() >= gives_up_s:
-                told = risk.format(", ".join(taken.known_to))
-                raise CallError(ErrorCode.FAILED, f"task {taken.task.id} {told}")
+                reported = risk.format(", ".join(taken.known_to))
+                raise CallError(ErrorCode.FAILED, f"task {taken.task.id} {reported}")
             transport.pass_time(AGAIN_S)
 
     def robot(self, topic: Query[Q, R], request: Q | None, robot: str) -> R:

@@ -199,8 +199,8 @@ class TaskStream:
         running = set(self._tasks)
         look_s = began_s = transport.elapsed_s()
         while True:
-            heard = [received.message for received in self._inbox.drain()]
-            events = [event for event in heard if not self._tasks or event.task.id in self._tasks]
+            received = [received.message for received in self._inbox.drain()]
+            events = [event for event in received if not self._tasks or event.task.id in self._tasks]
             if transport.elapsed_s() >= look_s:
                 events += [self._get(task).event for task in sorted(running)]
                 look_s = transport.elapsed_s() + STREAM_LOOK_S

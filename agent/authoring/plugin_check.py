@@ -282,8 +282,8 @@ class _Check:
 
     def _role(self, manifest: Manifest) -> Iterator[PluginFinding]:
         if manifest.name not in self._roles and manifest.name not in self._all:
-            why = f"there is no plugin {manifest.name} whose place it could take{self._meant(manifest.name)}"
-            yield PluginFinding(manifest.path, "[plugin] role", why)
+            reason = f"there is no plugin {manifest.name} whose place it could take{self._meant(manifest.name)}"
+            yield PluginFinding(manifest.path, "[plugin] role", reason)
 
     def _visibility(self, manifest: Manifest) -> Iterator[PluginFinding]:
         for name in manifest.tag.visibility:

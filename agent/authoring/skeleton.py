@@ -96,17 +96,17 @@ def _checked_name(name: str) -> str:
         check_name("plugin", name)
     except BadName as error:
         raise PluginError(name, str(error)) from error
-    why = ""
+    reason = ""
     if not name.isidentifier():
-        why = "expected a Python name: letters, digits and _, not beginning with a digit"
+        reason = "expected a Python name: letters, digits and _, not beginning with a digit"
     elif keyword.iskeyword(name):
-        why = "it is a word of Python's own"
+        reason = "it is a word of Python's own"
     elif name == COMMAND:
-        why = "it stands for the outside in a manifest's visibility"
+        reason = "it stands for the outside in a manifest's visibility"
     elif not name.strip("_"):
-        why = "expected a letter in it"
-    if why:
-        raise PluginError(name, f"bad plugin name {name!r}: {why}")
+        reason = "expected a letter in it"
+    if reason:
+        raise PluginError(name, f"bad plugin name {name!r}: {reason}")
     return name
 
 

@@ -86,12 +86,12 @@ class FaultHandler:
         stuck = plugin.turn.owner
         for user in self._registry.users_of(plugin.name):
             if user.state.is_running:
-                why = f"requires {plugin.name}, which is faulted: {plugin.why}"
+                reason = f"requires {plugin.name}, which is faulted: {plugin.why}"
                 try:
                     if stuck is not None and user.turn.owner == stuck:  # it is in a call that does not come back
-                        user.apply(Trigger.ABANDON, why, lacks=plugin.name)
+                        user.apply(Trigger.ABANDON, reason, lacks=plugin.name)
                     else:
-                        user.apply(Trigger.DEACTIVATE, why, lacks=plugin.name)
+                        user.apply(Trigger.DEACTIVATE, reason, lacks=plugin.name)
                 except FOREIGN_ERRORS as error:  # foreign plugin code; it may have called what has faulted
                     logger.debug("%s: %s while it was deactivated: %s", self._registry.robot, user.name, error)
         plugin.apply(Trigger.CLEAN_UP)

@@ -138,9 +138,9 @@ class RobotHalts:
 
         """
         with self._acting:
-            why = self._resume(by)
-            if why:
-                raise CallError(ErrorCode.REFUSED, f"{self._robot} stays halted: {why}")
+            reason = self._resume(by)
+            if reason:
+                raise CallError(ErrorCode.REFUSED, f"{self._robot} stays halted: {reason}")
             return self._answer()
 
     def guard(self, plugin: str, why_not: Callable[[], str]) -> None:
@@ -193,10 +193,10 @@ class RobotHalts:
         self._publish_state()
 
     def _resume(self, by: str, stamp_ns: int = 0) -> str:
-        why = self._halt_guard_reason() or self._latch.release(by, stamp_ns)
-        if why:
-            self._log_text(f"{by or 'nobody named'} tried to resume it, and it stays halted: {why}")
-            return why
+        reason = self._halt_guard_reason() or self._latch.release(by, stamp_ns)
+        if reason:
+            self._log_text(f"{by or 'nobody named'} tried to resume it, and it stays halted: {reason}")
+            return reason
         if self._manager.halted:
             self._team_halt_ns = 0
             self._not_halted = []
@@ -210,12 +210,12 @@ class RobotHalts:
         if not self._latch.is_held:
             return ""
         for name, plugin in self._manager.plugins.items():
-            why = self._halt_guard_reason_of(plugin)
-            if why:
+            reason = self._halt_guard_reason_of(plugin)
+            if reason:
                 if name not in self._latch.holders:
-                    self._latch.hold(name, why)
+                    self._latch.hold(name, reason)
                     self._publish_state()
-                return why
+                return reason
         return ""
 
     def _halt_guard_reason_of(self, plugin: ManagedPlugin) -> str:

@@ -292,9 +292,9 @@ class PluginChild:
         self._plugin.emergency_halt()
         return b""
 
-    def _end_actions(self, why: str) -> None:
+    def _end_actions(self, reason: str) -> None:
         if self._env is not None:
-            self._env.end_actions(why)
+            self._env.end_actions(reason)
 
     def _begin(self, begin: Begin) -> None:
         sys.path[:] = begin.import_path

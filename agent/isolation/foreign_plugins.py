@@ -203,8 +203,8 @@ class ForeignPlugins:
     def _read(self, name: str, info: PluginInfo) -> PluginInfo | None:
         if info.level.upper() not in Level.__members__:
             levels = ", ".join(level.name.lower() for level in Level)
-            why = f"expected level {levels}, got {info.level!r}"
-            logger.warning("%s: foreign plugin %s is not listed: %s", self._robot, name, why)
+            reason = f"expected level {levels}, got {info.level!r}"
+            logger.warning("%s: foreign plugin %s is not listed: %s", self._robot, name, reason)
             return None
         # Under the name of its key and nobody else's; what it says of holders and the like is the host's to say.
         return PluginInfo(

@@ -160,10 +160,10 @@ class ChildProcess:
         self._asides.close()
         if self._is_ending:
             return
-        why = self.how_it_ended()
+        reason = self.how_it_ended()
         on_lost = self._on_lost()
         if on_lost is not None:
-            on_lost(why)
+            on_lost(reason)
 
 
 class Limits(msgspec.Struct, frozen=True):
@@ -315,33 +315,33 @@ class IsolatedPlugin(Plugin):
         except PeerLate as error:
             where = _where(child)
             child.kill()
-            why = f"did not come back from {_what(request)} within {limit_s:g} s, and its process was killed"
-            raise raised_elsewhere(self._crashed(child, why), where) from error
+            reason = f"did not come back from {_what(request)} within {limit_s:g} s, and its process was killed"
+            raise raised_elsewhere(self._crashed(child, reason), where) from error
 
     def _receive(self, subscription: int, value: Any) -> None:
         """An event that the plugin observes has happened; in its turn."""
         self._ask(ObservedEvent(subscription, encode(value)), self._limits.call_s)
 
-    def _end(self, why: str) -> None:
+    def _end(self, reason: str) -> None:
         child, self._child = self._child, None
         if child is not None:
-            self._gone_reason = why
+            self._gone_reason = reason
             child.end()
         if self._forget is not None:
             self._forget.detach()
             self._forget = None
 
-    def _crashed(self, child: ChildProcess, why: str) -> PluginCrashed:
+    def _crashed(self, child: ChildProcess, reason: str) -> PluginCrashed:
         if self._child is child:
             self._child = None
-            self._gone_reason = why
-        return PluginCrashed(self.env.plugin, f"{self.env.plugin} {why}")
+            self._gone_reason = reason
+        return PluginCrashed(self.env.plugin, f"{self.env.plugin} {reason}")
 
-    def _on_lost(self, why: str) -> None:
+    def _on_lost(self, reason: str) -> None:
         """On the thread that watches the process: it has ended while nobody was calling."""
         child = self._child
         if child is not None:
-            self._gone_reason = why
+            self._gone_reason = reason
             self._lost.notify(child)
 
     def _raise_lost(self, child: ChildProcess) -> None:
@@ -507,9 +507,9 @@ class ParentServer:
         return self._held[number - 1]
 
     def _observe(self, event: Any, subscription: int) -> None:
-        hear = self._receive()
-        if hear is not None:
-            self._env.observe(event, partial(hear, subscription))
+        receive = self._receive()
+        if receive is not None:
+            self._env.observe(event, partial(receive, subscription))
 
     def _notify(self, name: str, written: bytes) -> None:
         plugin = self._plugin()

@@ -422,8 +422,8 @@ def task_handlers(
     return accept_in_turn, release_in_turn, work_in_turn
 
 
-def _refused_by_state(plugin: AccessiblePlugin, why: str = "") -> TaskAnswer:
-    text = f"{plugin.name} is {plugin.state}{why}"
+def _refused_by_state(plugin: AccessiblePlugin, reason: str = "") -> TaskAnswer:
+    text = f"{plugin.name} is {plugin.state}{reason}"
     return TaskAnswer.refused(plain("plugin_out", text, plugin=plugin.name, state=plugin.state))
 
 

@@ -217,13 +217,13 @@ class ManagedPlugin:
         self.apply(Trigger.ABANDON, why or self.why or "hangs", lacks=lacks)
         self.apply(trigger, why, error, lacks=lacks)
 
-    def _follow(self, trigger: Trigger, why: str, error: BaseException | None, lacks: str) -> None:
+    def _follow(self, trigger: Trigger, reason: str, error: BaseException | None, lacks: str) -> None:
         needs = error.needed if isinstance(error, PackageMissing) else ""
         where = raised(None if needs else error)
         with self._deciding:
             to, steps = transition(self.name, self.state, trigger)
-            if to is not self.state or (steps and why):
-                self.state, self.why, self.raised, self.lacks, self.needs = to, why, where, lacks, needs
+            if to is not self.state or (steps and reason):
+                self.state, self.why, self.raised, self.lacks, self.needs = to, reason, where, lacks, needs
             self._update_callable()
         if trigger in (Trigger.ACTIVATED, Trigger.RESUME):
             self._context.newly_running = True

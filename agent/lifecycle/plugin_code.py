@@ -47,12 +47,12 @@ def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -
     isolated = manifest.tag.isolation == "process"
     if isolated:
         if not live:  # refused before `try_import`, whose time limit runs on the wall clock
-            why = 'expected "none": "process" is for the live drive, another process cannot run in lockstep'
-            raise ManifestError(manifest.path, "[tag] isolation", why)
+            reason = 'expected "none": "process" is for the live drive, another process cannot run in lockstep'
+            raise ManifestError(manifest.path, "[tag] isolation", reason)
         failure = try_import(manifest.module_name, module_file(manifest), manifest.tag.start_s)
         if failure:
-            why = f"cannot import {manifest.module_name}: a process for it {failure}"
-            raise ManifestError(manifest.path, "[plugin] class", why)
+            reason = f"cannot import {manifest.module_name}: a process for it {failure}"
+            raise ManifestError(manifest.path, "[plugin] class", reason)
     found = import_class(manifest, fresh=fresh)
     known = vars(found).get(_CODE)
     if isinstance(known, PluginCode) and not isolated:

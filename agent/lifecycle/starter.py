@@ -285,14 +285,14 @@ def _run_in_time(pool: WorkerPool, plugin: ManagedPlugin, do: Callable[[], objec
     limit_s = plugin.manifest.tag.start_s
     error = pool.run({plugin.name: do}, limit_s).get(plugin.name)
     if isinstance(error, NotBack):
-        why = f"{plugin.name} has not come back from its start for {limit_s:g} s"
+        reason = f"{plugin.name} has not come back from its start for {limit_s:g} s"
         left = None
         if give_up is not None:
-            left = give_up(why)
+            left = give_up(reason)
         else:
-            plugin.apply(Trigger.ABANDON, why)
+            plugin.apply(Trigger.ABANDON, reason)
         if left is not None and isinstance(pool.run({plugin.name: left}, limit_s).get(plugin.name), NotBack):
-            plugin.apply(Trigger.ABANDON, why)
-        raise PluginHung(plugin.name, why)
+            plugin.apply(Trigger.ABANDON, reason)
+        raise PluginHung(plugin.name, reason)
     if error is not None:
         raise error

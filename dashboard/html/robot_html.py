@@ -110,8 +110,8 @@ def plugin_card_html(plugin: PluginInfo | None) -> str:
         lines.append(("Restarts", f"{plugin.restarts} after faults"))
     if plugin.distribution:
         lines.append(("Package", plugin.distribution))
-    why = plugin.detail or plugin.why if is_long or plugin.detail else ""
-    return render("robot", "plugin_card", plugin=plugin, doc=first_line(plugin.doc), lines=lines, why=why)
+    reason = plugin.detail or plugin.why if is_long or plugin.detail else ""
+    return render("robot", "plugin_card", plugin=plugin, doc=first_line(plugin.doc), lines=lines, why=reason)
 
 
 def function_html(function: FunctionInfo) -> str:
@@ -135,7 +135,7 @@ def result_html(function: str, reply: bytes, error: str) -> str:
     if error:
         return render("robot", "result", function=function, said=cut(error, WHY), has_failed=True)
     try:
-        said = msgspec.json.format(reply, indent=2).decode()
+        message_text = msgspec.json.format(reply, indent=2).decode()
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        said = f"{len(reply)} bytes"
-    return render("robot", "result", function=function, said=cut(said, 4000), has_failed=False)
+        message_text = f"{len(reply)} bytes"
+    return render("robot", "result", function=function, said=cut(message_text, 4000), has_failed=False)

@@ -65,7 +65,7 @@ class Bar(NamedTuple):
     row: int
     x: float
     width: float
-    look: dict[str, str]
+    style: dict[str, str]
     title: str
     """From the wire: not escaped."""
     is_charge: bool = False
@@ -94,11 +94,11 @@ def gantt_html(view: ShownTeam) -> str:
             left, right = x_of(span.start_ns), x_of(span.end_ns if span.end_ns is not None else now_ns)
             if right > LEFT:
                 title = f"{span.kind} {span.task}: {span.state.value}"
-                bars.append(Bar(row, left, max(1.5, right - left), _span_look(span, color), title))
+                bars.append(Bar(row, left, max(1.5, right - left), _span_style(span, color), title))
         for entry in expected[robot.name]:
             left, right = x_of(entry.start_ns), x_of(entry.end_ns)
-            look = _foreseen_look(entry, color)
-            bars.append(Bar(row, left, max(1.5, right - left), look, entry.title, entry.is_charge))
+            style = _foreseen_style(entry, color)
+            bars.append(Bar(row, left, max(1.5, right - left), style, entry.title, entry.is_charge))
     return render(
         "tasks",
         "gantt",
@@ -143,7 +143,7 @@ def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
     return found
 
 
-def _span_look(span: Span, color: str) -> dict[str, str]:
+def _span_style(span: Span, color: str) -> dict[str, str]:
     if span.end_ns is None:
         return {"fill": color}
     if span.state is TaskState.DONE:
@@ -151,7 +151,7 @@ def _span_look(span: Span, color: str) -> dict[str, str]:
     return {"fill": color, "fill-opacity": "0.3", "stroke": "#c85a1e"}
 
 
-def _foreseen_look(entry: Foreseen, color: str) -> dict[str, str]:
+def _foreseen_style(entry: Foreseen, color: str) -> dict[str, str]:
     if entry.is_charge:
         return {"fill": css(CHARGER_PLATE), "stroke": color}
     fill = {"fill": color, "fill-opacity": "0.25"} if entry.is_held else {"fill": "none"}

@@ -227,12 +227,12 @@ def task_text(robot: ShownRobot, view: ShownTeam) -> str:
     if summary is not None and robot.has_gone:
         return f"gone for {span_text(summary.age_s)}, with {short_id(summary.task) or 'no task'}"
     if status is not None:
-        why = status.why or (summary.why if summary is not None else "")
+        reason = status.why or (summary.why if summary is not None else "")
         event = view.tasks.get(status.id)
         what = short_id(status.id)
         if event is not None:
             what = f"{event.task.kind} at {event.task.place.x_m:.1f}, {event.task.place.y_m:.1f} m,"
-        return f"{what} {status.state}" + (f": {why}" if why else "")
+        return f"{what} {status.state}" + (f": {reason}" if reason else "")
     known = (short_id(summary.task), summary.why) if summary is not None else ()
     return ": ".join(filter(None, known)) or "no task"
 

@@ -34,7 +34,7 @@ OPACITY = 0.6
 """Links are always shown, so they are paler than what moves."""
 
 
-class LinkLook(NamedTuple):
+class LinkStyle(NamedTuple):
     """How links of a strength are drawn."""
 
     color: Rgb
@@ -43,7 +43,7 @@ class LinkLook(NamedTuple):
     """0 is unbroken."""
 
 
-LOOKS = (LinkLook(GOOD, 0.05, 0.0), LinkLook(WARNING, 0.035, 0.3), LinkLook(BAD, 0.025, 0.12))
+LINK_STYLES = (LinkStyle(GOOD, 0.05, 0.0), LinkStyle(WARNING, 0.035, 0.3), LinkStyle(BAD, 0.025, 0.12))
 """Strong, weak, very weak."""
 
 
@@ -82,9 +82,9 @@ class RadioLayer(MeshLayer):
         self._relays.show(by_color([*((RELAY, line) for line in lines), *((ROUTE, route) for route in routes)]))
 
 
-def link_style(rssi_dbm: float) -> LinkLook:
+def link_style(rssi_dbm: float) -> LinkStyle:
     """How a link of this strength is drawn."""
-    return LOOKS[0] if rssi_dbm >= STRONG_DBM else LOOKS[1] if rssi_dbm >= WEAK_DBM else LOOKS[2]
+    return LINK_STYLES[0] if rssi_dbm >= STRONG_DBM else LINK_STYLES[1] if rssi_dbm >= WEAK_DBM else LINK_STYLES[2]
 
 
 def link_meshes(links: list[DrawnLink], z_m: float, widen: float, wider: float = 1.0) -> dict[Rgb, Mesh]:
@@ -94,12 +94,12 @@ def link_meshes(links: list[DrawnLink], z_m: float, widen: float, wider: float =
     most = max(2, min(DASHES, ALL_DASHES // max(1, len(shown))))
     pieces = []
     for link in shown:
-        look = link_style(link.rssi_dbm)
-        dash_m = look.dash_m * widen
+        style = link_style(link.rssi_dbm)
+        dash_m = style.dash_m * widen
         if dash_m:  # longer if there would be too many
             dash_m = max(dash_m, link.start.distance_m(link.end) / (2 * most - 1))
         lines = dashed([link.start, link.end], dash_m, z_m, most)
-        pieces.append((look.color, strips(lines, look.width_m * widen * wider)))
+        pieces.append((style.color, strips(lines, style.width_m * widen * wider)))
     return by_color(pieces)
 
 

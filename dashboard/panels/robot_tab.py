@@ -84,11 +84,11 @@ class HandDrive:
         pilot = self._pilot
         if pilot is None or not pilot.told or pilot.told == self._shown:
             return
-        self._shown = told = pilot.told
+        self._shown = reported = pilot.told
         if pilot.has_failed:
-            self._show(f"✕ {pilot.robot}: {told}", "bad")
+            self._show(f"✕ {pilot.robot}: {reported}", "bad")
         else:
-            self._show(f"{'■' if told == 'stopped' else '▶'} {pilot.robot} {told}")
+            self._show(f"{'■' if reported == 'stopped' else '▶'} {pilot.robot} {reported}")
 
     def _arm(self) -> None:
         page, armed = self._page, bool(self._armed.value)

@@ -130,8 +130,8 @@ class ReplayIndex:
     def _mark(self, received: Received, time_s: float) -> None:
         message = received.message
         if isinstance(message, Halt):
-            said = "halt" if message.halted else "resume"
-            self._add(time_s, "halt", f"{said} by {message.by}")
+            message_text = "halt" if message.halted else "resume"
+            self._add(time_s, "halt", f"{message_text} by {message.by}")
         elif isinstance(message, LogRecord) and message.level == "error":
             self._add(time_s, "fault", f"{message.robot}: {message.source} {message.text}")
         elif isinstance(message, TaskEvent) and message.state.ended and message.task.kind != "explore":
@@ -142,12 +142,12 @@ class ReplayIndex:
             lost = RobotHealth.ASTRAY if message.lost else RobotHealth.UP
             if self._conditions.get(name, RobotHealth.UP) is not lost:
                 self._conditions[name] = lost
-                said = f"is lost: {message.lost}" if message.lost else "is no longer lost"
-                self._add(time_s, "fault", f"{name} {said}")
+                message_text = f"is lost: {message.lost}" if message.lost else "is no longer lost"
+                self._add(time_s, "fault", f"{name} {message_text}")
 
-    def _add(self, time_s: float, kind: str, said: str) -> None:
+    def _add(self, time_s: float, kind: str, message_text: str) -> None:
         if len(self.marks) < MARKS:
-            self.marks.append(Mark(time_s, kind, said))
+            self.marks.append(Mark(time_s, kind, message_text))
 
 
 def _until(entries: list[tuple[float, Any]], time_s: float) -> list[tuple[float, Any]]:

@@ -32,14 +32,14 @@ class Focus(NamedTuple):
 def motes_in_focus(view: ShownTeam, focus: Focus) -> list[ShownMote]:
     """The selected mote, motes that the selected robot hears, then visible ones, nearest first; at most `MOTES`."""
     robot = view.robots.get(focus.robot) if focus.chosen else None
-    heard = {link.peer for link in robot.links if not link.is_robot} if robot is not None else set()
+    received = {link.peer for link in robot.links if not link.is_robot} if robot is not None else set()
     found: list[tuple[float, str]] = []
     for mote in view.motes.values():
         if mote.place is None:
             continue
         if mote.name == focus.mote:
             found.append((-1.0, mote.name))
-        elif robot is not None and (mote.name in heard or robot.name in mote.links):
+        elif robot is not None and (mote.name in received or robot.name in mote.links):
             found.append((0.0, mote.name))
         elif focus.middle is not None:
             distance_m = ((mote.place.x_m - focus.middle.x_m) ** 2 + (mote.place.y_m - focus.middle.y_m) ** 2) ** 0.5

@@ -35,12 +35,12 @@ def links_of_robot(view: ShownTeam, name: str, now_s: float) -> list[DrawnLink]:
     here = place_of_robot(view, name)
     if here is None:
         return []
-    heard = {link.peer: link.rssi_dbm for link in view.robots[name].links if not link.is_robot}
+    received = {link.peer: link.rssi_dbm for link in view.robots[name].links if not link.is_robot}
     for mote in view.motes.values():
-        if mote.name not in heard and name in mote.links:
-            heard[mote.name] = mote.links[name].rssi_dbm
+        if mote.name not in received and name in mote.links:
+            received[mote.name] = mote.links[name].rssi_dbm
     found = []
-    for peer, rssi_dbm in heard.items():
+    for peer, rssi_dbm in received.items():
         known = view.motes.get(peer)
         if known is not None and known.place is not None:
             found.append(DrawnLink(known.place, here, rssi_dbm))

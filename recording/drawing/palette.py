@@ -51,17 +51,17 @@ MOTE_COLORS: tuple[Rgb, ...] = (GOOD, WARNING, BAD, LOST)
 """By `mote_class`."""
 
 
-class Look(NamedTuple):
+class RobotStyle(NamedTuple):
     """How a robot is told from others."""
 
     color: Rgb
     shape: str
 
 
-def style_of(index: int) -> Look:
+def style_of(index: int) -> RobotStyle:
     """The look of the robot that appeared as number `index`, counted from 0."""
     round_number, place = divmod(index, len(ROBOT_COLORS))
-    return Look(ROBOT_COLORS[place], ROBOT_SHAPES[round_number % len(ROBOT_SHAPES)])
+    return RobotStyle(ROBOT_COLORS[place], ROBOT_SHAPES[round_number % len(ROBOT_SHAPES)])
 
 
 def battery_class(soc: float) -> str:

@@ -386,9 +386,9 @@ class FoxgloveChannels:
         if not event.state.ended:
             self._open_tasks[event.task.id] = event
         holder = f" at {event.robot}" if event.robot else ""
-        why = f": {event.why}" if event.why else ""
+        reason = f": {event.why}" if event.why else ""
         level = "warning" if event.state in ("failed", "lost_contact") else "info"
-        return make.log(event.stamp_ns, level, "task", f"{event.task.id} {event.state}{holder}{why}")
+        return make.log(event.stamp_ns, level, "task", f"{event.task.id} {event.state}{holder}{reason}")
 
     def _decoded_all(self, payloads: dict[str, bytes], kind: type[Kind]) -> Iterator[Kind]:
         for payload in payloads.values():

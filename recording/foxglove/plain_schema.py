@@ -43,8 +43,8 @@ def _plain(schema: Any, definitions: Mapping[str, Schema], depth: int) -> Schema
     if kind == "array":
         return {"type": kind, "items": _items(schema, definitions, depth), **kept}
     if kind == "object":
-        told = schema.get("properties", {})
-        properties = {name: _plain(value, definitions, depth - 1) for name, value in told.items()}
+        reported = schema.get("properties", {})
+        properties = {name: _plain(value, definitions, depth - 1) for name, value in reported.items()}
         return {"type": kind, "properties": properties, "required": schema.get("required", []), **kept}
     return _unknown()
 
@@ -63,8 +63,8 @@ def _type_of(schema: Mapping[str, Any]) -> str:
 
 def _items(schema: Mapping[str, Any], definitions: Mapping[str, Schema], depth: int) -> Schema:
     """What is in a list; of a tuple, what its places have in common."""
-    told = schema.get("prefixItems") or [schema.get("items")]
-    items = _joined([_plain(item, definitions, depth - 1) for item in told])
+    reported = schema.get("prefixItems") or [schema.get("items")]
+    items = _joined([_plain(item, definitions, depth - 1) for item in reported])
     return _unknown() if items["type"] == "array" else items
 
 

@@ -105,15 +105,15 @@ class Halts(InvariantJudge):
         if status is None or not status.halted:
             self._restart()
             return
-        for told in summary.robots:
-            robot = self._robots.get(told.name)
+        for reported in summary.robots:
+            robot = self._robots.get(reported.name)
             if robot is None:
                 continue
-            if not told.up:
+            if not reported.up:
                 robot.in_contact_ns = None
             elif robot.in_contact_ns is None:
                 robot.in_contact_ns = time_ns
-            self._judge_heeding(told.name, robot, ", ".join(status.by), time_ns)
+            self._judge_heeding(reported.name, robot, ", ".join(status.by), time_ns)
 
     def _restart(self) -> None:
         for robot in self._robots.values():
@@ -208,7 +208,7 @@ def _own_place(state: RobotState) -> tuple[Point2D, float]:
 
 
 def _was_carried(now: RobotTruth, last: RobotTruth, last_ns: int, time_ns: int, *, was_standing: bool) -> bool:
-    way_m, took_s = now.pose.distance_m(last.pose), max(to_seconds(time_ns - last_ns), 0.02)
-    if way_m > CARRIED_M_S * took_s:
+    path_m, duration_s = now.pose.distance_m(last.pose), max(to_seconds(time_ns - last_ns), 0.02)
+    if path_m > CARRIED_M_S * duration_s:
         return True
-    return was_standing and time_ns - last_ns >= SHORT_NS and 2.0 * way_m > CARRIED_M_S2 * took_s**2
+    return was_standing and time_ns - last_ns >= SHORT_NS and 2.0 * path_m > CARRIED_M_S2 * duration_s**2

@@ -454,10 +454,10 @@ class Walls(InvariantJudge):
         last = self._last.get(robot)
         if last is None:
             return [end]
-        (begin, begin_ns), way_m = last, last[0].distance_m(end)
-        if way_m <= radius_m or way_m > CARRIED_M_S * to_seconds(time_ns - begin_ns):
+        (begin, begin_ns), path_m = last, last[0].distance_m(end)
+        if path_m <= radius_m or path_m > CARRIED_M_S * to_seconds(time_ns - begin_ns):
             return [end]
-        steps = math.ceil(way_m / radius_m)
+        steps = math.ceil(path_m / radius_m)
         return [
             Point2D(begin.x_m + (end.x_m - begin.x_m) * step / steps, begin.y_m + (end.y_m - begin.y_m) * step / steps)
             for step in range(1, steps + 1)

@@ -171,7 +171,7 @@ def _of_the_wire(counts: Counter[str]) -> int:
 
 
 def _info_of_summary(
-    path: Path, size_bytes: int, summary: Summary, versions: dict[str, str], said: dict[str, str]
+    path: Path, size_bytes: int, summary: Summary, versions: dict[str, str], message_text: dict[str, str]
 ) -> RecordingInfo:
     statistics = summary.statistics
     assert statistics is not None
@@ -187,8 +187,8 @@ def _info_of_summary(
         counts=dict(counts),
         truncated=False,
         versions=versions,
-        digest=said.get("digest", ""),
-        summary=said,
+        digest=message_text.get("digest", ""),
+        summary=message_text,
     )
 
 

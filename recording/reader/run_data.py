@@ -94,8 +94,8 @@ class Happenings:
         for kind, key in [key for key in self._open if key[0] == "faulted" and key[1].startswith(f"{name}/")]:
             if key.partition("/")[2] not in faulted:
                 self._open.pop((kind, key)).end_s = t_s
-        for plugin, why in faulted.items():
-            self._follow("faulted", name, plugin, why, t_s)
+        for plugin, reason in faulted.items():
+            self._follow("faulted", name, plugin, reason, t_s)
 
     def _follow(self, kind: str, subject: str, part: str, text: str, t_s: float) -> None:
         """A state that begins with a text, and ends when it is empty."""
@@ -316,10 +316,14 @@ class _Gather:
         of_map = self.run.map_accuracy
         if truth.map_accuracy is not None and (not of_map or of_map[-1][1] != truth.map_accuracy):
             of_map.append((t_s, truth.map_accuracy))
-        for told in truth.robots:
-            robot = self.run.robots.setdefault(told.robot, RobotRun(told.robot))
-            robot.distance_m, robot.energy_j, robot.collisions = told.distance_m, told.energy_j, told.collisions
-            accuracy = robot.accuracy = told.accuracy
+        for reported in truth.robots:
+            robot = self.run.robots.setdefault(reported.robot, RobotRun(reported.robot))
+            robot.distance_m, robot.energy_j, robot.collisions = (
+                reported.distance_m,
+                reported.energy_j,
+                reported.collisions,
+            )
+            accuracy = robot.accuracy = reported.accuracy
             if accuracy is not None and accuracy.error_m is not None:
                 robot.error_t_s.append(t_s)
                 robot.error_m.append(float("nan") if accuracy.is_lost else accuracy.error_m)

@@ -77,8 +77,8 @@ class ComparedRun(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def collisions(self) -> int | None:
         """Of all robots."""
-        told = _sum([robot.collisions for robot in self.robots])
-        return None if told is None else round(told)
+        reported = _sum([robot.collisions for robot in self.robots])
+        return None if reported is None else round(reported)
 
 
 class ComparedRow(msgspec.Struct, frozen=True, kw_only=True):

@@ -58,10 +58,10 @@ class RunDigest:
         """The digest so far."""
         return self._digest.hexdigest()
 
-    def _digested(self, told: Iterable[DigestedMessage]) -> bytes:
+    def _digested(self, reported: Iterable[DigestedMessage]) -> bytes:
         prefixes, pack = self._key_prefixes, _STAMP_AND_PAYLOAD_LENGTH.pack
         parts: list[bytes] = []
-        for _, key, payload, stamp_ns, _ in told:
+        for _, key, payload, stamp_ns, _ in reported:
             parts += (prefixes.get(key) or self._add_key(key), pack(stamp_ns, len(payload)), payload)
         return b"".join(parts)
 
@@ -116,15 +116,15 @@ class RecorderReports:
         if self._watch is not None:
             self._watch.end()
         now_ns = self._clock.now_ns()
-        took_s = to_seconds(now_ns - self._began_ns)
-        slow = took_s > SLOW_S
+        duration_s = to_seconds(now_ns - self._began_ns)
+        slow = duration_s > SLOW_S
         due = self._published_ns is None or not 0 <= now_ns - self._published_ns < STATE_NS
         if slow:
-            logger.warning("recording is slow: writing took %.1f s, %s", took_s, SLOW)
+            logger.warning("recording is slow: writing took %.1f s, %s", duration_s, SLOW)
         if (due and (self._live or lost > self._lost_reported)) or slow:
             self._published_ns = now_ns
             self._lost_reported = lost
-            self._say(f"writing took {took_s:.1f} s, {SLOW}" if slow else "")
+            self._say(f"writing took {duration_s:.1f} s, {SLOW}" if slow else "")
 
     def close(self) -> None:
         """Say the last."""
@@ -363,14 +363,14 @@ class Recorder:
     def _record(self) -> None:
         now_ns = self._clock.now_ns()
         file, visual = self._file, self._visual
-        heard = self._stamped(self._inbox.drain_samples(), now_ns)
-        self._messages += len(heard)
-        self._digest.add(heard)
-        if heard and self._listener is not None:
-            self._listener(heard, now_ns)
+        received = self._stamped(self._inbox.drain_samples(), now_ns)
+        self._messages += len(received)
+        self._digest.add(received)
+        if received and self._listener is not None:
+            self._listener(received, now_ns)
         if file is not None:
-            file.write(heard, now_ns)
-            for topic, key, payload, _, _ in heard:
+            file.write(received, now_ns)
+            for topic, key, payload, _, _ in received:
                 if visual is not None:
                     visual.handle(topic, key, payload)
                 elif topic is ROBOT_MAP:
@@ -425,7 +425,7 @@ class Recorder:
 
     def _said(self) -> dict[str, str]:
         """What stands in the metadata at the end of a file."""
-        said = {
+        message_text = {
             "messages": str(self._messages),
             "digest": self.digest,
             "outside": str(self.outside),
@@ -433,7 +433,7 @@ class Recorder:
             "lost": str(self._file.lost_by_topic.total() if self._file is not None else 0),
         }
         lost = self._lost()
-        return said | ({"lost_by_topic": msgspec.json.encode(lost).decode()} if lost else {})
+        return message_text | ({"lost_by_topic": msgspec.json.encode(lost).decode()} if lost else {})
 
     def _open(self, path: Path, provenance: Provenance, split: SplitAt | None, *, visual: bool) -> RecordingFiles:
         try:
@@ -460,7 +460,7 @@ class Recorder:
     def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[StampedMessage]":
         """What the border lets pass, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
-        told = []
+        reported = []
         topic: Any  # a Topic: it subscribes to nothing else
         for topic, key, payload, shared in samples:
             received = shared[0] if shared else read(topic, key, payload)
@@ -469,10 +469,10 @@ class Recorder:
                 continue
             message = received.message
             stamp_ns, seq = (message.stamp_ns, message.seq) if topic.is_stamped else (0, 0)
-            told.append((topic, key, payload, max(stamp_ns, 0) or now_ns, seq & SEQUENCE_MASK))
+            reported.append((topic, key, payload, max(stamp_ns, 0) or now_ns, seq & SEQUENCE_MASK))
             if topic is ARENA_OUTSIDE:
                 self._outside_queries += 1
-        return told
+        return reported
 
 
 class RecorderInbox(Inbox):

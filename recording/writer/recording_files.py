@@ -184,7 +184,7 @@ class RecordingFiles:
 
     def _open_part(self, number: int, now_ns: int) -> "RecordingFile":
         lost = self.lost_by_topic if number > 1 else Counter[str]()
-        said = {"part": str(number)}
+        message_text = {"part": str(number)}
         if lost:
-            said["lost_before"] = msgspec.json.encode(lost).decode()
-        return self._open_file(part_path(self._path, number), now_ns, said)
+            message_text["lost_before"] = msgspec.json.encode(lost).decode()
+        return self._open_file(part_path(self._path, number), now_ns, message_text)

@@ -96,19 +96,19 @@ class Rotation:
         size_bytes = sum(file.size_bytes for file in files)
         free_bytes = self._free_bytes(self._folder)
         for file in files:
-            why = self._why(file, now_ns, size_bytes, free_bytes)
-            if not why:
+            reason = self._why(file, now_ns, size_bytes, free_bytes)
+            if not reason:
                 continue
             if file.path == writing or abs(now_ns - file.changed_ns) < YOUNG_S * NS_PER_S:
                 continue
             file.path.unlink()
-            logger.warning("recording %s was removed: %s", file.path.name, why)
+            logger.warning("recording %s was removed: %s", file.path.name, reason)
             self.removed += 1
             self.removed_bytes += file.size_bytes
             size_bytes -= file.size_bytes
             free_bytes += file.size_bytes
-        if why := self._why(None, now_ns, size_bytes, free_bytes):
-            self._warn(f"recordings in {self._folder}: {why}, and nothing is left that may be removed")
+        if reason := self._why(None, now_ns, size_bytes, free_bytes):
+            self._warn(f"recordings in {self._folder}: {reason}, and nothing is left that may be removed")
         else:
             self._warned = ""
 
