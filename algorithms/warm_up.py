@@ -140,24 +140,24 @@ def _navigation_grid() -> None:
     navigation.clear_positions(free, positions)
 
 
-def _mate() -> Track:
+def _teammate() -> Track:
     positions = sample_path(np.array([[0.35, 0.35], [0.35, 0.6]]), 10.0)
     return Track(positions, 0.6, positions.shape[0] - 1, 0.1, goes_first=True)
 
 
-def _giving_way() -> None:
-    mate = _mate()
-    positions = mate.positions
-    release(positions, 0.6, [mate], Margins())
-    meet(positions, mate, 0.1)
+def _right_of_way() -> None:
+    teammate = _teammate()
+    positions = teammate.positions
+    release(positions, 0.6, [teammate], Margins())
+    meet(positions, teammate, 0.1)
     pass_on([positions], [0], positions[:1])
     DrivenPath(positions).ahead(0.35, 0.35, 1.0)
-    any_within([mate], Point2D(0.0, 0.0), 1.0)
+    any_within([teammate], Point2D(0.0, 0.0), 1.0)
 
 
 def _escapes() -> None:
     navigation = NavigationGrid(np.zeros(GEOMETRY.shape, np.int8), GEOMETRY, 0.1)
-    escape_cells(navigation.traversable, GEOMETRY, (3, 3), 0.6, [_mate()], 0.1)
+    escape_cells(navigation.traversable, GEOMETRY, (3, 3), 0.6, [_teammate()], 0.1)
 
 
 def _pose_filter() -> None:
@@ -260,7 +260,7 @@ PARTS: dict[str, KernelPart] = {
     "submaps": KernelPart(_submaps, at_start=True),
     "navigation grid": KernelPart(_navigation_grid, at_start=True),
     "frontiers": KernelPart(_frontiers, at_start=True),
-    "giving way": KernelPart(_giving_way, at_start=True),
+    "giving way": KernelPart(_right_of_way, at_start=True),
     "scans on the map": KernelPart(_scans_on_map, at_start=True),
     "obstacles": KernelPart(_obstacles, at_start=True),
     "finding by motes": KernelPart(_finding_by_motes, at_start=True),

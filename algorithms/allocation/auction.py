@@ -155,11 +155,11 @@ class AuctionAllocator:
         pairs = len(problem.jobs) * len(problem.workers)
         tries = ROUNDS[self.objective][: 3 if pairs <= FEW_PAIRS else 1]
         plans = [self.hold(problem, rule, choice) for rule, choice in tries]
-        best, why = min(plans, key=lambda plan: plan[0].rank)
+        best, reason = min(plans, key=lambda plan: plan[0].rank)
         kept = None if warm_start is None else keep(problem, warm_start, self.objective)
         if kept is not None and kept.rank < best.rank:
-            best, why = kept, {}
-        return reasons(problem, make_arrays(problem), best, why)
+            best, reason = kept, {}
+        return reasons(problem, make_arrays(problem), best, reason)
 
     def hold(
         self, problem: Problem, rule: int, choice: int, rng: np.random.Generator | None = None
@@ -168,7 +168,7 @@ class AuctionAllocator:
         arrays = make_arrays(problem)
         routes = empty_routes(arrays.team, arrays.visits)
         open_visits = np.ones(len(arrays.visits.job), np.bool_)
-        why = place_coupled(problem, arrays, routes, open_visits, rule, rng) if problem.coupled else {}
+        reason = place_coupled(problem, arrays, routes, open_visits, rule, rng) if problem.coupled else {}
         team, visits = arrays.team, arrays.visits
         prize_j = visits.prize_j
         # First, prizes only rank jobs: the first job in an area is seldom worth the drive by itself.
@@ -180,7 +180,7 @@ class AuctionAllocator:
             drop_unprofitable(team, visits, routes, open_visits, kept)
             hold_auction(team, visits, routes, open_visits, rule, choice)
             drop_unprofitable(team, visits, routes, open_visits, kept)
-        return plan_of(problem, arrays, routes, self.objective), _by_id(problem, why)
+        return plan_of(problem, arrays, routes, self.objective), _by_id(problem, reason)
 
 
 class GreedyAllocator:
@@ -203,10 +203,10 @@ class GreedyAllocator:
         routes = empty_routes(arrays.team, arrays.visits)
         open_visits = np.ones(len(arrays.visits.job), np.bool_)
         rule = BY_ENERGY if self.objective is Objective.ENERGY else BY_FINISH
-        why = place_coupled(problem, arrays, routes, open_visits, rule) if problem.coupled else {}
+        reason = place_coupled(problem, arrays, routes, open_visits, rule) if problem.coupled else {}
         queue_nearest(arrays.team, arrays.visits, routes, open_visits, rule)
         plan = plan_of(problem, arrays, routes, self.objective)
-        return reasons(problem, make_arrays(problem), plan, _by_id(problem, why))
+        return reasons(problem, make_arrays(problem), plan, _by_id(problem, reason))
 
 
 def plan_of(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, objective: Objective) -> Plan:
@@ -223,8 +223,8 @@ def plan_of(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, objecti
     return plan
 
 
-def _by_id(problem: Problem, why: Mapping[int, PlanReason | None]) -> dict[str, PlanReason | None]:
-    return {problem.jobs[index].id: reason for index, reason in why.items()}
+def _by_id(problem: Problem, reason_text: Mapping[int, PlanReason | None]) -> dict[str, PlanReason | None]:
+    return {problem.jobs[index].id: reason for index, reason in reason_text.items()}
 
 
 def _indispensable(problem: Problem) -> set[int]:
@@ -397,8 +397,8 @@ def queue_nearest(
             if not open_visits[visit] or not visits.allowed[taker, visit]:
                 continue
             here = visits.place[visit]
-            way_j = team.energy_j[profile, place, here] + visits.service_j[visit]
-            if not way_j < least_j or (rule == BY_ENERGY and not way_j < visits.prize_j[visit]):
+            path_j = team.energy_j[profile, place, here] + visits.service_j[visit]
+            if not path_j < least_j or (rule == BY_ENERGY and not path_j < visits.prize_j[visit]):
                 continue
             arrive_s = routes.leave_s[taker, length] + team.time_s[profile, place, here]
             start_s = max(arrive_s, visits.earliest_s[visit])
@@ -409,9 +409,9 @@ def queue_nearest(
             spent_j = routes.spent_j[taker] - routes.wait_s[taker] * team.wait_w[taker]
             if length > 0:
                 spent_j -= team.end_j[taker, place]
-            if not spent_j + way_j + team.end_j[taker, here] + wait_s * team.wait_w[taker] <= team.usable_j[taker]:
+            if not spent_j + path_j + team.end_j[taker, here] + wait_s * team.wait_w[taker] <= team.usable_j[taker]:
                 continue
-            winner, least_j = visit, way_j
+            winner, least_j = visit, path_j
         if winner < 0:
             is_in[taker] = False
             continue

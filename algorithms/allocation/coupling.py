@@ -56,27 +56,27 @@ def place_coupled(
             visits_of[int(job)].append(visit)
             open_visits[visit] = False
     ends_s = _pinned_ends(problem, arrays)
-    why: dict[int, PlanReason | None] = {}
+    reason: dict[int, PlanReason | None] = {}
     undecided = [index for index in waiting if visits_of[index]]
-    why.update({index: arrays.refused[index] for index in waiting if index in arrays.refused})
+    reason.update({index: arrays.refused[index] for index in waiting if index in arrays.refused})
     worth_j = _chain_worth(problem, waiting)
     while undecided:
         ready = [
             index
             for index in undecided
             if all(
-                (other := problem.job_index[name]) in ends_s or other in why
+                (other := problem.job_index[name]) in ends_s or other in reason
                 for name in problem.predecessors(problem.jobs[index])
             )
         ]
         if not ready:
-            why.update(dict.fromkeys(undecided, plain("waits_for_itself", "it waits for itself")))
+            reason.update(dict.fromkeys(undecided, plain("waits_for_itself", "it waits for itself")))
             break
         index = ready[0] if rng is None else ready[int(rng.integers(len(ready)))]
         undecided.remove(index)
-        missing = [name for name in problem.predecessors(problem.jobs[index]) if problem.job_index[name] in why]
+        missing = [name for name in problem.predecessors(problem.jobs[index]) if problem.job_index[name] in reason]
         if missing:
-            why[index] = after_undone(missing[0])
+            reason[index] = after_undone(missing[0])
             continue
         visits = visits_of[index]
         before_s = max(
@@ -87,10 +87,10 @@ def place_coupled(
         if end_s is None:
             wanted = len(visits)
             text = f"no {wanted} robots can be at it at once"
-            why[index] = plain("not_together", text, count=wanted) if wanted > 1 else None
+            reason[index] = plain("not_together", text, count=wanted) if wanted > 1 else None
         else:
             ends_s[index] = end_s
-    return why
+    return reason
 
 
 def _pinned_ends(problem: Problem, arrays: ProblemArrays) -> dict[int, float]:

@@ -115,18 +115,18 @@ class VrpSearch:
 
         """
         generator = RandomNumberGenerator(seed=seed % 2**32)
-        way = WARM if start is not None else COLD
-        local_search = LocalSearch(data, generator, self._neighbours, PerturbationManager(way.perturbation))
+        chosen = WARM if start is not None else COLD
+        local_search = LocalSearch(data, generator, self._neighbours, PerturbationManager(chosen.perturbation))
         for operator in OPERATORS:
             if operator.supports(data):
                 local_search.add_operator(operator(data))
-        load, time, energy = way.first_penalties
-        penalties = PenaltyManager(([load] * data.num_load_dimensions, time, energy), way.penalties)
+        load, time, energy = chosen.first_penalties
+        penalties = PenaltyManager(([load] * data.num_load_dimensions, time, energy), chosen.penalties)
         if start is None:
             start = local_search(Solution.make_random(data, generator), penalties.max_cost_evaluator(), exhaustive=True)
-        watch = _Watch(self, effort, end_left_s, iterations, patience, is_enough)
+        watch = _Limits(self, effort, end_left_s, iterations, patience, is_enough)
         parameters = IteratedLocalSearchParams(
-            history_length=way.history if data.num_clients < LARGE else way.large_history,
+            history_length=chosen.history if data.num_clients < LARGE else chosen.large_history,
             exhaustive_on_best=data.num_clients < LARGE,
             callbacks=watch,
         )
@@ -138,7 +138,7 @@ class VrpSearch:
         return best if best.is_feasible() else None
 
 
-class _Watch(IteratedLocalSearchCallbacks):
+class _Limits(IteratedLocalSearchCallbacks):
     """Stops the search, and measures the duration of a step."""
 
     def __init__(

@@ -297,12 +297,12 @@ def _finish_running(
         if not job.pinned_to:
             continue
         at = problem.worker_index[job.pinned_to]
-        way = (team.profile[at], team.start[at], job.place)
-        arrive_s = team.ready_s[at] + team.time_s[way]
+        leg = (team.profile[at], team.start[at], job.place)
+        arrive_s = team.ready_s[at] + team.time_s[leg]
         start_s = max(arrive_s, job.earliest_s)
         end_s = start_s + job.service_s
         wait_j = team.wait_w[at] * (start_s - arrive_s) if math.isfinite(arrive_s) else 0.0
-        left_j = team.usable_j[at] - team.energy_j[way] - wait_j - job.service_j
+        left_j = team.usable_j[at] - team.energy_j[leg] - wait_j - job.service_j
         if not job.needs <= problem.workers[at].offers:
             needs = tuple(sorted(job.needs))
             text = f"{job.pinned_to} is at it and lacks {', '.join(needs)}"

@@ -115,9 +115,9 @@ def _check_sums(problem: Problem, plan: Plan) -> list[str]:
         ("makespan_s", plan.makespan_s, max((route.end_s for route in plan.routes if route.stops), default=0.0)),
         ("least_left_j", plan.least_left_j, min((route.left_j for route in plan.routes), default=math.inf)),
     )
-    for name, said, counted in sums:
-        if said != counted and not abs(said - counted) <= SLACK * (1 + len(plan.routes)):
-            faults.append(f"{name} is {counted:.3f}, not {said:.3f}")
+    for name, reported, counted in sums:
+        if reported != counted and not abs(reported - counted) <= SLACK * (1 + len(plan.routes)):
+            faults.append(f"{name} is {counted:.3f}, not {reported:.3f}")
     return faults
 
 

@@ -95,9 +95,9 @@ class VrpModel:
         self._workers = [worker for worker in range(len(problem.workers)) if arrays.team.usable_j[worker] >= 0]
         rows = [(int(arrays.team.profile[worker]), visits.allowed[worker].tobytes()) for worker in self._workers]
         kinds = sorted(set(rows))
-        is_by_ways = len(kinds) * (self._count + len(self._workers)) ** 2 <= MOST_CELLS
-        self._loads = [] if is_by_ways else _loads(problem)
-        if not is_by_ways:
+        is_by_routes = len(kinds) * (self._count + len(self._workers)) ** 2 <= MOST_CELLS
+        self._loads = [] if is_by_routes else _loads(problem)
+        if not is_by_routes:
             rows = [(profile, b"") for profile, _ in rows]
             kinds = sorted(set(rows))
         self._kind_of = dict(zip(self._workers, map(kinds.index, rows), strict=True))
@@ -145,9 +145,9 @@ class VrpModel:
             (self._team.energy_j, visits.service_j, J_UNITS),
             (self._team.time_s, visits.service_s, S_UNITS),
         ):
-            ways = matrices[:, sample[:, None], sample[None, :]]
-            ways = ways[np.isfinite(ways) & (ways > 0)]
-            typical = float(np.median(ways)) if ways.size else 0.0
+            lengths = matrices[:, sample[:, None], sample[None, :]]
+            lengths = lengths[np.isfinite(lengths) & (lengths > 0)]
+            typical = float(np.median(lengths)) if lengths.size else 0.0
             typical += float(np.median(service)) if service.size else 0.0
             scales.append(units / typical if typical > 0 else 1.0)
         return scales[0], scales[1]
@@ -247,7 +247,7 @@ class VrpModel:
 
 @njit(cache=True, nogil=True)
 def fill_matrix(
-    ways: Floats,
+    legs: Floats,
     places: Indices,
     allowed: NDArray[np.bool_],
     service: Floats,
@@ -259,7 +259,7 @@ def fill_matrix(
     """Return one matrix of a profile.
 
     Args:
-        ways: (n, n) joules or seconds between places.
+        legs: (n, n) joules or seconds between places.
         places: (m,) of the visits, then of the starts.
         allowed: (visits,) visits that this kind of worker may make.
         service: (visits,) added to every path to the visit.
@@ -279,7 +279,7 @@ def fill_matrix(
         here = places[row]
         for column in range(visits):
             if row != column:
-                length = ways[here, places[column]] + service[column] if allowed[column] else math.inf
+                length = legs[here, places[column]] + service[column] if allowed[column] else math.inf
                 matrix[row, column] = _units(length, scale, forbidden, is_up)
         for column in range(end_count):
             matrix[row, count + column] = _units(ends[row, column], scale, forbidden, is_up)
@@ -293,7 +293,7 @@ def _units(length: float, scale: float, forbidden: int, is_up: bool) -> int:
     return math.ceil(length * scale - ROUNDING) if is_up else math.floor(length * scale)
 
 
-def greatest(ways: Floats) -> float:
+def greatest(lengths: Floats) -> float:
     """The longest finite path; 0 if there is none."""
-    most = float(np.max(ways)) if ways.size else 0.0
-    return most if math.isfinite(most) else float(np.max(ways, where=np.isfinite(ways), initial=0.0))
+    most = float(np.max(lengths)) if lengths.size else 0.0
+    return most if math.isfinite(most) else float(np.max(lengths, where=np.isfinite(lengths), initial=0.0))

@@ -13,7 +13,7 @@ def warm_up() -> None:
     The first call on a machine compiles the kernels and stores the machine code beside the sources (some seconds).
     Later processes load it (tenths of a second).
     """
-    ways = np.array([[[0.0, 2.0], [2.0, 0.0]]])
+    legs = np.array([[[0.0, 2.0], [2.0, 0.0]]])
     jobs = (
         Job(id="a", place=1, prize_j=9.0),
         Job(id="b", place=1, prize_j=9.0, after=("a",)),
@@ -21,9 +21,9 @@ def warm_up() -> None:
         Job(id="d", place=1, prize_j=0.0, latest_s=0.0),
     )
     problem = Problem(
-        jobs=jobs, workers=(Worker(name="r", start=0, ends=(0,), usable_j=9.0),), energy_j=ways, time_s=ways
+        jobs=jobs, workers=(Worker(name="r", start=0, ends=(0,), usable_j=9.0),), energy_j=legs, time_s=legs
     )
     for objective in Objective:
         AuctionAllocator(objective).plan(problem)
         GreedyAllocator(objective).plan(problem)
-    fill_matrix(ways[0], np.array([1, 0]), np.ones(1, np.bool_), np.zeros(1), np.zeros((2, 1)), 1.0, 0, True)
+    fill_matrix(legs[0], np.array([1, 0]), np.ones(1, np.bool_), np.zeros(1), np.zeros((2, 1)), 1.0, 0, True)

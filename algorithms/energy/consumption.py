@@ -76,8 +76,8 @@ class PowerLearner:
     @property
     def coefficients(self) -> tuple[float, float, float, float, float]:
         """In the order of `TERMS`; none is below 0."""
-        standing, moving, speed, yaw, acceleration = (max(0.0, _short(value)) for value in self._mean.tolist())
-        return standing, moving, speed, yaw, acceleration
+        at_rest, moving, speed, yaw, acceleration = (max(0.0, _short(value)) for value in self._mean.tolist())
+        return at_rest, moving, speed, yaw, acceleration
 
     @property
     def covariance(self) -> tuple[float, ...]:

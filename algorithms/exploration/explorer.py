@@ -288,20 +288,22 @@ class Explorer:
         question = _Question(self._map.version, needed_m, seekers, [robot.goal for robot in busy])
         if question == self._vain:
             return []
-        self.idle = {name: why for name, why in self.idle.items() if any(name == seeker.name for seeker in seekers)}
+        self.idle = {
+            name: reason for name, reason in self.idle.items() if any(name == seeker.name for seeker in seekers)
+        }
         self.idle |= {
             scout.name: plain("place_unknown", "idle because its position is unknown")
             for scout in scouts
             if scout.place is None
         }
-        grid, navigation = self._map.grid, self._look(needed_m)
+        grid, navigation = self._map.grid, self._check(needed_m)
         if grid is None or navigation is None:
             return []
         candidates = [candidate for candidate in self.candidates if not self._attempts.is_spent(candidate.place, grid)]
         paths = FrontierPaths(navigation, candidates)
         between = self._fields.costs_between(paths, navigation, now_ns)
         situation = Situation(
-            candidates, seekers, busy, paths.costs_m, costs_between=between, floor=self._floor_look(candidates)
+            candidates, seekers, busy, paths.costs_m, costs_between=between, floor=self._floor_map(candidates)
         )
         choices = _changed(self.strategy(situation), seekers)
         chosen = {choice.robot for choice in choices}
@@ -374,8 +376,8 @@ class Explorer:
         busy: list[Busy],
         shut: list[tuple[float, float, float]],
     ) -> list[Choice]:
-        taken = {robot.goal for robot in busy}
-        open_to = [one for one in candidates if one.place not in taken and not self._narrow.is_given_up(one.place)]
+        claimed = {robot.goal for robot in busy}
+        open_to = [one for one in candidates if one.place not in claimed and not self._narrow.is_given_up(one.place)]
         if not open_to:
             return []
         paths = FrontierPaths(navigation, open_to, shut)
@@ -428,7 +430,7 @@ class Explorer:
         text = f"idle because no way of at least {needed_m:.2f} m leads to {named}"
         return plain("no_way", text, frontiers=borders, needed_m=needed_m)
 
-    def _look(self, needed_m: float) -> "NavigationGrid | None":
+    def _check(self, needed_m: float) -> "NavigationGrid | None":
         grid = self._map.grid
         if grid is None:
             return None
@@ -447,7 +449,7 @@ class Explorer:
             self.candidates = [_candidate(classes, grid.geometry, found) for found in find_frontiers(classes)]
         return known
 
-    def _floor_look(self, candidates: list[FrontierCandidate]) -> "MapLook | None":
+    def _floor_map(self, candidates: list[FrontierCandidate]) -> "MapLook | None":
         grid = self._map.grid
         if grid is None:
             return None

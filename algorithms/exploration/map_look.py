@@ -177,18 +177,18 @@ class FrontierPaths:
 
     def costs_m(self, place: Point2D) -> NDArray[np.float64]:
         """Path cost from a place to each frontier, (frontiers,), metres of open floor; inf where there is no path."""
-        ways_m = self._known.get(place)
-        if ways_m is None:
-            ways_m = np.full(self.count, np.inf)
-            ways_m[self._columns] = self._navigation.ways_m(place, self._cells, snap_m=SNAP_M, shut=self._shut)
-            self._known[place] = ways_m
-        return ways_m
+        paths_m = self._known.get(place)
+        if paths_m is None:
+            paths_m = np.full(self.count, np.inf)
+            paths_m[self._columns] = self._navigation.ways_m(place, self._cells, snap_m=SNAP_M, shut=self._shut)
+            self._known[place] = paths_m
+        return paths_m
 
     def costs_along(self, field: "WayField") -> NDArray[np.float64]:
         """Path costs to each frontier from where a field was computed, (frontiers,)."""
-        ways_m = np.full(self.count, np.inf)
-        ways_m[self._columns] = field.to(self._cells)
-        return ways_m
+        paths_m = np.full(self.count, np.inf)
+        paths_m[self._columns] = field.to(self._cells)
+        return paths_m
 
 
 class FrontierFields:

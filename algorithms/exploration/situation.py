@@ -137,17 +137,17 @@ class Situation:
         Also inf where the robot's energy does not last for the way there and home. The frontier that a robot is on its
         way to counts as `KEEP_M` nearer.
         """
-        ways_m = self._from([seeker.place for seeker in self.seekers])
-        ways_m[self.too_far] = math.inf
+        paths_m = self._from([seeker.place for seeker in self.seekers])
+        paths_m[self.too_far] = math.inf
         for row, seeker in enumerate(self.seekers):
             if seeker.goal is not None and (column := self.column_of(seeker.goal)) is not None:
-                ways_m[row, column] = max(0.0, ways_m[row, column] - KEEP_M)
+                paths_m[row, column] = max(0.0, paths_m[row, column] - KEEP_M)
         for row, seeker in enumerate(self.seekers):
             for column, candidate in enumerate(self.candidates if seeker.avoided else ()):
                 if is_avoided(candidate, seeker):
-                    ways_m[row, column] = math.inf
-        ways_m.setflags(write=False)
-        return ways_m
+                    paths_m[row, column] = math.inf
+        paths_m.setflags(write=False)
+        return paths_m
 
     @cached_property
     def too_far(self) -> NDArray[np.bool_]:
@@ -160,8 +160,8 @@ class Situation:
             return too_far
         for row, seeker in enumerate(self.seekers):
             if seeker.homes and math.isfinite(seeker.reach_m):
-                ways_m = np.asarray(self._path_costs(seeker.place))
-                too_far[row] = np.isfinite(ways_m) & (ways_m + self._home_m(seeker.homes) > seeker.reach_m)
+                paths_m = np.asarray(self._path_costs(seeker.place))
+                too_far[row] = np.isfinite(paths_m) & (paths_m + self._home_m(seeker.homes) > seeker.reach_m)
         return too_far
 
     def _home_m(self, homes: tuple[Point2D, ...]) -> NDArray[np.float64]:
@@ -169,8 +169,8 @@ class Situation:
         least_m = np.full(len(self.candidates), math.inf)
         for home in homes:
             away_m = np.array([HOME_DETOUR * candidate.place.distance_m(home) for candidate in self.candidates])
-            ways_m = np.asarray(self._path_costs(home))
-            least_m = np.minimum(least_m, np.where(np.isfinite(ways_m), ways_m, away_m))
+            paths_m = np.asarray(self._path_costs(home))
+            least_m = np.minimum(least_m, np.where(np.isfinite(paths_m), paths_m, away_m))
         return least_m
 
     @cached_property
@@ -193,10 +193,10 @@ class Situation:
 
         Each row may be some seconds old, as `costs_between` gives it.
         """
-        one_way_m = np.full((len(columns), len(columns)), np.inf)
+        one_path_m = np.full((len(columns), len(columns)), np.inf)
         for row, column in enumerate(columns):
-            one_way_m[row] = self._costs_between(self.candidates[column].place)[list(columns)]
-        between_m: NDArray[np.float64] = np.minimum(one_way_m, one_way_m.T)
+            one_path_m[row] = self._costs_between(self.candidates[column].place)[list(columns)]
+        between_m: NDArray[np.float64] = np.minimum(one_path_m, one_path_m.T)
         np.fill_diagonal(between_m, 0.0)
         return between_m
 
@@ -208,14 +208,14 @@ class Situation:
 
     def choice(self, row: int, column: int, cost_m: float) -> Choice:
         """The choice of a frontier for a seeker, by their numbers."""
-        way_m = float(self.ways_m[row, column])
-        return Choice(self.seekers[row].name, self.candidates[column].place, float(cost_m), way_m, self.is_narrow)
+        path_m = float(self.ways_m[row, column])
+        return Choice(self.seekers[row].name, self.candidates[column].place, float(cost_m), path_m, self.is_narrow)
 
     def _from(self, places: Sequence[Point2D]) -> NDArray[np.float64]:
-        ways_m = np.full((len(places), len(self.candidates)), np.inf)
+        paths_m = np.full((len(places), len(self.candidates)), np.inf)
         for row, place in enumerate(places if self.candidates else ()):
-            ways_m[row] = self._path_costs(place)
-        return ways_m
+            paths_m[row] = self._path_costs(place)
+        return paths_m
 
 
 def is_avoided(candidate: FrontierCandidate, seeker: Seeker) -> bool:

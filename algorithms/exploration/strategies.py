@@ -35,8 +35,8 @@ def joint(situation: Situation) -> list[Choice]:
     from scipy.optimize import linear_sum_assignment
 
     added_m = _crowding_m(situation.candidates, [robot.goal for robot in situation.busy]) - worth_m(situation)
-    ways_m = situation.ways_m
-    costs = np.where(np.isfinite(ways_m), ways_m + added_m, UNREACHABLE)
+    paths_m = situation.ways_m
+    costs = np.where(np.isfinite(paths_m), paths_m + added_m, UNREACHABLE)
     rows, columns = linear_sum_assignment(costs)
     return [
         situation.choice(row, column, costs[row, column])
@@ -50,10 +50,10 @@ def worth_m(situation: Situation) -> NDArray[np.float64]:
     return np.array([min(GAIN_M_PER_M2 * candidate.unknown_m2, GAIN_LIMIT_M) for candidate in situation.candidates])
 
 
-def _crowding_m(candidates: tuple[FrontierCandidate, ...], taken: list[Point2D]) -> NDArray[np.float64]:
+def _crowding_m(candidates: tuple[FrontierCandidate, ...], claimed: list[Point2D]) -> NDArray[np.float64]:
     penalties = np.zeros(len(candidates))
     for index, candidate in enumerate(candidates):
-        for goal in taken:
+        for goal in claimed:
             away_m = candidate.place.distance_m(goal)
             penalties[index] += CROWD_PENALTY_M * max(0.0, 1.0 - away_m / CROWD_RADIUS_M)
     return penalties
@@ -71,14 +71,14 @@ def nearest(situation: Situation) -> list[Choice]:
 
     After Yamauchi, Frontier-Based Exploration Using Multiple Robots, 1998.
     """
-    taken = _taken(situation)
+    claimed = _claimed(situation)
     choices: list[Choice] = []
-    for row, ways_m in enumerate(situation.ways_m):
-        able = [(way_m, column) for column, way_m in enumerate(ways_m.tolist()) if _is_able(way_m, column, taken)]
+    for row, paths_m in enumerate(situation.ways_m):
+        able = [(path_m, column) for column, path_m in enumerate(paths_m.tolist()) if _is_able(path_m, column, claimed)]
         if able:
-            way_m, column = min(able)
-            taken.add(column)
-            choices.append(situation.choice(row, column, way_m))
+            path_m, column = min(able)
+            claimed.add(column)
+            choices.append(situation.choice(row, column, path_m))
     return choices
 
 
@@ -88,17 +88,19 @@ def minpos(situation: Situation) -> list[Choice]:
     After Bautin, Simonin, Charpillet, MinPos: A Novel Frontier Allocation Algorithm for Multi-robot Exploration, ICIRA
     2012. All robots count, also those that keep their goals.
     """
-    taken = _taken(situation)
-    ways_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
+    claimed = _claimed(situation)
+    paths_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
     choices: list[Choice] = []
     for row in range(len(situation.seekers)):
-        nearer = np.count_nonzero(ways_m < ways_m[row], axis=0).tolist()
-        own_m = ways_m[row].tolist()
-        able = [(nearer[column], way_m, column) for column, way_m in enumerate(own_m) if _is_able(way_m, column, taken)]
+        nearer = np.count_nonzero(paths_m < paths_m[row], axis=0).tolist()
+        own_m = paths_m[row].tolist()
+        able = [
+            (nearer[column], path_m, column) for column, path_m in enumerate(own_m) if _is_able(path_m, column, claimed)
+        ]
         if able:
-            _, way_m, column = min(able)
-            taken.add(column)
-            choices.append(situation.choice(row, column, way_m))
+            _, path_m, column = min(able)
+            claimed.add(column)
+            choices.append(situation.choice(row, column, path_m))
     return choices
 
 
@@ -110,14 +112,14 @@ def burgard(situation: Situation) -> list[Choice]:
     Multi-Robot Exploration, IEEE Transactions on Robotics 21(3), 2005, algorithm 1.
     """
     utility = 1.0 - _seen_from(situation.taken_m).sum(axis=0)
-    ways_m = situation.ways_m.copy()
-    ways_m[:, sorted(_taken(situation))] = math.inf
+    paths_m = situation.ways_m.copy()
+    paths_m[:, sorted(_claimed(situation))] = math.inf
     choices: list[Choice] = []
-    while np.isfinite(ways_m).any():
-        value_m = UTILITY_M * utility[np.newaxis, :] - ways_m
+    while np.isfinite(paths_m).any():
+        value_m = UTILITY_M * utility[np.newaxis, :] - paths_m
         row, column = (int(index) for index in np.unravel_index(np.argmax(value_m), value_m.shape))
         choices.append(situation.choice(row, column, -float(value_m[row, column])))
-        ways_m[row] = ways_m[:, column] = math.inf
+        paths_m[row] = paths_m[:, column] = math.inf
         utility -= _seen_from(situation.between_m[column])
     return choices
 
@@ -126,14 +128,14 @@ def _seen_from(path_m: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1.0 - path_m / SEEN_M)
 
 
-def _taken(situation: Situation) -> set[int]:
+def _claimed(situation: Situation) -> set[int]:
     """Numbers of the frontiers that are other robots' goals."""
     goals = {robot.goal for robot in situation.busy}
     return {column for column, candidate in enumerate(situation.candidates) if candidate.place in goals}
 
 
-def _is_able(way_m: float, column: int, taken: set[int]) -> bool:
-    return column not in taken and math.isfinite(way_m)
+def _is_able(path_m: float, column: int, claimed: set[int]) -> bool:
+    return column not in claimed and math.isfinite(path_m)
 
 
 NEAREST: Final = "nearest"
@@ -207,8 +209,8 @@ def _checked(name: str, strategy: Strategy, on_failure: Callable[[str, str], Non
             made: object = strategy(situation)
             if not isinstance(made, list):
                 raise TypeError(f"expected a list of Choice, got {type(made).__name__}")
-            if why := _choices_refusal(made, situation):
-                raise ValueError(why)
+            if reason := _choices_refusal(made, situation):
+                raise ValueError(reason)
         except Exception as error:  # noqa: BLE001 - foreign code
             on_failure(name, failure_text(strategy, error))
             return joint(situation)

@@ -83,12 +83,12 @@ def plan_tours(places: Places) -> list[list[int]]:
 @njit(cache=True, nogil=True)
 def _cost(places: Places, robot: int, tour: Ints, length: int) -> float:
     """Sum of weight times way of one tour; inf if it cannot be driven."""
-    way_m, cost = 0.0, 0.0
+    path_m, cost = 0.0, 0.0
     for index in range(length):
         place = tour[index]
-        way_m += places.first_m[robot, place] if index == 0 else places.between_m[tour[index - 1], place]
-        cost += places.weights[place] * way_m * places.far_m / (way_m + places.far_m)
-        way_m += places.stay_m[place]
+        path_m += places.first_m[robot, place] if index == 0 else places.between_m[tour[index - 1], place]
+        cost += places.weights[place] * path_m * places.far_m / (path_m + places.far_m)
+        path_m += places.stay_m[place]
     return cost
 
 
@@ -126,7 +126,7 @@ def _put(tours: Tours, robot: int, place: int, position: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _take(tours: Tours, robot: int, position: int) -> None:
+def _handle(tours: Tours, robot: int, position: int) -> None:
     for index in range(position + 1, tours.lengths[robot]):
         tours.places[robot, index - 1] = tours.places[robot, index]
     tours.lengths[robot] -= 1
@@ -140,7 +140,7 @@ def _move_places(places: Places, tours: Tours) -> bool:
         position = 0
         while position < tours.lengths[robot]:
             place, before = tours.places[robot, position], tours.costs[robot]
-            _take(tours, robot, position)
+            _handle(tours, robot, position)
             tours.costs[robot] = _cost(places, robot, tours.places[robot], tours.lengths[robot])
             saved = before - tours.costs[robot]
             added, to_robot, to_position = _best_insertion(places, tours, place)
@@ -319,19 +319,19 @@ def meetings_m(situation: Situation) -> NDArray[np.float64]:
     Two ways, from a to b and from c to d, run against each other over half of ab + cd − ad − cb, if the paths between
     all of them are those of a tree, as in a building of rooms and corridors they nearly are.
     """
-    ways_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
+    paths_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
     goals = [*(seeker.goal for seeker in situation.seekers), *(robot.goal for robot in situation.busy)]
     lost_m = np.zeros_like(situation.ways_m)
-    for mate, goal in enumerate(goals):
+    for teammate, goal in enumerate(goals):
         column = None if goal is None else situation.column_of(goal)
-        if column is None or not np.isfinite(ways_m[mate, column]):
+        if column is None or not np.isfinite(paths_m[teammate, column]):
             continue
         own_m = situation.ways_m
         with np.errstate(invalid="ignore"):
-            against_m = 0.5 * (own_m + ways_m[mate, column] - own_m[:, column, None] - ways_m[mate])
+            against_m = 0.5 * (own_m + paths_m[teammate, column] - own_m[:, column, None] - paths_m[teammate])
         against_m = np.where(np.isfinite(against_m), against_m, 0.0)
-        if mate < len(own_m):
-            against_m[mate] = 0.0
+        if teammate < len(own_m):
+            against_m[teammate] = 0.0
         lost_m += MEET_M * np.clip(against_m / MEET_OVER_M, 0.0, 1.0)
     return lost_m
 
@@ -362,7 +362,7 @@ def auto(situation: Situation) -> list[Choice]:
     robots = len(situation.seekers) + len(situation.busy)
     floor = situation.floor
     is_many = robots > TOUR_ROBOTS
-    is_told = floor is not None and (not is_many or floor.known_m2 > KNOWN_M2)
-    if robots >= ROOM_ROBOTS and floor is not None and is_told and floor.room_m2 < SMALL_ROOMS_M2:
+    is_reported = floor is not None and (not is_many or floor.known_m2 > KNOWN_M2)
+    if robots >= ROOM_ROBOTS and floor is not None and is_reported and floor.room_m2 < SMALL_ROOMS_M2:
         return rooms(situation)
     return joint(situation) if is_many else tours(situation)

@@ -266,15 +266,15 @@ class Localiser:
                 self._since_tried = 0
                 self._find_by_motes()
             return
-        why = self.watch.heard(self.filter.hear(sample, map_variance_m2=max(self._of_map[:2])).nis)
+        reason = self.watch.heard(self.filter.hear(sample, map_variance_m2=max(self._of_map[:2])).nis)
         self._since_tried += 1
-        if not why and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self.way_m):
+        if not reason and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self.way_m):
             self._since_tried = 0
             odds = better_elsewhere(self.pose, self._signals.seen_from_here(), self.spec.path_loss)
             if odds > ELSEWHERE_MAX:
-                why = f"the last {len(self._signals)} signals of motes speak for another place (by {odds:.0f} nat)"
-        if why:
-            self.lose(why)
+                reason = f"the last {len(self._signals)} signals of motes speak for another place (by {odds:.0f} nat)"
+        if reason:
+            self.lose(reason)
 
     def shift(self, T_new_old: Pose2D) -> None:
         """Move the estimate with the map, which loop closures have moved: the pose becomes `T_new_old` · pose."""
@@ -302,10 +302,10 @@ class Localiser:
         misfits = self.watch.misfits
         if not misfits:
             self._fitted_sigma_m = self.filter.sigma_m
-        way_m = min(self.way_m - self._seen_path_m, DOUBT_WAY_M)
+        path_m = min(self.way_m - self._seen_path_m, DOUBT_WAY_M)
         self._seen_path_m = self.way_m
         doubt_m2, doubt_rad2 = (
-            (self._share * each * way_m) ** 2 for each in (self.spec.doubt_m_per_m, self.spec.doubt_rad_per_m)
+            (self._share * each * path_m) ** 2 for each in (self.spec.doubt_m_per_m, self.spec.doubt_rad_per_m)
         )
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
         is_new = self.way_m - self._matched_path_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
@@ -316,13 +316,13 @@ class Localiser:
             self.filter.add((REFUSED_SIGMA_M**2, REFUSED_SIGMA_M**2, REFUSED_SIGMA_RAD**2))
         self._reckon_map(map)
         self.fits = is_believed and (not fit.beams or fit.fit >= self.spec.watch.fit_min)
-        why = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
-        if not why and fit.beams and (misfits or not self.fits):
+        reason = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
+        if not reason and fit.beams and (misfits or not self.fits):
             if not misfits:
                 self._T_now_wheels = IDENTITY
-            why = self._jumped(believed, map.T_arena_local.inverse().compose(self.pose).compose(T_robot_sensor))
-        if why:
-            self.lose(why)
+            reason = self._jumped(believed, map.T_arena_local.inverse().compose(self.pose).compose(T_robot_sensor))
+        if reason:
+            self.lose(reason)
         return fit
 
     def _jumped(self, believed: Pose2D, now: Pose2D) -> str:
@@ -458,12 +458,12 @@ class Localiser:
         share = self._share * math.exp(ADAPTATION * (min(nis, NIS_MAX) - 1.0))
         self._share = min(max(share, self.spec.least_share), 1.0)
 
-    def lose(self, why: str) -> None:
+    def lose(self, reason: str) -> None:
         """The estimate is not to be believed any more.
 
         A robot that maps begins a frame of its own in which it is where it was believed to be.
         """
-        self._restart(why)
+        self._restart(reason)
         if self.spec.maps:
             sigmas = np.array((OWN_SIGMA_M, OWN_SIGMA_M, OWN_SIGMA_RAD))
             self.filter.place(self.pose, np.diag(sigmas * sigmas))
@@ -480,9 +480,9 @@ class Localiser:
         self.lost = ""
         self.watch.begin_anew()
 
-    def part(self, why: str) -> None:
+    def part(self, reason: str) -> None:
         """The frame in which the robot goes is not the arena frame any more; the estimate goes on in it."""
-        self.lost = why
+        self.lost = reason
         self._signals.forget()
         self._since_tried = 0
 

@@ -179,9 +179,9 @@ def _log_likelihood(
     count = mote_places.shape[0]
     logs = np.empty((xs.shape[0], ys.shape[0], yaws.shape[0]))
     sums, squares = np.empty(count), np.empty(count)
-    heard = np.zeros(count)
+    received = np.zeros(count)
     for n in range(motes.shape[0]):
-        heard[motes[n]] += 1
+        received[motes[n]] += 1
     turned = np.empty(places.shape)
     for a in range(yaws.shape[0]):
         cos, sin = math.cos(yaws[a]), math.sin(yaws[a])
@@ -201,7 +201,7 @@ def _log_likelihood(
                 total = 0.0
                 # A shared shadowing of variance s beside independent r: Sherman and Morrison's inverse of r·1 + s·11ᵀ.
                 for m in range(count):
-                    common = shadow_variance / (variance + heard[m] * shadow_variance)
+                    common = shadow_variance / (variance + received[m] * shadow_variance)
                     total -= 0.5 * (squares[m] - common * sums[m] * sums[m]) / variance
                 logs[i, j, a] = total
     return logs
@@ -232,10 +232,10 @@ class RecentSignals:
         """What was heard before may have been heard elsewhere."""
         self._records.clear()
 
-    def can_find(self, way_m: float) -> bool:
+    def can_find(self, path_m: float) -> bool:
         """Whether they are enough to look for the robot, after so much way."""
         names = {sample.mote for sample, _ in self._records}
-        return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and way_m > WAY_TO_FIND_M
+        return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and path_m > WAY_TO_FIND_M
 
     def seen_from_here(self) -> Signals:
         """All of them, with the places in the frame of the robot as it is now."""

@@ -157,7 +157,7 @@ class GyroYaw:
         beyond_rad = 0.0
         while rates and rates[0].stamp_ns <= stamp_ns:
             self.is_used = True
-            beyond_rad += self._take(rates.popleft())
+            beyond_rad += self._handle(rates.popleft())
         if self._last is None or stamp_ns - self._last.stamp_ns > GAP_NS:
             self.rate_rad_s = None
         return beyond_rad
@@ -167,7 +167,7 @@ class GyroYaw:
         """Whether the last comparison was one that wheels may have."""
         return RATIO_MIN <= self.ratio <= RATIO_MAX
 
-    def _take(self, rate: YawRate) -> float:
+    def _handle(self, rate: YawRate) -> float:
         last, self._last = self._last, rate
         wheels_rad, self._last_wheels_rad = self._last_wheels_rad, self._wheels_at(rate.stamp_ns)
         bias_rad_s = self.bias_rad_s

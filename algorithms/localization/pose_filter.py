@@ -69,14 +69,14 @@ def predict(
         for j in range(size):
             covariance[i, j] = covariance[j, i] = 0.5 * (covariance[i, j] + covariance[j, i])
 
-    way_m = math.hypot(forward_m, left_m)
-    covariance[X, X] += variances[0] * way_m
-    covariance[Y, Y] += variances[0] * way_m
-    covariance[YAW, YAW] += variances[1] * way_m + variances[2] * abs(turn_rad)
+    path_m = math.hypot(forward_m, left_m)
+    covariance[X, X] += variances[0] * path_m
+    covariance[Y, Y] += variances[0] * path_m
+    covariance[YAW, YAW] += variances[1] * path_m + variances[2] * abs(turn_rad)
     for k in range(3):
-        covariance[SCALE + k, SCALE + k] += variances[3 + k] * way_m
-    if way_m > 0.0:
-        keep = math.exp(-way_m / decorrelation_m)
+        covariance[SCALE + k, SCALE + k] += variances[3 + k] * path_m
+    if path_m > 0.0:
+        keep = math.exp(-path_m / decorrelation_m)
         for i in range(SHADOWS, size):
             mean[i] *= keep
             for j in range(size):

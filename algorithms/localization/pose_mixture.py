@@ -113,17 +113,19 @@ class PoseMixture:
         What a part's gate refuses counts against it as much as what the gate lets just pass.
         """
         self._split()
-        heard = [part.hear(sample, gate, map_variance_m2=map_variance_m2) for part in self._parts]
-        if len(heard) == 1:
-            return heard[0]
-        innovations_db = np.array([each.innovation_db for each in heard])
-        variances_db2 = np.array([each.variance_db2 for each in heard])
+        received = [part.hear(sample, gate, map_variance_m2=map_variance_m2) for part in self._parts]
+        if len(received) == 1:
+            return received[0]
+        innovations_db = np.array([each.innovation_db for each in received])
+        variances_db2 = np.array([each.variance_db2 for each in received])
         weights = np.array(self._weights)
         mean_db = dot(weights, innovations_db)
         variance_db2 = dot(weights, variances_db2 + innovations_db**2) - mean_db**2
-        nis = np.minimum([each.nis for each in heard], gate)
+        nis = np.minimum([each.nis for each in received], gate)
         self._weigh(-0.5 * (nis + log(variances_db2)))
-        return MeasurementUpdate(mean_db**2 / variance_db2, any(each.is_taken for each in heard), mean_db, variance_db2)
+        return MeasurementUpdate(
+            mean_db**2 / variance_db2, any(each.is_taken for each in received), mean_db, variance_db2
+        )
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
         """Take in a measurement of `row` · (x, y, yaw) that differs by `innovation` from the mean; its NIS."""

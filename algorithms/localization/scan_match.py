@@ -326,12 +326,12 @@ def search(
 def _without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> Floats:
     """A copy with NaN for runs, around the whole scan, of fewer than `misses_min` ranges at the maximum."""
     count = ranges_m.shape[0]
-    heard_m = ranges_m.copy()
+    received_m = ranges_m.copy()
     first = 0  # a beam with a return: runs are counted from there
     while first < count and not ranges_m[first] < range_max_m:
         first += 1
     if first == count:
-        return heard_m
+        return received_m
     run = 0
     for n in range(1, count + 1):
         beam = (first + n) % count
@@ -340,9 +340,9 @@ def _without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> 
             continue
         if run < misses_min:
             for back in range(1, run + 1):
-                heard_m[(beam - back) % count] = np.nan
+                received_m[(beam - back) % count] = np.nan
         run = 0
-    return heard_m
+    return received_m
 
 
 REACH_M = 0.4
@@ -480,8 +480,8 @@ def without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> F
     Black or wet surfaces return single beams or none at random: that is no sign that the way is free. Where it is, many
     neighbouring beams have no return. The first and the last beam count as neighbours.
     """
-    heard_m: Floats = _without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)
-    return heard_m
+    received_m: Floats = _without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)
+    return received_m
 
 
 def _in_walls(points: Floats, geometry: GridGeometry) -> Floats:

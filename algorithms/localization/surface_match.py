@@ -77,11 +77,11 @@ def _agreement(
     for k in range(points.shape[0]):
         out_x = per_m * (cos * points[k, 0] - sin * points[k, 1])
         out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
-        way = math.hypot(out_x, out_y)
+        length = math.hypot(out_x, out_y)
         is_blocked = False
         at = body_m * per_m
-        while at < way - short_m * per_m and not is_blocked:
-            row, column = math.floor(y + out_y * at / way), math.floor(x + out_x * at / way)
+        while at < length - short_m * per_m and not is_blocked:
+            row, column = math.floor(y + out_y * at / length), math.floor(x + out_x * at / length)
             is_blocked = 0 <= row < height and 0 <= column < width and log_odds[row, column] > 0
             at += 1.0
         row, column = math.floor(y + out_y), math.floor(x + out_x)

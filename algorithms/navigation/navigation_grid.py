@@ -164,7 +164,7 @@ class NavigationGrid:
         self.cost: NDArray[np.float32] = np.empty(classes.shape, np.float32)
         self._classes = classes
         everything = np.s_[:, :]
-        self._look(everything, everything, everything)
+        self._check(everything, everything, everything)
 
     def update(self, classes: NDArray[np.int8]) -> None:
         """Look at the map again: only where it has changed, and as far around as that can be felt."""
@@ -182,10 +182,10 @@ class NavigationGrid:
         outer = np.s_[top : rows[-1] + 2 * reach + 1, left : columns[-1] + 2 * reach + 1]
         height, width = classes[inner].shape
         row, column = low_row - top, low_column - left
-        self._look(outer, np.s_[row : row + height, column : column + width], inner)
+        self._check(outer, np.s_[row : row + height, column : column + width], inner)
         self.__dict__.pop("_coarse", None)
 
-    def _look(self, outer: tuple[slice, slice], within: tuple[slice, slice], inner: tuple[slice, slice]) -> None:
+    def _check(self, outer: tuple[slice, slice], within: tuple[slice, slice], inner: tuple[slice, slice]) -> None:
         """Fill in the cells `inner` from the part `outer` of the map; `within` is the place of `inner` in `outer`."""
         felt_m = self.preferred_m + COMFORT_M
         near_m = clearance_m(self._classes[outer] == OCCUPIED, self.geometry.resolution_m, felt_m)[within]

@@ -33,24 +33,20 @@ def _standpoint(
 ) -> tuple[int, int]:
     height, width = classes.shape
     best_2, best_row, best_column = reach * reach + 1, -1, -1
-    for stand_row in range(max(0, row - reach), min(height, row + reach + 1)):
-        for stand_column in range(max(0, column - reach), min(width, column + reach + 1)):
-            away_2 = (stand_row - row) ** 2 + (stand_column - column) ** 2
-            if (
-                away_2 < best_2
-                and traversable[stand_row, stand_column]
-                and _sees(classes, stand_row, stand_column, row, column)
-            ):
-                best_2, best_row, best_column = away_2, stand_row, stand_column
+    for at_row in range(max(0, row - reach), min(height, row + reach + 1)):
+        for at_column in range(max(0, column - reach), min(width, column + reach + 1)):
+            away_2 = (at_row - row) ** 2 + (at_column - column) ** 2
+            if away_2 < best_2 and traversable[at_row, at_column] and _sees(classes, at_row, at_column, row, column):
+                best_2, best_row, best_column = away_2, at_row, at_column
     return best_row, best_column
 
 
 @njit(cache=True, nogil=True)
 def _sees(classes: NDArray[np.int8], row: int, column: int, to_row: int, to_column: int) -> bool:
     """Whether the straight line between two cells' centres crosses no occupied cell, by two looks a cell."""
-    looks = 2 * max(abs(to_row - row), abs(to_column - column))
-    for look in range(1, looks):
-        share = look / looks
+    checks = 2 * max(abs(to_row - row), abs(to_column - column))
+    for check in range(1, checks):
+        share = check / checks
         between_row = math.floor(row + share * (to_row - row) + 0.5)
         between_column = math.floor(column + share * (to_column - column) + 0.5)
         if classes[between_row, between_column] == OCCUPIED:
@@ -104,7 +100,7 @@ def _put(first: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.
 
 
 @njit(cache=True, nogil=True)
-def _take(
+def _handle(
     first: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32], cell: int, bucket: int
 ) -> None:
     if before[cell] >= 0:
@@ -137,7 +133,7 @@ def _settle(
         if cell < 0:
             bucket = bucket + 1 if bucket + 1 < ring else 0
             continue
-        _take(first, after, before, cell, bucket)
+        _handle(first, after, before, cell, bucket)
         waits[cell] = False
         waiting -= 1
         for k in range(8):
@@ -151,7 +147,7 @@ def _settle(
             if through >= distance[near]:
                 continue
             if waits[near]:
-                _take(first, after, before, near, int(distance[near] / bucket_width) % ring)
+                _handle(first, after, before, near, int(distance[near] / bucket_width) % ring)
             else:
                 waits[near] = True
                 waiting += 1

@@ -82,20 +82,20 @@ def sample_path(points: Floats, limit_m: float) -> Floats:
     return _sample(kernel_array(points, FLOAT64), STEP_M, float(limit_m))
 
 
-def pass_on(ways: Sequence[Floats], passed: Sequence[int], places: Floats) -> list[int]:
+def pass_on(routes: Sequence[Floats], passed: Sequence[int], places: Floats) -> list[int]:
     """How far robots at `places` (N, 2) have come along their ways, each (M, 2): the position that each has passed.
 
     What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
 
     Args:
-        ways: positions of each way.
+        routes: positions of each way.
         passed: the position of each that was passed before.
         places: where the robots are now.
 
     """
-    begins = np.array([0, *itertools.accumulate([len(way) for way in ways])])
+    begins = np.array([0, *itertools.accumulate([len(route) for route in routes])])
     now = np.array(passed, np.int64)
-    _pass_on(np.concatenate(ways), begins, now, kernel_array(places, FLOAT64))
+    _pass_on(np.concatenate(routes), begins, now, kernel_array(places, FLOAT64))
     found: list[int] = now.tolist()
     return found
 
@@ -224,8 +224,8 @@ def _passed_at(positions: Floats, passed: int, x_m: float, y_m: float) -> int:
 def _pass_on(positions: Floats, begins: NDArray[np.int64], passed: NDArray[np.int64], places: Floats) -> None:
     """Set what is passed of several ways, which lie one behind the other, from `begins[n]` on."""
     for n in range(passed.shape[0]):
-        way = positions[begins[n] : begins[n + 1]]
-        passed[n] = _passed_at(way, passed[n], places[n, 0], places[n, 1])
+        route = positions[begins[n] : begins[n + 1]]
+        passed[n] = _passed_at(route, passed[n], places[n, 0], places[n, 1])
 
 
 @njit(cache=True, nogil=True)
@@ -324,12 +324,12 @@ def _release(
     """Mate and robot would meet there, nearly in time."""
     meets = np.zeros(count, np.bool_)
     """They would meet there if both kept exactly to their times."""
-    for mate in range(begins.shape[0] - 1):
-        if not goes_first[mate]:
+    for teammate in range(begins.shape[0] - 1):
+        if not goes_first[teammate]:
             continue
-        first, last = begins[mate], begins[mate + 1] - 1
-        held = held_at[mate] < last - first
-        reach_2 = (keep_m[mate] + contest_m) ** 2
+        first, last = begins[teammate], begins[teammate + 1] - 1
+        held = held_at[teammate] < last - first
+        reach_2 = (keep_m[teammate] + contest_m) ** 2
         stride_m = _stride_m(tracks, first, last)
         for k in range(count):
             own_s = k * own_step_s
@@ -339,18 +339,18 @@ def _release(
                 dx, dy = tracks[j, 0] - own[k, 0], tracks[j, 1] - own[k, 1]
                 if dx * dx + dy * dy >= reach_2:
                     # The track takes so many positions at least to come within reach.
-                    j += max(0, int((math.sqrt(dx * dx + dy * dy) - keep_m[mate] - contest_m) / stride_m) - 1)
+                    j += max(0, int((math.sqrt(dx * dx + dy * dy) - keep_m[teammate] - contest_m) / stride_m) - 1)
                     continue
                 if contested_by[k] < 0:
-                    contested_by[k] = mate
-                mate_s = (j - first) * steps_s[mate]
+                    contested_by[k] = teammate
+                teammate_s = (j - first) * steps_s[teammate]
                 # Who is held comes later than foreseen, nobody knows when; who has arrived stays there.
                 stays = held or j == last
-                if own_s + slack_s >= mate_s and (stays or own_s - slack_s <= mate_s):
+                if own_s + slack_s >= teammate_s and (stays or own_s - slack_s <= teammate_s):
                     late[k] = True
-                if own_s + 0.5 * own_step_s >= mate_s and (stays or own_s - 0.5 * own_step_s <= mate_s):
+                if own_s + 0.5 * own_step_s >= teammate_s and (stays or own_s - 0.5 * own_step_s <= teammate_s):
                     meets[k] = True
-                if k == count - 1 and mate_s >= own_s:  # the robot stays at the end of its way
+                if k == count - 1 and teammate_s >= own_s:  # the robot stays at the end of its way
                     late[k] = True
                     meets[k] = True
     end, by, must_leave = count, -1, False
@@ -371,12 +371,12 @@ def _release(
     guarded = min(count - 1, int(guard_s / own_step_s) + 1)
     guarded_m = guarded * _stride_m(own, 0, guarded)
     """How far the robot can get while the guard looks ahead."""
-    for mate in range(begins.shape[0] - 1):
-        first, last = begins[mate], begins[mate + 1] - 1
-        last = min(last, first + held_at[mate])
-        reach_m = keep_m[mate] + guard_m
+    for teammate in range(begins.shape[0] - 1):
+        first, last = begins[teammate], begins[teammate + 1] - 1
+        last = min(last, first + held_at[teammate])
+        reach_m = keep_m[teammate] + guard_m
         now_m = math.hypot(tracks[first, 0] - own[0, 0], tracks[first, 1] - own[0, 1])
-        soon = min(last, first + int((guard_s + 0.5) / steps_s[mate]) + 1)
+        soon = min(last, first + int((guard_s + 0.5) / steps_s[teammate]) + 1)
         if now_m - guarded_m - (soon - first) * _stride_m(tracks, first, soon) > reach_m:
             continue
         for k in range(1, end):
@@ -384,14 +384,14 @@ def _release(
             if own_s > guard_s:
                 break
             # Where the mate may be by then: on time, or up to half a second late or early.
-            low = min(last, first + int(max(0.0, own_s - 0.5) / steps_s[mate]))
-            high = min(last, first + int((own_s + 0.5) / steps_s[mate]) + 1)
+            low = min(last, first + int(max(0.0, own_s - 0.5) / steps_s[teammate]))
+            high = min(last, first + int((own_s + 0.5) / steps_s[teammate]) + 1)
             nearest_m = np.inf
             for j in range(low, high + 1):
                 nearest_m = min(nearest_m, math.hypot(tracks[j, 0] - own[k, 0], tracks[j, 1] - own[k, 1]))
             # Who is too near already may go where that does not get worse.
             if nearest_m < reach_m and nearest_m < now_m - 0.02:
-                end, by = max(1, k - 1), mate
+                end, by = max(1, k - 1), teammate
                 break
     return end, must_leave, by
 
@@ -498,11 +498,11 @@ def _escape(
             while parent[back] >= 0:
                 back = parent[back]
                 count += 1
-            way = np.empty((count, 2), np.int32)
+            route = np.empty((count, 2), np.int32)
             for k in range(count - 1, -1, -1):
-                way[k, 0], way[k, 1] = cell // width, cell % width
+                route[k, 0], route[k, 1] = cell // width, cell % width
                 cell = parent[cell]
-            return way
+            return route
         for k in range(8):
             near_row, near_column = row + _ROW_STEPS[k], column + _COLUMN_STEPS[k]
             if not (0 <= near_row < height and 0 <= near_column < width and traversable[near_row, near_column]):

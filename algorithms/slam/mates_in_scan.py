@@ -26,7 +26,7 @@ ROUND_M = 0.06
 """Largest distance, metres, of the beams' ends from a circle of the mate's radius."""
 
 
-def robot_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, told: Floats) -> Floats:
+def robot_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, reported: Floats) -> Floats:
     """Circles (at most 2 K, 3) x, y, radius in metres, arena frame; a beam that ends in one did not end at a wall.
 
     Args:
@@ -34,10 +34,10 @@ def robot_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sens
         ranges_m: (N,) their ranges.
         range_max_m: a range that is not less means that nothing was hit.
         sensor: the sensor's pose, arena frame.
-        told: (K, 3) published places of the mates and their radii, metres, arena frame.
+        reported: (K, 3) published places of the mates and their radii, metres, arena frame.
 
     """
-    if not len(told):
+    if not len(reported):
         return np.empty((0, 3))
     return _robot_circles(
         kernel_array(angles_rad, FLOAT64),
@@ -46,7 +46,7 @@ def robot_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sens
         float(sensor.x_m),
         float(sensor.y_m),
         float(sensor.yaw_rad),
-        kernel_array(told, FLOAT64),
+        kernel_array(reported, FLOAT64),
     )
 
 
@@ -69,12 +69,12 @@ def wall_ends(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: 
     return ends
 
 
-def sees_through(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, told: Floats) -> bool:
+def sees_through(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, reported: Floats) -> bool:
     """Whether a mate is not where it says that it is: beams go clear through the middle of the place.
 
     Arguments are those of `robot_circles`. Where walls or others hide the place nothing is said.
     """
-    for x_m, y_m, radius_m in told.tolist():
+    for x_m, y_m, radius_m in reported.tolist():
         away_m = math.hypot(x_m - sensor.x_m, y_m - sensor.y_m)
         if not THROUGH_M + radius_m < away_m < range_max_m - THROUGH_M:
             continue
@@ -111,18 +111,18 @@ def _wall_ends(
 
 @njit(cache=True, nogil=True)
 def _robot_circles(
-    angles_rad: Floats, ranges_m: Floats, range_max_m: float, x_m: float, y_m: float, yaw_rad: float, told: Floats
+    angles_rad: Floats, ranges_m: Floats, range_max_m: float, x_m: float, y_m: float, yaw_rad: float, reported: Floats
 ) -> Floats:
     beams = angles_rad.shape[0]
     is_round_trip = beams > 1 and (angles_rad[-1] - angles_rad[0]) * beams / (beams - 1) > 0.99 * math.tau
-    circles = np.empty((2 * told.shape[0], 3))
+    circles = np.empty((2 * reported.shape[0], 3))
     count = 0
-    for k in range(told.shape[0]):
-        radius_m = told[k, 2]
-        away_m = math.hypot(told[k, 0] - x_m, told[k, 1] - y_m)
+    for k in range(reported.shape[0]):
+        radius_m = reported[k, 2]
+        away_m = math.hypot(reported[k, 0] - x_m, reported[k, 1] - y_m)
         if away_m > range_max_m + REACH_M + radius_m:
             continue
-        circles[count, 0], circles[count, 1], circles[count, 2] = told[k, 0], told[k, 1], radius_m + MARGIN_M
+        circles[count, 0], circles[count, 1], circles[count, 2] = reported[k, 0], reported[k, 1], radius_m + MARGIN_M
         count += 1
         # Of the free-standing round objects as wide as the mate, the one nearest to the published place.
         nearest_m = REACH_M
@@ -147,7 +147,7 @@ def _robot_circles(
                 spread_rad = last_rad - angles_rad[first]
                 angle = yaw_rad + 0.5 * (angles_rad[first] + last_rad)
                 center_x, center_y = x_m + reach_m * math.cos(angle), y_m + reach_m * math.sin(angle)
-                off_m = math.hypot(center_x - told[k, 0], center_y - told[k, 1])
+                off_m = math.hypot(center_x - reported[k, 0], center_y - reported[k, 1])
                 if off_m < nearest_m and spread_rad <= 2.2 * half_rad:
                     is_round = True
                     for beam in range(first, last + 1):

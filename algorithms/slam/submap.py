@@ -119,7 +119,7 @@ class Submap:
         latest_ms = latest(self.stamp_ms, row - self.row, column - self.column, height, width)
         stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)
         first_row, first_column, evidence, tiles_ms = self._covering(row, column, height, width)
-        more, at, told_ms, told = add_cells(
+        more, at, reported_ms, reported = add_cells(
             evidence, tiles_ms, row - first_row, column - first_column, kernel_array(cells, INT8), stamps_ms
         )
         return SubmapStep(
@@ -129,7 +129,7 @@ class Submap:
             evidence,
             tiles_ms,
             self.occupied + more,
-            Tiles(at, told_ms, told),
+            Tiles(at, reported_ms, reported),
             latest_ms < 0 or (isinstance(stamp_ms, int) and stamp_ms > latest_ms),
             (_tile_down(row), _tile_down(column), -_tile_down(-row - height), -_tile_down(-column - width)),
         )
@@ -301,7 +301,7 @@ def add_cells(
     is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
     first_tile, first_tile_row = first_column // TILE_CELLS, first_row // TILE_CELLS
     tiles = (first_column + cells.shape[1] - 1) // TILE_CELLS - first_tile + 1
-    is_told = np.zeros(((first_row + cells.shape[0] - 1) // TILE_CELLS - first_tile_row + 1, tiles), np.bool_)
+    is_reported = np.zeros(((first_row + cells.shape[0] - 1) // TILE_CELLS - first_tile_row + 1, tiles), np.bool_)
     # A late patch fills only unknown cells. A tile's time changes after all its cells have been compared with it.
     latest_ms = np.full(tiles, -1, np.int32)
     for i in range(cells.shape[0]):
@@ -323,19 +323,19 @@ def add_cells(
             evidence[row, column] = now
         if (row + 1) % TILE_CELLS == 0 or i == cells.shape[0] - 1:
             for n in range(tiles):
-                is_told[tile_row - first_tile_row, n] = latest_ms[n] >= 0
+                is_reported[tile_row - first_tile_row, n] = latest_ms[n] >= 0
                 stamps_ms[tile_row, first_tile + n] = max(stamps_ms[tile_row, first_tile + n], latest_ms[n])
             latest_ms[:] = -1
-    at = np.empty((np.count_nonzero(is_told), 2), np.int32)
-    told_ms = np.empty(at.shape[0], np.int32)
-    told = np.empty((at.shape[0], TILE_CELLS, TILE_CELLS), np.int8)
+    at = np.empty((np.count_nonzero(is_reported), 2), np.int32)
+    reported_ms = np.empty(at.shape[0], np.int32)
+    reported = np.empty((at.shape[0], TILE_CELLS, TILE_CELLS), np.int8)
     n = 0
-    for i in range(is_told.shape[0]):
+    for i in range(is_reported.shape[0]):
         for j in range(tiles):
-            if is_told[i, j]:
+            if is_reported[i, j]:
                 row, column = first_tile_row + i, first_tile + j
-                at[n, 0], at[n, 1], told_ms[n] = row, column, stamps_ms[row, column]
+                at[n, 0], at[n, 1], reported_ms[n] = row, column, stamps_ms[row, column]
                 top, left = row * TILE_CELLS, column * TILE_CELLS
-                told[n] = evidence[top : top + TILE_CELLS, left : left + TILE_CELLS]
+                reported[n] = evidence[top : top + TILE_CELLS, left : left + TILE_CELLS]
                 n += 1
-    return more, at, told_ms, told
+    return more, at, reported_ms, reported

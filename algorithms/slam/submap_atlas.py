@@ -261,20 +261,20 @@ class SubmapAtlas:
         begins, firsts, places, at, stamps_ms, cells = [0], [], [], [], [], []
         submaps = self.submaps
         for key, step in steps:
-            submap, told = submaps.get(key) or self._begun(key), step.told
+            submap, reported = submaps.get(key) or self._begun(key), step.told
             self._size += step.evidence.nbytes - submap.evidence.nbytes
             submap.become(step)
-            if submap.frame == self.frame and len(told.at):
+            if submap.frame == self.frame and len(reported.at):
                 place = self._places.get(key)
                 here, first = submap.T_arena_local, (step.row, step.column)
                 if place is None or place.at is not here or place.first != first:
                     place = self._places[key] = self._place(submap)
-                begins.append(begins[-1] + len(told.at))
+                begins.append(begins[-1] + len(reported.at))
                 firsts.append(first)
                 places.append(place.numbers)
-                at.append(told.at)
-                stamps_ms.append(told.stamps_ms)
-                cells.append(told.cells)
+                at.append(reported.at)
+                stamps_ms.append(reported.stamps_ms)
+                cells.append(reported.cells)
         if not firsts:
             return 0
         is_one = len(firsts) == 1

@@ -323,9 +323,9 @@ class SubmapGraph:
         # However many scans match a mate's submaps, these have the same error, and the mates use this robot's poses in
         # turn. So all closures with mates together give no smaller variance than that of one mate, as in covariance
         # intersection.
-        measured, mates = link.covariance(), np.array(variances_of(other))
-        information, sure = inverse(_widened(measured, mates)), inverse(_widened(measured, with_mates * mates))
-        gate = self._gate(link, mates)
+        measured, teammates = link.covariance(), np.array(variances_of(other))
+        information, sure = inverse(_widened(measured, teammates)), inverse(_widened(measured, with_mates * teammates))
+        gate = self._gate(link, teammates)
         if link.told:
             return Edge(own, link.at_own, held_at[key], link.at_other, information, link.may_be_false, sure, gate)
         return Edge(held_at[key], link.at_other, own, link.at_own, information, link.may_be_false, sure, gate)

@@ -232,9 +232,9 @@ class _Run:
         while (now_ns := self._clock.now_ns() + TICK_NS) <= stamp_ns:
             self._clock.advance_to(now_ns)
             self._host.step()
-            self._look(self._host.board)
+            self._check(self._host.board)
 
-    def _look(self, board: Board) -> None:
+    def _check(self, board: Board) -> None:
         """Where the scans lie that were taken in by now."""
         own, T_arena_odom = board.shared(OwnMap), board.T_arena_odom
         local_pose, local_map = own.local_pose, own.local_map

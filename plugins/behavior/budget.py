@@ -108,7 +108,7 @@ class Budget:
         chargers = self.home.chargers()
         if chargers:
             free = self.docks.free(chargers) or chargers
-            return min(self.ways(place, free), key=lambda way: way[1])
+            return min(self.ways(place, free), key=lambda route: route[1])
         start = self.home.start()
         return None, 0.0 if start is None else self._path_m(place, start)
 
@@ -155,12 +155,12 @@ class Docks:
     def holder(self, place: Point2D) -> str:
         """Who stands at the charger at this place, or will be there before this robot; empty if nobody."""
         mine = (self._travel.pose().distance_m(place), self._robot)
-        for mate in self._travel.teammates.mates(place, AT_DOCK_M):
-            away_m = mate.pose.distance_m(place)
+        for teammate in self._travel.teammates.mates(place, AT_DOCK_M):
+            away_m = teammate.pose.distance_m(place)
             if away_m <= AT_DOCK_M < mine[0]:
-                return mate.name
-            if _is_near(mate.bound, place) and (away_m, mate.name) < mine:
-                return mate.name
+                return teammate.name
+            if _is_near(teammate.bound, place) and (away_m, teammate.name) < mine:
+                return teammate.name
         return ""
 
     def free(self, chargers: Sequence[ChargerPlace]) -> list[ChargerPlace]:
@@ -171,18 +171,26 @@ class Docks:
         """Mates that want to charge and have no charger."""
         pose = self._travel.pose()
         near = self._travel.teammates.mates(Point2D(pose.x_m, pose.y_m), self._travel.mate_near_m)
-        return [mate for mate in near if mate.behavior == RECHARGES and not _has_one(mate, chargers)]
+        return [teammate for teammate in near if teammate.behavior == RECHARGES and not _has_one(teammate, chargers)]
 
     def charging(self, chargers: Sequence[ChargerPlace]) -> list[Mate]:
         """Mates that stand at a charger."""
-        found = {mate.name: mate for each in chargers for mate in self._travel.teammates.mates(each.place, AT_DOCK_M)}
+        found = {
+            teammate.name: teammate
+            for each in chargers
+            for teammate in self._travel.teammates.mates(each.place, AT_DOCK_M)
+        }
         return [
-            mate for mate in found.values() if any(mate.pose.distance_m(each.place) <= AT_DOCK_M for each in chargers)
+            teammate
+            for teammate in found.values()
+            if any(teammate.pose.distance_m(each.place) <= AT_DOCK_M for each in chargers)
         ]
 
 
-def _has_one(mate: Mate, chargers: Sequence[ChargerPlace]) -> bool:
-    return any(mate.pose.distance_m(each.place) <= AT_DOCK_M or _is_near(mate.bound, each.place) for each in chargers)
+def _has_one(teammate: Mate, chargers: Sequence[ChargerPlace]) -> bool:
+    return any(
+        teammate.pose.distance_m(each.place) <= AT_DOCK_M or _is_near(teammate.bound, each.place) for each in chargers
+    )
 
 
 def _is_near(one: Point2D, other: Point2D) -> bool:

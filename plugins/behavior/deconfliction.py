@@ -59,11 +59,11 @@ class Encounter:
 
     """
 
-    def __init__(self, robot: str, claim: Claim, radius_m: float, mates: Sequence[Mate], speed_m_s: float) -> None:
+    def __init__(self, robot: str, claim: Claim, radius_m: float, teammates: Sequence[Mate], speed_m_s: float) -> None:
         self.radius_m = radius_m
-        self.mates = mates
+        self.mates = teammates
         self._speed_m_s = speed_m_s
-        self.tracks = _tracks(mates, radius_m, claim.rank(robot))
+        self.tracks = _tracks(teammates, radius_m, claim.rank(robot))
 
     def release(self, ahead: Floats) -> Release:
         """How far the robot may go along positions (N, 2)."""
@@ -76,19 +76,19 @@ class Encounter:
     def in_the_way_of(self, here: Floats, within_s: float) -> list[str]:
         """Who of those who go first is to pass these positions (N, 2) within that time."""
         found = []
-        for mate, track in zip(self.mates, self.tracks, strict=True):
+        for teammate, track in zip(self.mates, self.tracks, strict=True):
             if track.goes_first:
                 soon = 1 + round(within_s * track.speed_m_s / STEP_M)
                 if meet(here, track, MARGINS.contest_m, soon):
-                    found.append(mate.name)
+                    found.append(teammate.name)
         return found
 
     def still_meets(self, ahead: Floats, names: Sequence[str]) -> bool:
         """Whether the way of any of these mates meets that of the robot, whoever goes first."""
         return any(
             meet(ahead, track, MARGINS.contest_m)
-            for mate, track in zip(self.mates, self.tracks, strict=True)
-            if mate.name in names
+            for teammate, track in zip(self.mates, self.tracks, strict=True)
+            if teammate.name in names
         )
 
     def to_escape(self, *, push: bool = False) -> tuple[float, list[Track], float]:
@@ -98,36 +98,40 @@ class Encounter:
         """
         tracks = [
             track
-            for mate, track in zip(self.mates, self.tracks, strict=True)
-            if not push or track.goes_first or mate.doing is Doing.OBSTACLE
+            for teammate, track in zip(self.mates, self.tracks, strict=True)
+            if not push or track.goes_first or teammate.doing is Doing.OBSTACLE
         ]
         return self._speed_m_s, tracks, REFUGE_M
 
 
-def _tracks(mates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track]:
+def _tracks(teammates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track]:
     """The tracks of mates as a robot of that radius and rank sees them."""
     tracks = []
-    for mate in mates:
-        track, first = mate.track, False
-        if mate.doing is Doing.UNDER_WAY:
-            rank = mate.rank
-            first = (mate.claim.rank(mate.name) if rank is None else rank) < own
-        keep_m = mate.radius_m + radius_m
+    for teammate in teammates:
+        track, first = teammate.track, False
+        if teammate.doing is Doing.UNDER_WAY:
+            rank = teammate.rank
+            first = (teammate.claim.rank(teammate.name) if rank is None else rank) < own
+        keep_m = teammate.radius_m + radius_m
         tracks.append(Track(track.positions, track.speed_m_s, track.held_at, keep_m, goes_first=first))
     return tracks
 
 
-def circles(mates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Circle]:
+def circles(teammates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Circle]:
     """Where mates of one kind are, with a margin beyond their radius."""
-    return [(mate.pose.x_m, mate.pose.y_m, mate.radius_m + margin_m) for mate in mates if mate.doing is doing]
+    return [
+        (teammate.pose.x_m, teammate.pose.y_m, teammate.radius_m + margin_m)
+        for teammate in teammates
+        if teammate.doing is doing
+    ]
 
 
-def zones(mates: Sequence[Mate], encounter: Encounter, margin_m: float) -> list[Zone]:
+def zones(teammates: Sequence[Mate], encounter: Encounter, margin_m: float) -> list[Zone]:
     """Floor to leave to others: the ways of those who go first, and the places of those who wait."""
     found = []
-    for mate, track in zip(mates, encounter.tracks, strict=True):
+    for teammate, track in zip(teammates, encounter.tracks, strict=True):
         ahead = round(ZONE_AHEAD_M / STEP_M) if track.goes_first else 1
-        found.append(Zone(track.positions[:ahead], mate.radius_m + margin_m))
+        found.append(Zone(track.positions[:ahead], teammate.radius_m + margin_m))
     return found
 
 
@@ -156,9 +160,9 @@ class TravelClaim:
         """What the robot acts by, and tells the team."""
         return self._lent or self._own
 
-    def set_out(self, priority: int, way_m: float) -> None:
+    def set_out(self, priority: int, path_m: float) -> None:
         """A new way begins."""
-        self._own = Claim(priority=priority, way_m=round(way_m, 1))
+        self._own = Claim(priority=priority, way_m=round(path_m, 1))
         self._lent = None
         self._held_ns = None
         self._waited_ns = 0
@@ -179,9 +183,9 @@ class TravelClaim:
             self._own = msgspec.structs.replace(self._own, waited=waited)
         return now_ns - self._held_ns
 
-    def make_room_for(self, mate: Mate) -> None:
+    def make_room_for(self, teammate: Mate) -> None:
         """Act by that mate's claim, until `take_back`."""
-        self._lent = mate.claim.lend(mate.name)
+        self._lent = teammate.claim.lend(teammate.name)
 
     def take_back(self) -> None:
         """Act by its own claim again."""
@@ -193,7 +197,7 @@ class TravelClaim:
         if pressed_by and now_ns - self._cornered_ns >= to_ns(CORNERED_AGAIN_S):
             self._cornered_ns = now_ns
             self._cornered_by = sorted({*self._cornered_by, *pressed_by})
-            most = max(mate.claim.cornered for mate in encounter.mates if mate.name in pressed_by)
+            most = max(teammate.claim.cornered for teammate in encounter.mates if teammate.name in pressed_by)
             self._own = msgspec.structs.replace(self._own, cornered=1 + most)
 
     def relieve(self, encounter: Encounter, ahead: Floats) -> None:
@@ -235,7 +239,7 @@ class Leg:
         self._outlet = outlet
         self._released_m = -1.0
         """How far along it the driver has been sent; below 0 for not at all."""
-        self._told: tuple[Claim, float | None] | None = None
+        self._reported: tuple[Claim, float | None] | None = None
 
     def guard(self, encounter: Encounter, pose: Pose2D) -> Release:
         """How far the robot may go along it without touching anybody."""
@@ -243,17 +247,17 @@ class Leg:
 
     def drive(self, allowed: Release, claim: Claim) -> None:
         """Go as far as that, and tell the team."""
-        way = self.way
+        route = self.way
         if allowed.is_whole:
-            if self._released_m < way.length_m:
-                self._send(way.length_m)
+            if self._released_m < route.length_m:
+                self._send(route.length_m)
             self._tell(claim, None)
         elif allowed.positions < 2:
             self.stop(claim)
         else:
-            until_m = way.passed_m + (allowed.positions - 1) * STEP_M
+            until_m = route.passed_m + (allowed.positions - 1) * STEP_M
             more_m = until_m - self._released_m
-            is_near_end = self._released_m - way.passed_m < NEAR_END_M
+            is_near_end = self._released_m - route.passed_m < NEAR_END_M
             if more_m < 0 or more_m > NEAR_END_M or (is_near_end and more_m > 0.5 * STEP_M):
                 self._send(until_m)
             self._tell(claim, until_m)
@@ -280,21 +284,21 @@ class Leg:
     def _tell(self, claim: Claim, until_m: float | None) -> None:
         """Publish the path, if anything about it is new."""
         word = claim, None if until_m is None else round(2.0 * until_m) / 2.0
-        if word == self._told:
+        if word == self._reported:
             return
-        self._told = word
-        way, outlet = self.way, self._outlet
+        self._reported = word
+        route, outlet = self.way, self._outlet
         pose = outlet.localisation.pose()
         outlet.publish(
             PlannedPath(
                 robot=outlet.robot,
-                points=[Point2D(pose.x_m, pose.y_m), *_points(way, math.inf)],
+                points=[Point2D(pose.x_m, pose.y_m), *_points(route, math.inf)],
                 claim=claim,
                 speed_m_s=outlet.speed_m_s,
-                held_at_m=None if until_m is None else max(0.0, until_m - way.passed_m),
+                held_at_m=None if until_m is None else max(0.0, until_m - route.passed_m),
             )
         )
 
 
-def _points(way: DrivenPath, until_m: float) -> list[Point2D]:
-    return [Point2D(float(x_m), float(y_m)) for x_m, y_m in way.points_until(until_m)]
+def _points(route: DrivenPath, until_m: float) -> list[Point2D]:
+    return [Point2D(float(x_m), float(y_m)) for x_m, y_m in route.points_until(until_m)]

@@ -93,7 +93,7 @@ class Run(Generic[P]):
         parameters: P,
         play: Callable[[], Script],
         goal: Point2D,
-        way_m: float,
+        path_m: float,
         home_m: float,
         *,
         own: str = "",
@@ -107,7 +107,7 @@ class Run(Generic[P]):
         """The robot is lost; its script starts again when it knows again where it is."""
         self.is_as_planned = True
         self.goal = goal
-        self.way_m = way_m
+        self.way_m = path_m
         self.home_m = home_m
         self.gone_m = 0.0
         self.at: Point2D | None = None
@@ -253,9 +253,9 @@ class Errand(Behavior, ABC, Generic[P]):
                 return
             self._begin(run)
         self._measure(run)
-        why = self._stop_reason(run)
-        if why:
-            self.finish(TaskState.FAILED, why)
+        reason = self._stop_reason(run)
+        if reason:
+            self.finish(TaskState.FAILED, reason)
             return
         if self._is_lost(run):
             return
@@ -308,9 +308,9 @@ class Errand(Behavior, ABC, Generic[P]):
         if path is None:
             return TaskAnswer.refused(UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path())
         pose = self.travel.pose()
-        way_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
+        path_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
-        run = Run(task, parameters, lambda: self.play(task, parameters), goal, way_m, home_m)
+        run = Run(task, parameters, lambda: self.play(task, parameters), goal, path_m, home_m)
         reason = self.why_not(run)
         if reason is not None:
             return TaskAnswer.refused(reason)
@@ -328,7 +328,7 @@ class Errand(Behavior, ABC, Generic[P]):
             return needs_time(verdict.duration_s, to_seconds(deadline_ns - self._now_ns()))
         return None
 
-    def ended_own(self, state: TaskState, why: str) -> None:
+    def ended_own(self, state: TaskState, reason: str) -> None:
         """What it did by itself has ended."""
 
     def accept_task(self, run: Run[P]) -> None:
@@ -366,7 +366,7 @@ class Errand(Behavior, ABC, Generic[P]):
             run.is_as_planned = False  # one way, one lesson
             self.budget.learn(Work(path_m=run.way_m), run.energy_j)
 
-    def finish(self, state: TaskState, why: str, result: dict[str, Any] | None = None) -> None:
+    def finish(self, state: TaskState, reason: str, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""
         run = self.run
         self.drop()
@@ -374,12 +374,12 @@ class Errand(Behavior, ABC, Generic[P]):
         self.travel.stand()
         if run is not None and run.own:
             self.env.tasks.vacate(self.env.plugin)
-            self.ended_own(state, why)
+            self.ended_own(state, reason)
         elif run is not None:
-            told = {**(result or {}), "energy_j": round(run.energy_j, 1), "way_m": round(run.gone_m, 2)}
-            self.env.tasks.end(run.task.id, state, why, told)
+            reported = {**(result or {}), "energy_j": round(run.energy_j, 1), "way_m": round(run.gone_m, 2)}
+            self.env.tasks.end(run.task.id, state, reason, reported)
 
-    def _let_go(self, _why: str) -> None:
+    def _let_go(self, _reason: str) -> None:
         if self.run is None:
             return
         self.drop()
@@ -418,8 +418,8 @@ class Errand(Behavior, ABC, Generic[P]):
             straight_m = 0.0 if run.at is None else math.hypot(run.at.x_m - run.goal.x_m, run.at.y_m - run.goal.y_m)
             early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
             return work + Work(path_m=max(straight_m, run.way_m - run.gone_m), wait_s=early_s)
-        stood_s = to_seconds(self._now_ns() - run.there_ns)
-        return msgspec.structs.replace(work, wait_s=max(0.0, work.wait_s - stood_s))
+        stayed_s = to_seconds(self._now_ns() - run.there_ns)
+        return msgspec.structs.replace(work, wait_s=max(0.0, work.wait_s - stayed_s))
 
     def _stop_reason(self, run: Run[P]) -> str:
         now_ns = self._now_ns()

@@ -42,13 +42,13 @@ class ImageOut:
 
     def __init__(self, env: Environment) -> None:
         self._env = env
-        self._taken = 0
+        self._count = 0
         self._publishers: dict[str, Publisher] = {}
 
     def put(self, picture: Picture) -> str:
         """Publish a picture; the key that it has, until so many others were published."""
-        image = f"{self._env.plugin}-{self._taken % SLOTS}"
-        self._taken += 1
+        image = f"{self._env.plugin}-{self._count % SLOTS}"
+        self._count += 1
         if image not in self._publishers:
             self._publishers[image] = self._env.wire.publisher(ROBOT_IMAGE, robot=self._env.robot, image=image)
         publisher = self._publishers[image]
@@ -121,7 +121,7 @@ class CollectBehavior(Errand[Collect]):
 
     def do(self, task: Task, collect: Collect) -> Script:
         """Ask and wait. Result: `readings` that came, and how many are still `missing`."""
-        before = self._heard(collect.mote)
+        before = self._received(collect.mote)
         had = before.readings if before is not None else 0
         begun_ns = self.env.clock.now_ns()
         until_ns = begun_ns + to_ns(collect.timeout_s)
@@ -131,17 +131,17 @@ class CollectBehavior(Errand[Collect]):
                 self._snw.request_stored(collect.mote)
                 ask_ns = now_ns + to_ns(ASK_AGAIN_S)
             yield from self.wait(LOOK_S)
-            mote = self._heard(collect.mote)
+            mote = self._received(collect.mote)
             # It must have been heard here: what it had said before tells nothing of what it has stored since.
             if mote is not None and mote.missing == 0 and mote.stamp_ns > begun_ns:
                 return {"readings": mote.readings - had, "missing": 0}  # 0: others have brought in all there is
-        mote = self._heard(collect.mote)
+        mote = self._received(collect.mote)
         if mote is None or mote.readings == had:
             raise Failed(f"nothing came from {collect.mote} in {collect.timeout_s:g} s")
         return {"readings": mote.readings - had, "missing": mote.missing}
 
-    def _heard(self, mote: str) -> HeardMote | None:
-        return next((heard for heard in self._snw.heard() if heard.mote == mote), None)
+    def _received(self, mote: str) -> HeardMote | None:
+        return next((received for received in self._snw.heard() if received.mote == mote), None)
 
 
 OWN_S = 1.0
@@ -177,9 +177,9 @@ class SenseBehavior(Errand[Sense]):
     def _receive(self, sense: Sense) -> Generator[None, None, float]:
         begun_ns = self.env.clock.now_ns()
         while to_seconds(self.env.clock.now_ns() - begun_ns) < sense.timeout_s:
-            for heard in self._snw.heard():
-                if heard.mote == sense.mote and heard.stamp_ns > begun_ns:
-                    return heard.last_value
+            for received in self._snw.heard():
+                if received.mote == sense.mote and received.stamp_ns > begun_ns:
+                    return received.last_value
             yield
         raise Failed(f"{sense.mote} was not heard in {sense.timeout_s:g} s")
 

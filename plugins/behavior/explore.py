@@ -85,7 +85,7 @@ class TeamChoice:
         self._explorer = Explorer(OwnFloor(board), strategy)
 
     def choose(
-        self, place: Point2D, radius_m: float, goal: Point2D | None, mates: Sequence[Mate], now_ns: int
+        self, place: Point2D, radius_m: float, goal: Point2D | None, teammates: Sequence[Mate], now_ns: int
     ) -> Point2D | None:
         """The frontier to go to, arena frame; None if there is none, or the robot is to keep the one it has.
 
@@ -93,15 +93,18 @@ class TeamChoice:
             place: where the robot is.
             radius_m: its radius.
             goal: the frontier that it is on its way to; None if it has none.
-            mates: the other robots.
+            teammates: the other robots.
             now_ns: the time.
 
         """
-        scouts = [self._own(place, radius_m, goal), *(_scout(mate) for mate in mates if _explores(mate))]
+        scouts = [
+            self._own(place, radius_m, goal),
+            *(_scout(teammate) for teammate in teammates if _explores(teammate)),
+        ]
         busy = [
-            Busy(Point2D(mate.pose.x_m, mate.pose.y_m), mate.bound)
-            for mate in mates
-            if mate.doing is not Doing.OBSTACLE and not _explores(mate)
+            Busy(Point2D(teammate.pose.x_m, teammate.pose.y_m), teammate.bound)
+            for teammate in teammates
+            if teammate.doing is not Doing.OBSTACLE and not _explores(teammate)
         ]
         chosen = self._explorer.choose(sorted(scouts), busy, now_ns)
         return next((choice.place for choice in chosen if choice.robot == self._robot), None)
@@ -127,14 +130,14 @@ class TeamChoice:
         self._explorer.record_gap(place, gap_m, now_ns)
 
 
-def _explores(mate: Mate) -> bool:
+def _explores(teammate: Mate) -> bool:
     """Whether a mate chooses its goal by itself as well, and may yet choose another."""
-    return mate.doing is not Doing.OBSTACLE and mate.behavior in (ALONE, IDLE)
+    return teammate.doing is not Doing.OBSTACLE and teammate.behavior in (ALONE, IDLE)
 
 
-def _scout(mate: Mate) -> Scout:
-    place = Point2D(mate.pose.x_m, mate.pose.y_m)
-    return Scout(mate.name, place, mate.radius_m, mate.bound if mate.behavior == ALONE else None)
+def _scout(teammate: Mate) -> Scout:
+    place = Point2D(teammate.pose.x_m, teammate.pose.y_m)
+    return Scout(teammate.name, place, teammate.radius_m, teammate.bound if teammate.behavior == ALONE else None)
 
 
 OWN_CHOICES = 12
@@ -284,7 +287,7 @@ class ExploreBehavior(Behavior):
     def _is_seen(self, view: MapView, goal: Point2D) -> bool:
         return self._longest_frontier(view, goal) < self._least_cells
 
-    def _look_for(self, goal: Point2D) -> None:
+    def _search_for(self, goal: Point2D) -> None:
         """Note how short a frontier may be to be left: one that is short from the beginning may be a whole passage."""
         view, self._least_cells = self._travel.view(), 1
         cells = self._longest_frontier(view, goal)
@@ -306,8 +309,8 @@ class ExploreBehavior(Behavior):
         return 0 if groups == 0 else int(np.bincount(labels.ravel())[1:].max())
 
     def _is_alone(self) -> bool:
-        heard_ns = self.env.tasks.coordinator_seen_ns
-        since_ns = self.env.clock.now_ns() - (self._started_ns if heard_ns is None else heard_ns)
+        received_ns = self.env.tasks.coordinator_seen_ns
+        since_ns = self.env.clock.now_ns() - (self._started_ns if received_ns is None else received_ns)
         return since_ns > to_ns(self.parameters.alone_s)
 
     def _may_roam(self) -> bool:
@@ -349,10 +352,10 @@ class ExploreBehavior(Behavior):
         self._decide_due_ns = now_ns + to_ns(DECIDE_PERIOD_S)
         pose, own = travel.pose(), None if self._task is None else self._task.place
         place = Point2D(pose.x_m, pose.y_m)
-        mates = travel.teammates.mates(place, EVERYWHERE_M)
-        if own is not None and not mates:
+        teammates = travel.teammates.mates(place, EVERYWHERE_M)
+        if own is not None and not teammates:
             return  # no other robot can explore its goal first
-        goal = self._team.choose(place, travel.driver.radius_m(), own, mates, now_ns)
+        goal = self._team.choose(place, travel.driver.radius_m(), own, teammates, now_ns)
         if goal is not None and not self._set_out(goal):
             self._team.record_failure(goal, now_ns)
             self._decide_due_ns = now_ns
@@ -360,7 +363,7 @@ class ExploreBehavior(Behavior):
     def _set_out(self, goal: Point2D) -> bool:
         if not self._aim(goal):
             return False
-        self._look_for(goal)
+        self._search_for(goal)
         self._own_choices += 1
         self._task = Task(id=f"own-{self.env.robot}-{self._own_choices}", kind=EXPLORE, place=goal)
         self._is_own = True
@@ -379,8 +382,8 @@ class ExploreBehavior(Behavior):
             pose = self._travel.pose()
             self._team.record_gap(Point2D(pose.x_m, pose.y_m), (result or {}).get(GAP), now_ns)
 
-    def _record_strategy(self, name: str, why: str) -> None:
-        self.env.wire.refusals.record_failure("exploration_strategy", name, why)
+    def _record_strategy(self, name: str, reason: str) -> None:
+        self.env.wire.refusals.record_failure("exploration_strategy", name, reason)
 
     def _accept(self, task: Task) -> TaskAnswer:
         unsure = self.env.board.map_paused and PositionLost(self.env.robot, self.env.board.map_paused)
@@ -389,16 +392,16 @@ class ExploreBehavior(Behavior):
         self._travel.roams = False
         if not self._aim(task.place, round(min(task.priority, PRIORITY_MAX))):
             return TaskAnswer.refused(no_path())
-        self._look_for(task.place)
+        self._search_for(task.place)
         self._task, self._is_own = task, False
         self.env.board.behavior = "explore"
         return TaskAnswer(accepted=True)
 
-    def _let_go(self, _why: str) -> None:
+    def _let_go(self, _reason: str) -> None:
         self._task, self._is_own = None, False
-        self._stand()
+        self._stand_still()
 
-    def _finish(self, state: TaskState, why: str, result: dict[str, float] | None = None) -> None:
+    def _finish(self, state: TaskState, reason: str, result: dict[str, float] | None = None) -> None:
         task, self._task = self._task, None
         if self._is_own:
             self._is_own = False
@@ -410,9 +413,9 @@ class ExploreBehavior(Behavior):
         else:
             self._travel.coast()
         if task is not None:
-            self.env.tasks.end(task.id, state, why, result)
+            self.env.tasks.end(task.id, state, reason, result)
         self.env.board.behavior = IDLE
 
-    def _stand(self) -> None:
+    def _stand_still(self) -> None:
         self._travel.stand()
         self.env.board.behavior = IDLE

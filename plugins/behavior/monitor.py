@@ -178,8 +178,8 @@ class MonitorBehavior(Errand[Monitor]):
         try:
             import PIL  # noqa: F401 - only to see whether it is installed: an optional dependency
         except ModuleNotFoundError as error:
-            why = "pictures cannot be compared without pillow: pip install 'robrain[camera]'"
-            raise HardwareAbsent(self.env.plugin, why) from error
+            reason = "pictures cannot be compared without pillow: pip install 'robrain[camera]'"
+            raise HardwareAbsent(self.env.plugin, reason) from error
         self._camera = self.env.use("camera", CameraInterface)
         self._images = ImageOut(self.env)
         super().activate()

@@ -72,11 +72,11 @@ class Queue:
         if self._wanted in free or not free:
             return self._wanted if free else None
         pose = self._errand.travel.pose()
-        return min(self._errand.budget.ways(Point2D(pose.x_m, pose.y_m), free), key=lambda way: way[1])[0]
+        return min(self._errand.budget.ways(Point2D(pose.x_m, pose.y_m), free), key=lambda route: route[1])[0]
 
-    def leave_out(self, charger: ChargerPlace, why: str) -> None:
+    def leave_out(self, charger: ChargerPlace, reason: str) -> None:
         """It was of no use."""
-        self._trouble = why
+        self._trouble = reason
         self._skipped[charger.place] = self._now_ns() + to_ns(LEFT_OUT_S)
 
     def reach(self, charger: ChargerPlace) -> "Script":
@@ -115,9 +115,9 @@ class Queue:
         if not waiting or energy is None:
             return False
         mine = (energy.usable_j / max(energy.usual_power_w, 0.1), errand.env.robot)
-        if any((mate.endurance_s, mate.name) > mine for mate in errand.budget.docks.charging(chargers)):
+        if any((teammate.endurance_s, teammate.name) > mine for teammate in errand.budget.docks.charging(chargers)):
             return False
-        neediest_s = min(mate.endurance_s for mate in waiting)
+        neediest_s = min(teammate.endurance_s for teammate in waiting)
         return mine[0] >= neediest_s + (SPARE_S if neediest_s < URGENT_S else RICH_S)
 
     def give_up_place(self, charger: ChargerPlace) -> Part:
@@ -144,16 +144,16 @@ class Queue:
             return None
         here = Point2D(pose.x_m, pose.y_m)
         radius_m = travel.driver.radius_m()
-        taken = [(charger.place, CLEAR_M) for charger in chargers]
-        for mate in travel.teammates.mates(here, travel.mate_near_m):
-            taken.append((Point2D(mate.pose.x_m, mate.pose.y_m), radius_m + mate.radius_m + APART_M))
-            taken.append((mate.bound, radius_m + mate.radius_m + APART_M))
+        occupied = [(charger.place, CLEAR_M) for charger in chargers]
+        for teammate in travel.teammates.mates(here, travel.mate_near_m):
+            occupied.append((Point2D(teammate.pose.x_m, teammate.pose.y_m), radius_m + teammate.radius_m + APART_M))
+            occupied.append((teammate.bound, radius_m + teammate.radius_m + APART_M))
         places = [
             Point2D(nearest.x_m + away_m * math.cos(angle_rad), nearest.y_m + away_m * math.sin(angle_rad))
             for away_m in ASIDE_M
             for angle_rad in (direction * math.tau / DIRECTIONS for direction in range(DIRECTIONS))
         ]
-        clear = [place for place in places if all(place.distance_m(other) >= apart_m for other, apart_m in taken)]
+        clear = [place for place in places if all(place.distance_m(other) >= apart_m for other, apart_m in occupied)]
         for place in sorted(clear, key=pose.distance_m):
             path = travel.plan(place)
             if path and path[-1].distance_m(place) < APART_M:
@@ -219,13 +219,13 @@ class Docking:
         """Stay until there is enough, or nothing has come for a while; True if the place is to be given to a mate."""
         clock = self._errand.env.clock
         has_sought, last_ns = False, clock.now_ns()
-        look_ns = last_ns
+        check_ns = last_ns
         while (battery := self._errand.battery()).soc < until_soc:
             now_ns = clock.now_ns()
             if battery.charging:
                 self.has_charged, last_ns = True, now_ns
-                if now_ns >= look_ns:
-                    look_ns = now_ns + to_ns(GIVE_S)
+                if now_ns >= check_ns:
+                    check_ns = now_ns + to_ns(GIVE_S)
                     if must_give(self._charger):
                         return True
             elif not self.has_charged and not has_sought:
@@ -428,14 +428,14 @@ class RechargeBehavior(Errand[Recharge]):
         if self._wanted:
             self.period_s = STEP_S
 
-    def ended_own(self, state: TaskState, why: str) -> None:
+    def ended_own(self, state: TaskState, reason: str) -> None:
         """Try again after a while, if it still is needed then."""
         if state is not TaskState.DONE:
             self._not_before_ns = self.env.clock.now_ns() + RETRY_NS
 
-    def _ask(self, why: str) -> None:
+    def _ask(self, reason: str) -> None:
         if self.run is None:
-            self._wanted = why
+            self._wanted = reason
             self.period_s = STEP_S
             self._set_out_home()
 
@@ -489,22 +489,22 @@ class RechargeBehavior(Errand[Recharge]):
         charger, _ = self.budget.path_home(here)
         goal = charger.place if charger is not None else self.budget.home.start()
         path = None if goal is None else self.travel.plan(goal)
-        why, self._wanted = self._wanted, ""
+        reason, self._wanted = self._wanted, ""
         if goal is None or path is None:
             self._not_before_ns = self.env.clock.now_ns() + RETRY_NS
             return
-        if not self.env.tasks.occupy(self.env.plugin, firm=f"{self.env.robot} goes home: {why}"):
+        if not self.env.tasks.occupy(self.env.plugin, firm=f"{self.env.robot} goes home: {reason}"):
             return
         self._count += 1
         name = f"home-{self.env.robot}-{self._count}"
-        way_m = length_m([here, *path])
+        path_m = length_m([here, *path])
         if charger is not None:
             wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=self.parameters.until_soc)
             task = Task(id=name, kind=RECHARGE, place=goal, priority=HOMEWARD, parameters=wanted.json)
-            self.accept_task(Run(task, wanted, lambda: self.play(task, wanted), goal, way_m, 0.0, own="recharge"))
+            self.accept_task(Run(task, wanted, lambda: self.play(task, wanted), goal, path_m, 0.0, own="recharge"))
         else:
             task = Task(id=name, kind=VISIT, place=goal, priority=HOMEWARD)
-            self.accept_task(Run(task, Recharge(), lambda: self._return(goal), goal, way_m, 0.0, own="go home"))
+            self.accept_task(Run(task, Recharge(), lambda: self._return(goal), goal, path_m, 0.0, own="go home"))
 
     def _return(self, goal: Point2D) -> Script:
         yield from self.go(goal)

@@ -137,17 +137,17 @@ class RelayBehavior(Errand[Relay]):
 
     def _listen(self, relay: Relay, links: dict[str, HeldLink]) -> None:
         if relay.mote:
-            mote = next((heard for heard in self._snw.heard() if heard.mote == relay.mote), None)
+            mote = next((received for received in self._snw.heard() if received.mote == relay.mote), None)
             if mote is not None:
                 links["mote"].hear(mote.rssi_dbm, mote.stamp_ns)
                 links["mote"].place = mote.place
         if relay.robot:
-            robot = next((heard for heard in self._snw.robots() if heard.robot == relay.robot), None)
+            robot = next((received for received in self._snw.robots() if received.robot == relay.robot), None)
             if robot is not None:
                 links["robot"].hear(robot.rssi_dbm, robot.stamp_ns)
-            mate = next((mate for mate in self._others.others() if mate.name == relay.robot), None)
-            if mate is not None:
-                links["robot"].place = Point2D(mate.pose.x_m, mate.pose.y_m)
+            teammate = next((teammate for teammate in self._others.others() if teammate.name == relay.robot), None)
+            if teammate is not None:
+                links["robot"].place = Point2D(teammate.pose.x_m, teammate.pose.y_m)
 
     def _result(
         self, task: Task, relay: Relay, links: dict[str, HeldLink], share_linked: float, held_s: float

@@ -284,11 +284,11 @@ class Climb:
             self.samples += 1
             self._field.add(here, value, to_seconds(now_ns))
         for reading in self._errand.told():
-            taken_ns = taken_at_ns(reading)
-            is_meant = reading.quantity == self._seek.quantity and now_ns - taken_ns < to_ns(HEARD_S)
+            sensed_ns = taken_at_ns(reading)
+            is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(HEARD_S)
             if is_meant and reading.place is not None and _apart_m(reading.place, here) < self._seek.reach_m:
                 self.heard += 1
-                self._field.hear(reading.mote, reading.place, reading.value, to_seconds(taken_ns))
+                self._field.hear(reading.mote, reading.place, reading.value, to_seconds(sensed_ns))
 
     def _fit(self, at: Point2D, width_m: float = WIDTH_M) -> FieldFit | None:
         return self._field.fit(at, to_seconds(self._clock.now_ns()), width_m)

@@ -158,7 +158,7 @@ class Travel:
         self._end: Point2D | None = None
         """As near to the goal as the planner leads."""
         self._leg: Leg | None = None
-        self._standing = TravelClaim(parameters.ageing_s)
+        self._travel_claim = TravelClaim(parameters.ageing_s)
         self._planned_ns = 0
         self._checked_ns = 0
         """When another way, or one out of the way, was last looked for."""
@@ -205,8 +205,8 @@ class Travel:
     @property
     def position_lost(self) -> PositionLost | None:
         """The same as a reason: the robot does not know where it is. None if it does."""
-        why = self._env.board.lost
-        return PositionLost(self._env.robot, why) if why else None
+        reason = self._env.board.lost
+        return PositionLost(self._env.robot, reason) if reason else None
 
     def find_itself(self, *, for_task: bool = False) -> bool:
         """Drive about slowly while the robot is lost, bound for nowhere; False once that has failed.
@@ -282,8 +282,8 @@ class Travel:
                     self._goal = goal
                     self._is_narrow_goal = is_narrow and goal == goals[0]
                     self._contested_ns = None
-                    leg = self._take(path, pose, is_narrow=squeezes)
-                    self._standing.set_out(priority, leg.way.length_m)
+                    leg = self._handle(path, pose, is_narrow=squeezes)
+                    self._travel_claim.set_out(priority, leg.way.length_m)
                     self._go(leg, self._meet(pose), pose)
                     return True
         return False
@@ -360,10 +360,10 @@ class Travel:
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
 
     def _meet(self, pose: Pose2D, claim: Claim | None = None) -> Encounter:
-        mates = self.teammates.mates(Point2D(pose.x_m, pose.y_m), self.mate_near_m)
-        radius_m = self.driver.radius_m() if mates else 0.0
-        own = claim or self._standing.claim
-        return Encounter(self._env.robot, own, radius_m, mates, self._parameters.speed_m_s)
+        teammates = self.teammates.mates(Point2D(pose.x_m, pose.y_m), self.mate_near_m)
+        radius_m = self.driver.radius_m() if teammates else 0.0
+        own = claim or self._travel_claim.claim
+        return Encounter(self._env.robot, own, radius_m, teammates, self._parameters.speed_m_s)
 
     def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
         """Take a new path if there is one; False once none, narrow ones included, was found for `patience_s`."""
@@ -376,7 +376,7 @@ class Travel:
                 path, is_narrow = self._plan(encounter, goal, is_narrow=other), other
             if path is None:
                 return not is_hopeless
-        self._take(path, pose, is_narrow=is_narrow)
+        self._handle(path, pose, is_narrow=is_narrow)
         return True
 
     def _widths(self, *, to_narrow: bool = False) -> tuple[bool, bool]:
@@ -390,14 +390,14 @@ class Travel:
         return (True, False) if is_inside else (False, True)
 
     def _plan(self, encounter: Encounter, goal: Point2D, *, is_narrow: bool = False) -> list[Point2D] | None:
-        pose, view, mates = self.pose(), self.view(), encounter.mates
+        pose, view, teammates = self.pose(), self.view(), encounter.mates
         start = Point2D(pose.x_m, pose.y_m)
         margin_m = encounter.radius_m + self._parameters.mate_margin_m
-        dear = zones(mates, encounter, margin_m) if self._is_contested() else []
-        standing = circles(mates, margin_m, Doing.STANDING)
-        lasting = circles(mates, margin_m, Doing.OBSTACLE)
-        path = self._planner.plan(view, start, goal, lasting + standing, dear, is_narrow=is_narrow)
-        if path is None and standing:  # who only stands may make room
+        dear = zones(teammates, encounter, margin_m) if self._is_contested() else []
+        at_rest = circles(teammates, margin_m, Doing.STANDING)
+        lasting = circles(teammates, margin_m, Doing.OBSTACLE)
+        path = self._planner.plan(view, start, goal, lasting + at_rest, dear, is_narrow=is_narrow)
+        if path is None and at_rest:  # who only stands may make room
             path = self._planner.plan(view, start, goal, lasting, dear, is_narrow=is_narrow)
         return path
 
@@ -442,23 +442,23 @@ class Travel:
         since = self._contested_ns
         return since is not None and self._env.clock.now_ns() - since < to_ns(self._parameters.replan_s)
 
-    def _take(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
+    def _handle(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
         """Make this path the way to the goal."""
         self._leg = leg = Leg(self._outlet, pose, path, is_narrow=is_narrow)
         self._end = leg.end
         self._planned_ns = self._env.clock.now_ns()
         self._lost_ns = None
-        self._standing.take_back()
+        self._travel_claim.take_back()
         return leg
 
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> TravelState:
         """Drive as far as others allow, or out of their way."""
         if leg.is_escape:
-            leg.drive(leg.guard(encounter, pose), self._standing.claim)
+            leg.drive(leg.guard(encounter, pose), self._travel_claim.claim)
             return self._wait()
         now_ns = self._env.clock.now_ns()
         ahead = leg.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
-        self._standing.relieve(encounter, ahead)
+        self._travel_claim.relieve(encounter, ahead)
         allowed = encounter.release(ahead)
         if not allowed.is_whole:
             self._contested_ns = now_ns
@@ -469,9 +469,9 @@ class Travel:
                 if allowed.must_leave:
                     self._escape(leg, encounter, pose, encounter.mates[allowed.by])
                     return self._wait()
-        leg.drive(self._careful(leg, allowed, ahead, now_ns), self._standing.claim)
+        leg.drive(self._careful(leg, allowed, ahead, now_ns), self._travel_claim.claim)
         if allowed.is_whole or allowed.positions > 2:
-            self._standing.go_on()
+            self._travel_claim.go_on()
             return TravelState.UNDER_WAY
         return self._wait()
 
@@ -496,10 +496,10 @@ class Travel:
         allowed_there = encounter.release(other.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
         if not allowed_there.is_whole and allowed_there.positions < allowed.positions + round(DETOUR_GAIN_M / STEP_M):
             return False
-        self._take(path, pose).drive(allowed_there, self._standing.claim)
+        self._handle(path, pose).drive(allowed_there, self._travel_claim.claim)
         return True
 
-    def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, mate: Mate) -> None:
+    def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: Mate) -> None:
         """Leave the way of a mate that goes first, or claim to have nowhere to go."""
         view, place = self.view(), Point2D(pose.x_m, pose.y_m)
         path, is_narrow = None, False
@@ -510,16 +510,16 @@ class Travel:
             if path is not None:
                 break
         if path is None:
-            self._standing.has_no_refuge(encounter, _here(pose), self._env.clock.now_ns())
-            leg.stop(self._standing.claim)
+            self._travel_claim.has_no_refuge(encounter, _here(pose), self._env.clock.now_ns())
+            leg.stop(self._travel_claim.claim)
             return
         self._planned_ns = self._env.clock.now_ns()
-        self._standing.make_room_for(mate)
+        self._travel_claim.make_room_for(teammate)
         self._leg = out = Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
-        out.drive(out.guard(encounter, pose), self._standing.claim)
+        out.drive(out.guard(encounter, pose), self._travel_claim.claim)
 
     def _wait(self) -> TravelState:
-        held_ns = self._standing.wait(self._env.clock.now_ns())
+        held_ns = self._travel_claim.wait(self._env.clock.now_ns())
         return TravelState.BLOCKED if held_ns > to_ns(self._parameters.mate_patience_s) else TravelState.WAITING
 
 

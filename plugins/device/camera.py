@@ -75,12 +75,12 @@ class FileCamera:
         self._paths = sorted(path.glob("*.png")) if path.is_dir() else [path]
         if not channel or not self._paths or not self._paths[0].is_file():
             raise HardwareAbsent(env.plugin, f"expected channel to be a PNG or a folder with some, got {channel!r}")
-        self._taken = 0
+        self._accepted = 0
 
     def take(self) -> bytes:
         """The next picture."""
-        path = self._paths[self._taken % len(self._paths)]
-        self._taken += 1
+        path = self._paths[self._accepted % len(self._paths)]
+        self._accepted += 1
         try:
             return path.read_bytes()
         except OSError as error:
@@ -97,8 +97,8 @@ class VideoCamera:
         try:
             self._cv2: Any = importlib.import_module("cv2")
         except ImportError as error:
-            why = "interface v4l needs OpenCV: pip install opencv-python-headless"
-            raise HardwareAbsent(env.plugin, why) from error
+            reason = "interface v4l needs OpenCV: pip install opencv-python-headless"
+            raise HardwareAbsent(env.plugin, reason) from error
         number = channel or "0"
         if not number.isdecimal():
             raise HardwareAbsent(env.plugin, f"expected channel to be the number of a video device, got {channel!r}")

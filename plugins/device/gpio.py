@@ -280,20 +280,20 @@ class GpioEmergencyStop(Device):
             consumer="robrain emergency stop",
         )
         self._button = StopButton(lines)
-        self._why = ""
+        self._reason = ""
 
     def activate(self) -> None:
         self.env.guard_resume(self._button.why_not_resume)
         try:
             self._button.open()
-            self._look()
+            self._check()
         except GpioAbsent as error:
             self.env.halt_robot(str(error))
             raise
 
     def step(self) -> None:
         try:
-            self._look()
+            self._check()
         except GpioAbsent as error:
             self._tell(str(error))
             raise
@@ -306,14 +306,14 @@ class GpioEmergencyStop(Device):
         """Why the robot has to stand, in words; empty if the button is released."""
         return self._button.why_not_resume()
 
-    def _look(self) -> None:
-        why = self._button.read()
+    def _check(self) -> None:
+        reason = self._button.read()
         # It steps, so the robot is not halted: the button was released and pressed again between two steps.
-        if why or self._why:
-            self._tell(why)
+        if reason or self._reason:
+            self._tell(reason)
 
-    def _tell(self, why: str) -> None:
-        self._why = why
-        self.changed.notify(ButtonChange(self.env.clock.now_ns(), why))
-        if why:
-            self.env.halt_robot(why)
+    def _tell(self, reason: str) -> None:
+        self._reason = reason
+        self.changed.notify(ButtonChange(self.env.clock.now_ns(), reason))
+        if reason:
+            self.env.halt_robot(reason)

@@ -295,8 +295,8 @@ class WheelSerialLink:
             self._noise_ns = max(now_ns, self._started_ns)
         self._bytes = 0 if counts else self._bytes + len(data)
         if data and now_ns - self._noise_ns > NOISE_NS and self._bytes:
-            took_s = to_seconds(now_ns - self._noise_ns)
-            self.broken = BusFault(self._plugin, f"no counts for {took_s:.1f} s: {self.refusal}")
+            elapsed_s = to_seconds(now_ns - self._noise_ns)
+            self.broken = BusFault(self._plugin, f"no counts for {elapsed_s:.1f} s: {self.refusal}")
             return []
         if self._asked_ns is None or not 0 <= now_ns - self._asked_ns < self._period_ns:
             self._asked_ns = now_ns

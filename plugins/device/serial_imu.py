@@ -262,7 +262,7 @@ class SerialImu(Device):
         motions = [motion for motion in self._codec.feed(data) if self._is_possible(motion)]
         if motions:
             self._received_ns = now_ns
-            self._take(motions, now_ns)
+            self._handle(motions, now_ns)
             return
         if self._received_ns == self._opened_ns and 0 <= now_ns - self._opened_ns < to_ns(self.parameters.start_s):
             return
@@ -300,7 +300,7 @@ class SerialImu(Device):
         self._beyond += not is_possible
         return is_possible
 
-    def _take(self, motions: list[ImuMotion], now_ns: int) -> None:
+    def _handle(self, motions: list[ImuMotion], now_ns: int) -> None:
         rates = self.env.board.yaw_rates
         latest = self._latest
         before_ns = 0 if latest is None else latest.stamp_ns

@@ -282,9 +282,9 @@ class Localisation(Skill):
             self._localiser.move(displacement)
 
     def _receive(self) -> None:
-        heard = self.env.board.mote_ranges
-        while heard:
-            sample = heard.popleft()
+        received = self.env.board.mote_ranges
+        while received:
+            sample = received.popleft()
             if self.parameters.motes:
                 self._localiser.hear(sample)
                 self._signals += 1
@@ -324,8 +324,8 @@ class Localisation(Skill):
         self._until_ns = scan.stamp_ns
         self._update_from_map()
         self._move()
-        way_m = self._localiser.way_m - self._matched_path_m
-        is_due = now_ns >= self._scan_due_ns or way_m > self.parameters.scan_way_m
+        path_m = self._localiser.way_m - self._matched_path_m
+        is_due = now_ns >= self._scan_due_ns or path_m > self.parameters.scan_way_m
         if board.map is None or not is_due:
             self._tell()
             return
@@ -356,9 +356,9 @@ class Localisation(Skill):
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> Floats:
         """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
-        told = self._own_map.robot_places
-        mates = NO_MATES if told is None else told
-        circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, mates)
+        reported = self._own_map.robot_places
+        teammates = NO_MATES if reported is None else reported
+        circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, teammates)
         return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 
     def _T_robot_sensor(self, scan: LaserScan) -> Pose2D:
@@ -411,10 +411,10 @@ class Localisation(Skill):
         self._handle_fix()
         self._centre()
         localiser, board = self._localiser, self.env.board
-        told, maps = localiser.estimate(), self.parameters.scan_matching
+        reported, maps = localiser.estimate(), self.parameters.scan_matching
         # Until something has corrected it, the frame stays what it was, to the last bit.
         if self._signals or self._matches or self._is_corrected:
-            self._T_arena_odom = told.pose.compose(self._odometry.inverse())
+            self._T_arena_odom = reported.pose.compose(self._odometry.inverse())
         board.T_arena_odom = self._T_arena_odom
         T_local_odom = self._T_arena_odom
         if self._T_arena_local != IDENTITY:
@@ -422,17 +422,19 @@ class Localisation(Skill):
         self._own_map.local_pose = LocalPose(
             T_local_odom,
             self._trajectory,
-            told.drift,
+            reported.drift,
             self._until_ns,
             localiser.fits,
-            told.local_sigma_m,
+            reported.local_sigma_m,
             localiser.lost if maps else "",
             tuple(self._checked) if maps else None,
         )
-        board.pose_covariance = told.covariances
+        board.pose_covariance = reported.covariances
         board.lost = localiser.lost
         if localiser.lost != self._lost:
             is_lost, self._lost = bool(localiser.lost), localiser.lost
-            why = localiser.lost or "found again"
-            logger.warning("%s: localisation %s", self.env.robot, f"has diverged: {why}" if is_lost else why)
-            self.diverged.notify(Divergence(is_lost=is_lost, why=why, pose=localiser.pose, sigma_m=localiser.sigma_m))
+            reason = localiser.lost or "found again"
+            logger.warning("%s: localisation %s", self.env.robot, f"has diverged: {reason}" if is_lost else reason)
+            self.diverged.notify(
+                Divergence(is_lost=is_lost, why=reason, pose=localiser.pose, sigma_m=localiser.sigma_m)
+            )

@@ -16,14 +16,14 @@ class MoteRanges(Skill):
         self._dropped = 0
 
     def activate(self) -> None:
-        self.env.observe(self.env.use("snw_exploration", SnwInterface).measured, self._take)
+        self.env.observe(self.env.use("snw_exploration", SnwInterface).measured, self._handle)
 
     @external
     def dropped(self) -> int:
         """Signals dropped because localisation was too slow."""
         return self._dropped
 
-    def _take(self, measured: RssiMeasurement) -> None:
+    def _handle(self, measured: RssiMeasurement) -> None:
         if measured.place is None:
             return
         board = self.env.board.mote_ranges

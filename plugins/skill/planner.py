@@ -85,7 +85,7 @@ class Planner(Skill):
     parameters: Parameters
 
     def init(self) -> None:
-        self._grids: dict[bool, _Looked] = {}
+        self._grids: dict[bool, _Checked] = {}
         """By `is_narrow`: the grid with the preferred clearance and the one with narrow places; made when needed."""
 
     def activate(self) -> None:
@@ -139,20 +139,20 @@ class Planner(Skill):
 
     def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
         """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
-        looked = self._grids.get(is_narrow)
-        grid = looked.grid if looked is not None else self._navigation(view, is_narrow=is_narrow)
+        checked = self._grids.get(is_narrow)
+        grid = checked.grid if checked is not None else self._navigation(view, is_narrow=is_narrow)
         return grid.clear_positions(view.classes, positions)
 
     def _navigation(self, view: MapView, *, is_narrow: bool = False) -> NavigationGrid:
-        looked = self._grids.get(is_narrow)
-        if looked is None or looked.grid.geometry != view.geometry:
-            looked = self._grids[is_narrow] = _Looked(self._look(view, is_narrow=is_narrow), view.version)
-        elif looked.version != view.version:
-            looked.grid.update(view.classes)
-            looked.version = view.version
-        return looked.grid
+        checked = self._grids.get(is_narrow)
+        if checked is None or checked.grid.geometry != view.geometry:
+            checked = self._grids[is_narrow] = _Checked(self._check(view, is_narrow=is_narrow), view.version)
+        elif checked.version != view.version:
+            checked.grid.update(view.classes)
+            checked.version = view.version
+        return checked.grid
 
-    def _look(self, view: MapView, *, is_narrow: bool) -> NavigationGrid:
+    def _check(self, view: MapView, *, is_narrow: bool) -> NavigationGrid:
         unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
         preferred_m = self._radius_m + self.parameters.margin_m
         least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))
@@ -160,7 +160,7 @@ class Planner(Skill):
         return NavigationGrid(view.classes, view.geometry, needed_m, unknown_cost, preferred_m)
 
 
-class _Looked:
+class _Checked:
     """A grid and the version of the map it was made from."""
 
     def __init__(self, grid: NavigationGrid, version: int) -> None:

@@ -120,7 +120,7 @@ class Battery(Unit):
 
     def _tell(self, measured: BatteryMeasurement) -> None:
         believed = self._tracker.filter
-        why, soc = self._tracker.doubt_reason, believed.soc
+        reason, soc = self._tracker.doubt_reason, believed.soc
         charging = measured.current_a < CHARGING_BELOW_A
         remaining_j, low_j, high_j = believed.interval_j()
         self.env.board.battery = BatteryState(
@@ -134,27 +134,27 @@ class Battery(Unit):
             remaining_high_j=round(high_j, 1),
             soc_sd=round(believed.soc_sd, 5),
             health=round(believed.health, 4),
-            charging=charging and not why,
-            implausible=why,
+            charging=charging and not reason,
+            implausible=reason,
         )
         # What is only guessed teaches nothing about the cost of work.
         report = measured.report
-        is_own = not why and measured.current_a > 0 and (isinstance(report, msgspec.UnsetType) or report.has_current)
+        is_own = not reason and measured.current_a > 0 and (isinstance(report, msgspec.UnsetType) or report.has_current)
         self._drawn = Drawn(measured.stamp_ns, self._energy_j, is_own)
-        self._warn(why, soc, remaining_j, measured.voltage_v)
+        self._warn(reason, soc, remaining_j, measured.voltage_v)
 
-    def _warn(self, why: str, soc: float, remaining_j: float, voltage_v: float) -> None:
+    def _warn(self, reason: str, soc: float, remaining_j: float, voltage_v: float) -> None:
         parameters = self.parameters
-        if why and not self._is_doubted:
-            self.implausible.notify(BatteryAlarm(why, soc, remaining_j, voltage_v))
-        self._is_doubted = bool(why)
+        if reason and not self._is_doubted:
+            self.implausible.notify(BatteryAlarm(reason, soc, remaining_j, voltage_v))
+        self._is_doubted = bool(reason)
         if soc <= parameters.low_soc and not self._is_low:
             self._is_low = True
             why_low = f"{100 * soc:.0f} % left, low is {100 * parameters.low_soc:g} %"
             self.low.notify(BatteryAlarm(why_low, soc, remaining_j, voltage_v))
         elif soc > parameters.low_soc + parameters.hysteresis_soc:
             self._is_low = False
-        is_under = not why and voltage_v < parameters.cut_off_v
+        is_under = not reason and voltage_v < parameters.cut_off_v
         if (soc <= parameters.cut_off_soc or is_under) and not self._is_cut_off:
             self._is_cut_off = True
             why_off = f"{voltage_v:.2f} V and {100 * soc:.0f} % left"

@@ -184,10 +184,10 @@ class Lookout:
 
     def look(self, now_ns: int) -> str:
         """Read the sensors; returns why the robot is blind, empty if it is not."""
-        blind_why = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
+        blind_reason = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
         if self._obstacles.is_frozen:
             self._scan.doubt("the lidar is frozen: its ranges stay equal to the millimetre while the robot moves")
-        return blind_why
+        return blind_reason
 
     def free_m(self, pose: Pose2D, heading_rad: float) -> float:
         """How far the robot can go straight in this direction of odom, less its stop distance before an obstacle."""

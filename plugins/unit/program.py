@@ -75,7 +75,7 @@ class LineProcess:
         self._plugin = plugin
         self._max_line_bytes = max_line_bytes
         self._on_line = on_line
-        self._said: deque[str] = deque(maxlen=WAITING_LINES)
+        self._stated: deque[str] = deque(maxlen=WAITING_LINES)
         self._change = threading.Condition()
         self.is_silent = False
         """Whether it has closed its output, so that it will say no more."""
@@ -132,13 +132,13 @@ class LineProcess:
     def forget(self) -> None:
         """Lines that it has said so far answer nothing."""
         with self._change:
-            self._said.clear()
+            self._stated.clear()
 
     def next_line(self, limit_s: float) -> str | None:
         """The next line that it says; None if none comes in time, or none will come any more."""
         with self._change:
-            self._change.wait_for(lambda: bool(self._said) or self.is_silent, limit_s)
-            return self._said.popleft() if self._said else None
+            self._change.wait_for(lambda: bool(self._stated) or self.is_silent, limit_s)
+            return self._stated.popleft() if self._stated else None
 
     def end(self) -> None:
         """Ask it to end, see that it does, with all that it has started, and give everything back."""
@@ -168,7 +168,7 @@ class LineProcess:
                         self.left_out += 1
                         continue
                     with self._change:
-                        self._said.append(line)
+                        self._stated.append(line)
                         self._change.notify_all()
         finally:
             with self._change:
@@ -229,10 +229,10 @@ class Lines:
                 if not self._begun:
                     raise StopIteration
                 received = b"\n"  # the last line need not end with a line's end
-            self._take(received)
+            self._handle(received)
         return self._waiting.popleft().decode(errors="replace")
 
-    def _take(self, received: bytes) -> None:
+    def _handle(self, received: bytes) -> None:
         *whole, rest = received.split(b"\n")
         for part in whole:
             self._begin(part)
@@ -368,7 +368,7 @@ class Program(Unit):
         self._process: LineProcess | None = None
         self._again_s: float | None = None
         self._restarts = 0
-        self._why = ""
+        self._reason = ""
         self._was_halted = False
 
     def activate(self) -> None:
@@ -427,7 +427,7 @@ class Program(Unit):
             restarts=self._restarts,
             lines=process.lines if process is not None else 0,
             lines_left_out=process.left_out if process is not None else 0,
-            why=self._why,
+            why=self._reason,
         )
 
     def _find(self, program: str, folder: Path | None) -> None:
@@ -457,27 +457,29 @@ class Program(Unit):
 
     def _ended(self, process: LineProcess, status: int) -> None:
         """The program has ended by itself, or was killed: start it again, or leave it at that, or be at fault."""
-        self._why = f"{self.parameters.command[0]} {how_it_ended(status)}"
+        self._reason = f"{self.parameters.command[0]} {how_it_ended(status)}"
         self._end()
         if self._was_halted:
             self._was_halted = False
             self._start()
         elif status == 0:
-            logger.info("%s: %s", self.env.plugin, self._why)
+            logger.info("%s: %s", self.env.plugin, self._reason)
         else:
             if time.monotonic() - process.started_s > STEADY_S:
                 self._restarts = 0
             if self.parameters.restart == "no" or self._restarts >= self.parameters.restart_limit:
-                raise ProgramEnded(self.env.plugin, self._why)
+                raise ProgramEnded(self.env.plugin, self._reason)
             self._restarts += 1
             wait_s = backoff_s(self._restarts, BACKOFF_S, LONGEST_BACKOFF_S)
             self._again_s = time.monotonic() + wait_s
-            logger.warning("%s: %s, and is started again in %g s", self.env.plugin, self._why, wait_s)
+            logger.warning("%s: %s, and is started again in %g s", self.env.plugin, self._reason, wait_s)
 
     def _running(self) -> LineProcess:
         process = self._process
         if process is None or process.status is not None:
-            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} does not run: {self._why or 'it has just ended'}")
+            raise ProgramEnded(
+                self.env.plugin, f"{self.env.plugin} does not run: {self._reason or 'it has just ended'}"
+            )
         return process
 
     def _line(self, text: str) -> str:
@@ -496,10 +498,10 @@ class Program(Unit):
 
     def _write(self, process: LineProcess, line: str) -> None:
         try:
-            is_taken = process.write(line, self.parameters.time_limit_s)
+            is_accepted = process.write(line, self.parameters.time_limit_s)
         except OSError as error:
             raise ProgramEnded(self.env.plugin, f"{self.env.plugin} no longer accepts input: {error}") from error
-        if not is_taken:
+        if not is_accepted:
             raise self._late(process, "take a line")
 
     def _late(self, process: LineProcess, what: str) -> PluginError:

@@ -162,9 +162,9 @@ class KnownMate:
 # Each of these takes all mates at once: calls are what a large team costs.
 
 
-def receive_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
+def receive_states(reported: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
     """Take states of mates."""
-    for known, state in told:
+    for known, state in reported:
         known.spoke_ns = now_ns
         pose = state.pose
         if pose is None:
@@ -177,10 +177,10 @@ def receive_states(told: Iterable[tuple[KnownMate, RobotState]], now_ns: int) ->
             known.moved_at, known.moved_ns = pose, now_ns
 
 
-def receive_paths(told: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
+def receive_paths(reported: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
     """Take paths of mates, at most one of each."""
-    _pass_on([known for known, _ in told])
-    for known, path in told:
+    _pass_on([known for known, _ in reported])
+    for known, path in reported:
         known.spoke_ns = now_ns
         has_way_left = known.teammate is not None and known.way is not None and len(known.way) - known.passed > AT_END
         if known.held_at_m is not None or not has_way_left:
@@ -203,14 +203,14 @@ def _path_of(path: PlannedPath) -> tuple[Floats, Box]:
     return sample_path(np.array([*zip(xs, ys, strict=True)]), LONGEST_M), (min(xs), min(ys), max(xs), max(ys))
 
 
-def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
+def reckon(teammates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
     """Mates as they are to be reckoned with, those left out that have not told where they are."""
-    placed = [known for known in mates if known.teammate is not None]
+    placed = [known for known in teammates if known.teammate is not None]
     silent_ns = now_ns - fresh_ns
     stale = [known for known in placed if known.mate is None or known.heard_ns < silent_ns]
     _pass_on(stale)
     for known in stale:
-        teammate, state, way = known.teammate, known.state, known.way
+        teammate, state, route = known.teammate, known.state, known.way
         if teammate is None or state is None:
             continue
         pose, held_at_m = teammate.pose, known.held_at_m
@@ -218,7 +218,7 @@ def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]
         bound, rest = Point2D(pose.x_m, pose.y_m), None
         doing = Doing.OBSTACLE
         if known.heard_ns >= silent_ns and not state.halted and not state.lost:
-            rest = None if way is None else way[known.passed + 1 : known.passed + 1 + AHEAD]
+            rest = None if route is None else route[known.passed + 1 : known.passed + 1 + AHEAD]
             if rest is None or len(rest) < AT_END:
                 doing = Doing.STANDING
             elif held_at_m is not None or now_ns - known.moved_ns <= known.stalled_ns:
@@ -250,23 +250,23 @@ def reckon(mates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]
     return [known.mate for known in placed if known.mate is not None]
 
 
-def _pass_on(mates: Iterable[KnownMate]) -> None:
+def _pass_on(teammates: Iterable[KnownMate]) -> None:
     """Note how far mates have come along their ways."""
-    driving, ways, passed, places = [], [], [], []
-    for known in mates:
+    driving, routes, passed, places = [], [], [], []
+    for known in teammates:
         if known.way is not None and known.teammate is not None:
             driving.append(known)
-            ways.append(known.way)
+            routes.append(known.way)
             passed.append(known.passed)
             places.append((known.teammate.pose.x_m, known.teammate.pose.y_m))
     if driving:
-        for known, now in zip(driving, pass_on(ways, passed, np.array(places)), strict=True):
+        for known, now in zip(driving, pass_on(routes, passed, np.array(places)), strict=True):
             known.passed = now
 
 
-def _rolling_on(mate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
+def _rolling_on(teammate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
     """Where a mate will be that does not follow a path, and its speed: where it is and, while it moves, straight on."""
-    pose, velocity = mate.pose, mate.velocity
+    pose, velocity = teammate.pose, teammate.velocity
     speed_m_s = math.hypot(velocity.forward_m_s, velocity.left_m_s)
     if not is_fresh or speed_m_s <= ROLLS_M_S:
         return np.array(((pose.x_m, pose.y_m),)), speed_m_s
@@ -276,10 +276,10 @@ def _rolling_on(mate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
     return ahead, speed_m_s
 
 
-def may_be_near(mates: Iterable[KnownMate], place: Point2D, within_m: float) -> list[KnownMate]:
+def may_be_near(teammates: Iterable[KnownMate], place: Point2D, within_m: float) -> list[KnownMate]:
     """All that are, may roll, or are bound within a distance of a place, and some others."""
     x_m, y_m, found = place.x_m, place.y_m, []
-    for known in mates:
+    for known in teammates:
         teammate, box = known.teammate, known.box
         if teammate is None:
             continue
@@ -295,9 +295,9 @@ def may_be_near(mates: Iterable[KnownMate], place: Point2D, within_m: float) -> 
     return found
 
 
-def near(mates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mate]:
+def near(teammates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mate]:
     """Those that are, or are bound, within a distance of a place."""
-    return list(itertools.compress(mates, any_within([mate.track for mate in mates], place, within_m)))
+    return list(itertools.compress(teammates, any_within([teammate.track for teammate in teammates], place, within_m)))
 
 
 class Teammates(Unit):
@@ -372,7 +372,7 @@ class Teammates(Unit):
             return now_ns
         self._next_ns = now_ns + HEAR_NS
         count = len(self._known)
-        self._guard.batch(self._inbox.drain(), self._take)
+        self._guard.batch(self._inbox.drain(), self._handle)
         too_old_ns = now_ns - self._remember_ns
         oldest_ns = min([known.spoke_ns for known in self._known.values()], default=now_ns)
         if len(self._known) != count or oldest_ns < too_old_ns:
@@ -380,7 +380,7 @@ class Teammates(Unit):
             self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns}
         return now_ns
 
-    def _take(self, batch: Sequence[Received]) -> None:
+    def _handle(self, batch: Sequence[Received]) -> None:
         robot, all_known = self.env.robot, self._known
         states, paths = [], []
         for received in batch:

@@ -156,7 +156,7 @@ class BatteryFrames:
         self._wanted = wanted
         fields = {quantity.field for one in wanted.frames for quantity in one.signals.values()}
         self._has_current, self._has_soc = "current" in fields, "soc" in fields
-        self._told: dict[str, tuple[float, int]] = {}
+        self._reported: dict[str, tuple[float, int]] = {}
         """Value and stamp of each quantity."""
 
     @property
@@ -183,7 +183,7 @@ class BatteryFrames:
         if not all(map(math.isfinite, values)):
             raise BadFrame(f"{codec.name}: expected finite values, got {values}")
         for (field, factor, offset), value in zip(signals, values, strict=False):
-            self._told[field] = factor * value + offset, stamp_ns
+            self._reported[field] = factor * value + offset, stamp_ns
         if not has_voltage:
             return None
         current_a = self._recent("current", stamp_ns)
@@ -192,7 +192,7 @@ class BatteryFrames:
         wanted = self._wanted
         try:
             return plausible(
-                self._told["voltage"][0],
+                self._reported["voltage"][0],
                 None if current_a is None else wanted.current_sign * current_a,
                 self._recent("temperature", stamp_ns),
                 self._recent("soc", stamp_ns),
@@ -203,8 +203,8 @@ class BatteryFrames:
             raise BadFrame(f"{codec.name}: {error}") from error
 
     def _recent(self, field: str, stamp_ns: int) -> float | None:
-        value, told_ns = self._told.get(field, (None, 0))
-        return value if abs(stamp_ns - told_ns) <= RECENT_NS else None
+        value, reported_ns = self._reported.get(field, (None, 0))
+        return value if abs(stamp_ns - reported_ns) <= RECENT_NS else None
 
 
 GAP_S = 2.0

@@ -50,7 +50,7 @@ class FrameClock:
         self._counts = stamped_at is StampedAt.ARRIVAL
         self._period_ns = period_ns
         self._restart_ns = ANEW_FRAMES * period_ns
-        self._knows_stamps = False
+        self._has_stamps = False
         self._counter: int | None = None
         self._frame_ns = self._stamp_ns = 0
         self._frames = 0
@@ -66,9 +66,9 @@ class FrameClock:
 
         """
         # A stamp after one by the robot's clock is by that clock too, however old it is: the frame was late.
-        if not (self._knows_stamps and self._stamp_ns <= stamp_ns <= now_ns):
-            self._knows_stamps = abs(now_ns - stamp_ns) <= OTHER_CLOCK_NS
-            stamp_ns = stamp_ns if self._knows_stamps else now_ns
+        if not (self._has_stamps and self._stamp_ns <= stamp_ns <= now_ns):
+            self._has_stamps = abs(now_ns - stamp_ns) <= OTHER_CLOCK_NS
+            stamp_ns = stamp_ns if self._has_stamps else now_ns
         self._stamp_ns = stamp_ns
         if not self._counts or counter is None:
             self._frame_ns = stamp_ns

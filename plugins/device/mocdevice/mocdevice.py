@@ -365,8 +365,8 @@ class CanLink:
         except BadFrame as error:
             self._refuse(error)
             return
-        told = dict(zip(self._frames.status_fields, map(int, values), strict=False))
-        self.status = ControllerStatus(**told)
+        reported = dict(zip(self._frames.status_fields, map(int, values), strict=False))
+        self.status = ControllerStatus(**reported)
         self.statuses += 1
         self.has_failed = self.status.state in self._frames.failed
 

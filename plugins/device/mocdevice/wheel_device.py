@@ -368,8 +368,8 @@ class WheelDevice(Device):
         """`pose` and `is_fresh` in one call, for who asks many times a second."""
         if self._pending:
             self._catch_up()
-        heard_ns = self._received_ns
-        is_fresh = heard_ns is not None and self.env.clock.now_ns() - heard_ns <= self._silent_ns
+        received_ns = self._received_ns
+        is_fresh = received_ns is not None and self.env.clock.now_ns() - received_ns <= self._silent_ns
         return self._odometry.pose, is_fresh
 
     def pose_at(self, stamp_ns: int) -> Pose2D:

@@ -312,9 +312,9 @@ class SfLink:
         while self._to_send:
             self._to_send = self._to_send[self._socket.send(self._to_send) :]
 
-    def _lose(self, why: str, now_ns: int) -> None:
+    def _lose(self, reason: str, now_ns: int) -> None:
         self.close()
-        self._down_reason = f"{self._address[0]}:{self._address[1]}: {why}"
+        self._down_reason = f"{self._address[0]}:{self._address[1]}: {reason}"
         self._to_send = b""
         if self._backoff.is_due(to_seconds(now_ns)):
             self._backoff.fail(to_seconds(now_ns))
@@ -452,7 +452,7 @@ class MoteBase(Device):
         now_ns = self.env.clock.now_ns()
         packets = self._link.receive(now_ns)
         if packets or self._guard.since_ns is not None:
-            self._take(packets, self._link.dropped, now_ns)
+            self._handle(packets, self._link.dropped, now_ns)
         self._report_line(self._link.why_down(), now_ns)
 
     def deactivate(self) -> None:
@@ -500,7 +500,7 @@ class MoteBase(Device):
             next_try_s=self._backoff.wait_s(to_seconds(now_ns)),
         )
 
-    def _take(self, packets: list[bytes], dropped: int, now_ns: int) -> None:
+    def _handle(self, packets: list[bytes], dropped: int, now_ns: int) -> None:
         arrived = len(packets) + dropped - self._dropped_before
         self._dropped_before = dropped
         admitted = min(self._guard.admit(arrived, now_ns), len(packets))
@@ -526,13 +526,13 @@ class MoteBase(Device):
         if not self._reported_flood:
             self._reported_flood = True
             self._floods += 1
-            why = f"{self.env.plugin} floods: more than {limit} packets in a second, {arrived} of them at once"
-            self.trouble.notify(Trouble("flood", why))
+            reason = f"{self.env.plugin} floods: more than {limit} packets in a second, {arrived} of them at once"
+            self.trouble.notify(Trouble("flood", reason))
         fault_s = self.parameters.flood_fault_s
         if fault_s > 0 and now_ns - since_ns >= to_ns(fault_s):
             lasted_s = (now_ns - since_ns) / NS_PER_S
-            why = f"{self.env.plugin} has flooded for {lasted_s:.0f} s: more than {limit} packets in a second"
-            raise PluginError(self.env.plugin, why)
+            reason = f"{self.env.plugin} has flooded for {lasted_s:.0f} s: more than {limit} packets in a second"
+            raise PluginError(self.env.plugin, reason)
 
     def _report_line(self, why_down: str, now_ns: int) -> None:
         if bool(why_down) != bool(self._reported_down):

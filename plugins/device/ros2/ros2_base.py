@@ -73,13 +73,13 @@ class CommandGate:
     def stop(self) -> None:
         """Command zero, now and some times more."""
         with self._lock:
-            self._stand()
+            self._stand_still()
 
     def hold(self) -> None:
         """Command zero until `release`, whatever else is commanded."""
         with self._lock:
             self._held_ns = self._now_ns()
-            self._stand()
+            self._stand_still()
 
     def release(self) -> None:
         """End `hold`, for a step of the plugin, which has none while it is halted.
@@ -96,7 +96,7 @@ class CommandGate:
             if self._is_closed:
                 return
             if self._lapses_ns is not None and self._now_ns() >= self._lapses_ns:
-                self._stand()
+                self._stand_still()
             elif self._held_ns is not None or self._zeros:
                 self._zeros = max(self._zeros - 1, 0)
                 self._publish(STANDING)
@@ -105,10 +105,10 @@ class CommandGate:
         """Command zero once more, and nothing from then on."""
         with self._lock:
             if not self._is_closed:
-                self._stand()
+                self._stand_still()
                 self._is_closed = True
 
-    def _stand(self) -> None:
+    def _stand_still(self) -> None:
         if self._is_closed:
             return
         self._lapses_ns, self._zeros = None, ZEROS
@@ -144,25 +144,25 @@ class ToldPath(PoseTrack):
         self.before = before
         self._speed_m_s, self._turn_rate_rad_s = speed_m_s, turn_rate_rad_s
 
-    def take(self, told: ToldOdometry, measured_ns: int, number: int) -> bool:
+    def take(self, reported: ToldOdometry, measured_ns: int, number: int) -> bool:
         """Take what the base reports; returns False if its odometry has jumped, and the pose has stayed.
 
         Args:
-            told: the message.
+            reported: the message.
             measured_ns: its time of measurement, robot's clock.
             number: its publisher's count of messages. A publisher that counts from the start again has been started
                 again, and so may have been its odometry; 0 if there is no count.
 
         """
-        before, self.before = self.before, (told.pose, number)
+        before, self.before = self.before, (reported.pose, number)
         has_jumped = False
         if before is not None:
-            displacement = before[0].inverse().compose(told.pose)
+            displacement = before[0].inverse().compose(reported.pose)
             if 0 < number <= before[1] or self._is_jump(displacement, measured_ns):
                 has_jumped = True
             else:
                 self.pose = self.pose.compose(displacement)
-        self.velocity = STANDING if has_jumped else told.velocity
+        self.velocity = STANDING if has_jumped else reported.velocity
         history = self._history
         while history and history[-1][0] >= measured_ns:  # a clock was set back
             history.pop()
@@ -346,9 +346,9 @@ class Ros2Base(Device):
     def counters(self) -> Counters:
         """Messages believed, rejected and lost; `foreign` counts other publishers of the velocities."""
         self._catch_up()
-        link, heard, wanted = self._link, self._odometry, self.parameters
+        link, received, wanted = self._link, self._odometry, self.parameters
         foreign = max(link.publishers(wanted.topic(wanted.cmd_vel)) - 1, 0) if link is not None else 0
-        rejected, dropped = (heard.rejected, heard.dropped) if heard is not None else (0, 0)
+        rejected, dropped = (received.rejected, received.dropped) if received is not None else (0, 0)
         return Counters(self._believed, rejected, foreign, dropped, self._jumps)
 
     def status(self) -> ControllerStatus | None:
@@ -385,11 +385,11 @@ class Ros2Base(Device):
         publisher.publish(message)
 
     def _catch_up(self) -> None:
-        heard = self._odometry
-        if not heard:  # nothing has come
+        received = self._odometry
+        if not received:  # nothing has come
             return
-        for told, measured_ns, number in heard.take():
-            if not self._path.take(told, measured_ns, number):
+        for reported, measured_ns, number in received.take():
+            if not self._path.take(reported, measured_ns, number):
                 self._jumps += 1
             self._believed += 1
             if self._received_ns is None and self._is_again:

@@ -131,14 +131,14 @@ class Ros2Imu(TopicDevice):
         rates, now_ns = self.env.board.yaw_rates, self.env.clock.now_ns()
         if self._latest is None and self._topic is not None and not self._topic and self._first.is_missing(now_ns):
             logger.warning("%s: no measurement yet: %s", self.env.robot, self._topic.silence_reason)
-        for told, measured_ns, _ in self._topic.take() if self._topic is not None else ():
+        for reported, measured_ns, _ in self._topic.take() if self._topic is not None else ():
             latest = self._latest
             before_ns = 0 if latest is None else latest.stamp_ns
-            sample = self._mounting.sample(told.motion, max(before_ns + 1, min(measured_ns, now_ns)))
+            sample = self._mounting.sample(reported.motion, max(before_ns + 1, min(measured_ns, now_ns)))
             self._latest, self._received_ns = sample, now_ns
             rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
-        heard_ns, silence = self._received_ns, self._silence
-        if heard_ns is not None and silence.since(heard_ns, now_ns) > silence.limit_ns:
+        received_ns, silence = self._received_ns, self._silence
+        if received_ns is not None and silence.since(received_ns, now_ns) > silence.limit_ns:
             raise ImuAbsent(f"no measurement: {self._topic.silence_reason if self._topic is not None else 'stopped'}")
 
     @external

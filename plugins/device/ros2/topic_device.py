@@ -127,7 +127,7 @@ class CheckedTopic(Generic[T]):
 
     def take(self) -> list[CheckedMessage[T]]:
         """What has come since the last call, in order."""
-        taken = []
+        accepted = []
         for arrived in self._inbox.drain():
             try:
                 value = self._read(arrived.message)
@@ -138,8 +138,8 @@ class CheckedTopic(Generic[T]):
                 continue
             self._rejected_since = 0
             measured_ns = self._clock.measured_ns(value.stamp_ns, arrived.arrived_ns)
-            taken.append(CheckedMessage(value, measured_ns, arrived.number))
-        return taken
+            accepted.append(CheckedMessage(value, measured_ns, arrived.number))
+        return accepted
 
     def close(self) -> None:
         """Hear no more."""

@@ -39,7 +39,7 @@ class ScanInterface(Protocol):
     def latest(self) -> LaserScan | None:
         """The last scan; None before the first."""
 
-    def doubt(self, why: str) -> None:
+    def doubt(self, reason: str) -> None:
         """Say that the last scan cannot be true: the lidar is at fault until it sends another."""
 
 

@@ -209,9 +209,9 @@ class LidarDevice(Device):
         """The last scan; None before the first."""
         return self._latest
 
-    def doubt(self, why: str) -> None:
+    def doubt(self, reason: str) -> None:
         """Say that the last scan cannot be true: the device faults, and hands no such turn on again."""
-        self._doubt = why
+        self._doubt = reason
 
     @external
     def nearest_m(self) -> float | None:
@@ -221,7 +221,7 @@ class LidarDevice(Device):
         nearest_m = min(self._latest.beam_ranges_m, default=math.inf)
         return nearest_m if nearest_m < self._latest.range_max_m else None
 
-    def fail(self, why: str) -> None:
+    def fail(self, reason: str) -> None:
         """Tell the team, and fault."""
-        self.trouble.notify(why)
-        raise LidarFault(self.env.plugin, why)
+        self.trouble.notify(reason)
+        raise LidarFault(self.env.plugin, reason)

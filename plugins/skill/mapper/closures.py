@@ -128,25 +128,25 @@ class ClosureDesk:
         self._variances: dict[SubmapKey, Variances] = {}
         """Variances of the poses of mates' submaps."""
         self._at: Pose2D | None = None
-        self._looks: deque[SubmapKey | None] = deque(maxlen=LOOKS_MAX)
+        self._checks: deque[SubmapKey | None] = deque(maxlen=LOOKS_MAX)
         """Submaps that contradicted a scan; None for those that agreed."""
 
     def begin_anew(self) -> None:
         """The robot may be anywhere now: what was found before says nothing."""
         self.search.forget()
-        self._looks.clear()
+        self._checks.clear()
 
     def misplacement_reason(self) -> str:
         """Why the robot cannot be where it believes to be; empty while it may be.
 
         One mate that is wrong contradicts all others, so submaps of two robots have to speak against this one.
         """
-        contradicting = [key for key in self._looks if key is not None]
+        contradicting = [key for key in self._checks if key is not None]
         submaps = set(contradicting)
         robots = {robot for robot, _ in submaps}
         if len(contradicting) < CONTRADICTIONS_MIN or len(submaps) < SUBMAPS_MIN or len(robots) < ROBOTS_MIN:
             return ""
-        self._looks.clear()
+        self._checks.clear()
         return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
 
     def look(
@@ -178,11 +178,11 @@ class ClosureDesk:
         lying = lay_on(submap, self._atlas.grid.geometry, sensor, points(), sigma_m, sigma_rad)
         if isinstance(lying, Contradiction) and lying.agrees < CONTRADICTS:
             self.contradicted += 1
-            self._looks.append(key)
+            self._checks.append(key)
         if not isinstance(lying, Lying):
             return True
         if key[0] != self._robot:
-            self._looks.append(None)
+            self._checks.append(None)
         found = self._with_slack(submap.T_arena_local.inverse().compose(sensor), lying.sensor)
         at_own = local.compose(Pose2D(0.0, 0.0, -found.yaw_rad))
         at_other = Pose2D(found.x_m, found.y_m, 0.0)
@@ -204,19 +204,19 @@ class ClosureDesk:
             Why some were refused; empty if none was.
 
         """
-        why = ""
+        reason = ""
         for closure in message.closures:
             if closure.mate != self._robot:
                 continue
             information = symmetric(closure.information)
             if not is_information(information):
-                why = f"{message.robot}: the information of a loop closure is no inverse covariance"
+                reason = f"{message.robot}: the information of a loop closure is no inverse covariance"
             elif not (self._is_near(closure.at) and self._is_near(closure.at_mate)):
-                why = f"{message.robot}: a loop closure lies far outside the map"
+                reason = f"{message.robot}: a loop closure lies far outside the map"
             else:
                 other = message.robot, closure.submap
                 self._graph.add_robot_closure(closure.mate_submap, closure.at_mate, other, closure.at, information)
-        return why
+        return reason
 
     def receive_submap_poses(self, patch: MapPatch) -> None:
         """Note the poses of a mate's submaps and their variances."""
@@ -227,9 +227,11 @@ class ClosureDesk:
             key = part.robot, part.submap
             if len(self._variances) >= MATE_SUBMAPS_MAX and key not in self._variances:
                 # A mate may tell of submaps that do not exist: drop the variances of submaps without cells.
-                self._variances = {each: told for each, told in self._variances.items() if each in self._atlas.submaps}
-            is_told = part.variance_m2 > 0.0 or part.variance_rad2 > 0.0
-            if is_told and (len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances):
+                self._variances = {
+                    each: reported for each, reported in self._variances.items() if each in self._atlas.submaps
+                }
+            is_reported = part.variance_m2 > 0.0 or part.variance_rad2 > 0.0
+            if is_reported and (len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances):
                 floor_m2, _, floor_rad2 = UNSAID
                 variance_m2, variance_rad2 = max(part.variance_m2, floor_m2), max(part.variance_rad2, floor_rad2)
                 self._variances[key] = variance_m2, variance_m2, variance_rad2

@@ -96,7 +96,7 @@ class Frames:
         graph: SubmapGraph,
         own: OwnSubmaps,
         mates_in: Callable[[MapFrame], Floats],
-        mates: Callable[[], int],
+        teammates: Callable[[], int],
     ) -> None:
         self.told: list[MapPatch] = []
         """Where own submaps lie now, to be told."""
@@ -105,7 +105,7 @@ class Frames:
         self._graph = graph
         self._own = own
         self._robot_places_in = mates_in
-        self._others = mates
+        self._others = teammates
         self._answers: deque[tuple[MapFrame, _Answer]] = deque(maxlen=ANSWERS_MAX)
         self._turn = 0
         self._prior: tuple[Pose2D, Floats] | None = None
@@ -116,12 +116,12 @@ class Frames:
         """In which the robot maps now."""
         return self._own.frame
 
-    def begin(self, number: int, why: str) -> None:
+    def begin(self, number: int, reason: str) -> None:
         """A trajectory begins with this submap: in a frame of its own if there is a reason why the place is unknown."""
         self._prior = None
-        self._enter(MapFrame(number, self._robot) if why else ARENA, why)
+        self._enter(MapFrame(number, self._robot) if reason else ARENA, reason)
 
-    def part(self, why: str) -> None:
+    def part(self, reason: str) -> None:
         """The submaps of this trajectory may lie wrong: take them out of the team's map, into a frame of their own."""
         numbers = [node.number for node in self._graph.own.values() if node.trajectory == self._own.trajectory]
         if not numbers:
@@ -130,7 +130,7 @@ class Frames:
         current = self._graph.own[max(numbers)]
         self._prior = current.pose, current.covariance.copy()
         self._graph.part(self._own.trajectory, frame)
-        self._enter(frame, why)
+        self._enter(frame, reason)
         self._place({(self._robot, number): self._graph.own[number].T_arena_local for number in numbers})
 
     def uncertainty_reason(self) -> str:
@@ -141,8 +141,8 @@ class Frames:
         sigma_m = math.sqrt(max(current.covariance[0, 0], current.covariance[1, 1]))
         if sigma_m < UNSURE_M:
             return ""
-        has_mates = any(key[0] != self._robot and each.frame == ARENA for key, each in self._atlas.submaps.items())
-        return f"its place is known to ± {sigma_m:.1f} m only" if has_mates else ""
+        has_teammates = any(key[0] != self._robot and each.frame == ARENA for key, each in self._atlas.submaps.items())
+        return f"its place is known to ± {sigma_m:.1f} m only" if has_teammates else ""
 
     def apply_fix(self, fix: ArenaFix) -> None:
         """Motes have told where the robot is in the arena."""
@@ -186,24 +186,24 @@ class Frames:
         self._turn += 1
         frame, turn = better[self._turn % len(better)], self._turn // len(better)
         own, other = self._atlas.grid, self._atlas.composed(frame)
-        known, mates = self._robot_places_in(self.frame), self._robot_places_in(frame)
+        known, teammates = self._robot_places_in(self.frame), self._robot_places_in(frame)
         bodies = np.concatenate((self._own_bodies(here), known))
         # Whoever tells no place in a map's frame may be drawn there as an obstacle.
-        strangers = min(max(2 * self._others() - len(known) - len(mates), 0), STRANGERS_MAX)
+        strangers = min(max(2 * self._others() - len(known) - len(teammates), 0), STRANGERS_MAX)
         evidence_min = KNOWN_EVIDENCE_MIN if self._was_in(frame) else EVIDENCE_MIN
         evidence_min = min(evidence_min, round(EVIDENCE_SHARE * other.geometry.width * other.geometry.height))
         was_at = [node.pose for node in self._graph.own.values() if node.frame == self.frame][:-1]
         is_past = turn % 4 == 3 and was_at  # where it is now may be new to the others
-        if is_past or turn % 2 or not len(mates):
+        if is_past or turn % 2 or not len(teammates):
             place = was_at[turn // 4 % len(was_at)] if is_past else here
-            found = MapMatcher(own, other, bodies, mates, strangers, evidence_min).find(place)
+            found = MapMatcher(own, other, bodies, teammates, strangers, evidence_min).find(place)
             T_new_old = None if found is None else found.T_other_own
         else:  # a mate may have come to where this robot has been
-            x_m, y_m, _ = mates[turn // 2 % len(mates)].tolist()
-            at_mate = Pose2D(x_m, y_m, 0.0)
-            found = MapMatcher(other, own, mates, bodies, strangers, evidence_min).find(at_mate)
+            x_m, y_m, _ = teammates[turn // 2 % len(teammates)].tolist()
+            at_teammate = Pose2D(x_m, y_m, 0.0)
+            found = MapMatcher(other, own, teammates, bodies, strangers, evidence_min).find(at_teammate)
             T_new_old = None if found is None else found.T_other_own.inverse()
-            place = here if found is None else found.T_other_own.compose(at_mate)
+            place = here if found is None else found.T_other_own.compose(at_teammate)
         if found is None or T_new_old is None or not may_be_at(frame, T_new_old.compose(here)):
             return
         if frame == ARENA and cells_outside(own, T_new_old, other.geometry) > OUTSIDE_MAX:
@@ -250,21 +250,21 @@ class Frames:
 
     def _own_bodies(self, here: Pose2D) -> Floats:
         """Where others may have seen this robot while they did not know what it was."""
-        stood = [here, *(node.pose for node in self._graph.own.values() if node.frame == self.frame)]
-        return np.array([(at.x_m, at.y_m, BODY_M) for at in stood])
+        stayed = [here, *(node.pose for node in self._graph.own.values() if node.frame == self.frame)]
+        return np.array([(at.x_m, at.y_m, BODY_M) for at in stayed])
 
     def _join(self, frame: MapFrame, T_new_old: Pose2D, at: Pose2D, covariance: Floats) -> None:
-        before, why = self.frame, self._own.why
+        before, reason = self.frame, self._own.why
         self._graph.change_frame(before, frame, T_new_old, at, covariance)
         moved = [key for key, each in self._atlas.submaps.items() if key[0] == self._robot and each.frame == before]
         self._own.T_arena_local = T_new_old.compose(self._own.T_arena_local)
-        self._enter(frame, "" if frame == ARENA else why)
+        self._enter(frame, "" if frame == ARENA else reason)
         self._place({key: T_new_old.compose(self._atlas.submaps[key].T_arena_local) for key in moved})
 
-    def _enter(self, frame: MapFrame, why: str) -> None:
+    def _enter(self, frame: MapFrame, reason: str) -> None:
         if frame != self.frame:
             logger.warning("%s: maps in %s", self._robot, _name(frame))
-        self._own.frame, self._own.why = frame, why
+        self._own.frame, self._own.why = frame, reason
         self._atlas.change_frame(frame)
         self._answers.clear()
 

@@ -114,33 +114,33 @@ class MapHearing:
 
     def _merge_all(self, received: Sequence[Received]) -> None:
         """Take messages in, one after the other; successive patches of which only cells are new are drawn at once."""
-        heard = self._met - {self._robot}
+        arrived = self._met - {self._robot}
         now_ns = self._wire.clock.now_ns()
         earliest_ns, latest_ns = now_ns - to_ns(BEHIND_S), now_ns + to_ns(AHEAD_S)
         for one in received:
             message = one.message
             is_patch = one.topic is ROBOT_MAP and not message.parts and message.observed_ms <= self._allowed_ms
             is_patch = is_patch and earliest_ns <= message.stamp_ns <= latest_ns
-            tells_variances = is_patch and (message.variance_m2 > 0.0 or message.variance_rad2 > 0.0)
-            if is_patch and not tells_variances and message.robot in heard and self._shared.take(message):
+            has_variances = is_patch and (message.variance_m2 > 0.0 or message.variance_rad2 > 0.0)
+            if is_patch and not has_variances and message.robot in arrived and self._shared.take(message):
                 continue
             self._shared.flush()
-            self._guard.messages((one,), self._take)
+            self._guard.messages((one,), self._handle)
         self._shared.flush()
 
-    def _take(self, received: Received) -> None:
+    def _handle(self, received: Received) -> None:
         message: MapPatch | Closures = received.message
         if message.robot == self._robot:
             return
         refusals = self._wire.refusals
         if message.robot not in self._met:
             # nothing is lost: the mapper asks for its whole map when its token appears
-            why = f"{message.robot} is not there"
-            refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, why)
+            reason = f"{message.robot} is not there"
+            refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, reason)
             return
-        why = self._desk.hear(message) if isinstance(message, Closures) else self._merge(message)
-        if why:
-            refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, why)
+        reason = self._desk.hear(message) if isinstance(message, Closures) else self._merge(message)
+        if reason:
+            refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, reason)
 
     def _merge(self, patch: MapPatch) -> str:
         """Take a patch into the map; returns why it was refused, empty if it was not."""
@@ -216,13 +216,13 @@ class MapTelling:
 
     def placed(self, nodes: list[OwnSubmap]) -> None:
         """Submaps of the pose graph have moved."""
-        told = []
+        reported = []
         for node in nodes:
             place, frame = node.T_arena_local, node.frame
-            told.append(
+            reported.append(
                 pose_message(self._robot, self._geometry, node.number, place, frame, variances=_variances(node))
             )
-        self.moved(told)
+        self.moved(reported)
 
     def moved(self, messages: list[MapPatch]) -> None:
         """Submaps have moved, as these messages say."""

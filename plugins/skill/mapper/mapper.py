@@ -131,7 +131,7 @@ class Mapper(Skill):
 
     def init(self) -> None:
         self._own_map = self.env.board.shared(OwnMap)
-        self._taken = self._skipped = 0
+        self._accepted = self._skipped = 0
         geometry = self.parameters.geometry()
         self._atlas = SubmapAtlas(geometry)
         self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
@@ -141,8 +141,8 @@ class Mapper(Skill):
             self.env.robot, self._atlas, self._graph, self._own, self._robot_places_in, lambda: self._teammates.count()
         )
         self._view: MapView | None = None
-        self._telling = MapTelling(self.env.robot, geometry)
-        self._hearing = MapHearing(self.env.robot, self._atlas, self._desk, self._frames)
+        self._outgoing = MapTelling(self.env.robot, geometry)
+        self._incoming = MapHearing(self.env.robot, self._atlas, self._desk, self._frames)
         self._began_ns: int | None = None
         self._has_restarted = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
@@ -156,32 +156,32 @@ class Mapper(Skill):
             self._own.T_arena_local = self._own_map.local_map.T_arena_local
         if self._began_ns is None:
             self._began_ns = self.env.clock.now_ns()
-            self._hearing.begin(self._began_ns)
+            self._incoming.begin(self._began_ns)
         self._driver = self.env.use("driver", DriverInterface)
         self._teammates = self.env.use("teammates", TeammatesInterface)
         self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
         self._closures = wire.publisher(ROBOT_CLOSURES, robot=robot)
-        self._hearing.connect(wire)
-        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._hearing.whole(), robot=robot)
-        self._tell_others()
+        self._incoming.connect(wire)
+        self.env.answer(ROBOT_MAP_WHOLE, lambda _request: self._incoming.whole(), robot=robot)
+        self._publish_others()
 
     def step(self) -> None:
-        self._hearing.step()
+        self._incoming.step()
         self._publish_move()
         self._own_map.robot_places = self._others()
         self._integrate()
         if self._own_map.false_start:
             self._restart()
         if not self._is_starting(START_S):
-            self._hearing.others = None
-        self._tell_others()
+            self._incoming.others = None
+        self._publish_others()
         self._draw_own_patch()
         self._find_frame()
         self._solve()
         if self._is_starting(TELL_AFTER_S):
             return
-        for patch in self._telling.take():
+        for patch in self._outgoing.take():
             self._patches.put(patch)
         if self._desk.found:
             self._closures.put(Closures(robot=self.env.robot, closures=self._desk.found[:CLOSURES_A_STEP]))
@@ -204,10 +204,10 @@ class Mapper(Skill):
     def counters(self) -> MapperCounters:
         """Counters of scans and patches."""
         return MapperCounters(
-            scans=self._taken,
+            scans=self._accepted,
             scans_left_out=self._skipped,
             why_left_out=self.env.board.map_paused,
-            patches_dropped=self._hearing.dropped,
+            patches_dropped=self._incoming.dropped,
             submaps=len(self._atlas.submaps),
             closures=self._desk.closed,
             contradictions=self._desk.contradicted,
@@ -231,14 +231,14 @@ class Mapper(Skill):
     def _handle_scan(self, scan: LaserScan, local_pose: LocalPose) -> None:
         if self._own_map.false_start:
             self._restart()
-        self._pause(self._why_not(local_pose))
+        self._pause(self._refusal(local_pose))
         if self.env.board.map_paused:
             self._skipped += 1
             return
         if not local_pose.fits:
             self._skipped += 1
             return
-        self._taken += 1
+        self._accepted += 1
         if local_pose.trajectory != self._own.trajectory:
             self._own.begin_trajectory(local_pose.trajectory)
             if local_pose.lost:
@@ -246,9 +246,9 @@ class Mapper(Skill):
             self._desk.begin_anew()
             self._frames.begin(map_stamp_ms(scan.stamp_ns), local_pose.lost)
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
-        self._own_map.robot_places = told = self._others()
+        self._own_map.robot_places = reported = self._others()
         sensor = self._own.T_arena_local.compose(local)
-        circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, told)
+        circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, reported)
         if self._own.is_over():
             self._finish_submap()
             covariance = np.array(self.env.board.pose_covariance).reshape(3, 3)
@@ -277,7 +277,7 @@ class Mapper(Skill):
         if key not in self._atlas.submaps:
             self._atlas.move(key, self._own.T_arena_local, self._own.frame)
         self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
-        self._telling.patch(own, self._own)
+        self._outgoing.patch(own, self._own)
 
     def _finish_submap(self) -> None:
         """Queue the last patch of the current submap, and its surfaces."""
@@ -287,7 +287,7 @@ class Mapper(Skill):
             return
         surfaces = self._own.surfaces()
         self._atlas.set_surfaces((self.env.robot, number), surfaces)
-        self._telling.finished(number, self._own, surfaces)
+        self._outgoing.finished(number, self._own, surfaces)
 
     def _search_closure(self, scan: LaserScan, local: Pose2D, circles: Floats) -> None:
         now_ns, number = self.env.clock.now_ns(), self._own.number
@@ -313,7 +313,7 @@ class Mapper(Skill):
         for frame in sorted({node.frame for node in nodes}):
             placed = {(self.env.robot, node.number): node.T_arena_local for node in nodes if node.frame == frame}
             self._atlas.move_all(placed, frame)
-        self._telling.placed(nodes)
+        self._outgoing.placed(nodes)
         current = self._graph.current
         if current is not None and current.number == self._own.number:
             self._own.T_arena_local = current.T_arena_local
@@ -325,14 +325,14 @@ class Mapper(Skill):
     def _find_frame(self) -> None:
         """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
         now_ns = self.env.clock.now_ns()
-        if why := self._desk.misplacement_reason():
+        if reason := self._desk.misplacement_reason():
             # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
             nodes = self._graph.own.values()
             self._withdraw([node.number for node in nodes if node.trajectory == self._own.trajectory])
             self._own.begin_trajectory(self._own.trajectory)
-            self._own_map.misplaced = why
-        elif why := self._frames.uncertainty_reason():
-            self._frames.part(why)
+            self._own_map.misplaced = reason
+        elif reason := self._frames.uncertainty_reason():
+            self._frames.part(reason)
         fix, self._own_map.arena_fix = self._own_map.arena_fix, None
         if fix is not None:
             self._frames.apply_fix(fix)
@@ -346,7 +346,7 @@ class Mapper(Skill):
         """Submaps have changed their frame: tell the team, and localisation."""
         if not self._frames.told:
             return
-        self._telling.moved(self._frames.told)
+        self._outgoing.moved(self._frames.told)
         self._frames.told = []
         self._update_board()
         self._own_map.robot_places = self._others()
@@ -360,7 +360,7 @@ class Mapper(Skill):
         scan = self._seen.scan
         return not sees_through(scan.angles_rad, scan.ranges_m, scan.range_max_m, pose, self._robot_places_in(frame))
 
-    def _why_not(self, local_pose: LocalPose) -> str:
+    def _refusal(self, local_pose: LocalPose) -> str:
         """Why a scan must not be put into the map now; walls in the wrong place are worse than none.
 
         How unsure it is where the robot's own map lies does not count: loop closures move submaps as a whole, and only
@@ -377,9 +377,9 @@ class Mapper(Skill):
             return f"the robot's place is not sure enough, above {limit_m:g} m"
         return ""
 
-    def _tell_others(self) -> None:
+    def _publish_others(self) -> None:
         """What the others had mapped before is the measure of where the robot starts."""
-        others = self._hearing.others
+        others = self._incoming.others
         self._own_map.map_of_others = None if others is None else others.grid
 
     def _is_starting(self, for_s: float) -> bool:
@@ -406,14 +406,14 @@ class Mapper(Skill):
         for number in numbers:
             self._graph.withdraw(number)
             self._atlas.withdraw((self.env.robot, number))
-        self._hearing.withdrawn.update(numbers)
-        self._telling.withdrawn(numbers)
+        self._incoming.withdrawn.update(numbers)
+        self._outgoing.withdrawn(numbers)
 
-    def _pause(self, why: str) -> None:
-        if bool(why) != bool(self.env.board.map_paused):
-            logger.warning("%s: the mapper %s", self.env.robot, f"leaves scans out: {why}" if why else "goes on")
-            self.paused.notify(why)
-        self.env.board.map_paused = why
+    def _pause(self, reason: str) -> None:
+        if bool(reason) != bool(self.env.board.map_paused):
+            logger.warning("%s: the mapper %s", self.env.robot, f"leaves scans out: {reason}" if reason else "goes on")
+            self.paused.notify(reason)
+        self.env.board.map_paused = reason
 
     def _others(self) -> Floats:
         """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""
@@ -421,10 +421,10 @@ class Mapper(Skill):
 
     def _robot_places_in(self, frame: MapFrame) -> Floats:
         """(K, 3) published places of mates in a map frame and their radii, metres."""
-        mates = self._teammates.in_frame(frame)
-        if not mates:
+        teammates = self._teammates.in_frame(frame)
+        if not teammates:
             return NOBODY
-        return np.array([(mate.pose.x_m, mate.pose.y_m, mate.radius_m) for mate in mates])
+        return np.array([(teammate.pose.x_m, teammate.pose.y_m, teammate.radius_m) for teammate in teammates])
 
 
 class _Seen(NamedTuple):

@@ -138,8 +138,8 @@ class OwnSubmaps:
             turned_rad = math.remainder(sensor.yaw_rad - self._last.yaw_rad, math.tau)
             self._path_m += sensor.distance_m(self._last) + TURN_M_PER_RAD * abs(turned_rad)
         self._last = sensor
-        heard_m = without_dropouts(ranges_m, range_max_m, self._spec.misses_min)
-        self.grid.integrate_scan(sensor, angles_rad, heard_m, range_max_m, stamp_ms, ignore, drift)
+        received_m = without_dropouts(ranges_m, range_max_m, self._spec.misses_min)
+        self.grid.integrate_scan(sensor, angles_rad, received_m, range_max_m, stamp_ms, ignore, drift)
 
     def contradict(self, team: OccupancyGrid) -> None:
         """Mark floor that the team's map shows as a wall, such as a mate that stood there, to be told again.

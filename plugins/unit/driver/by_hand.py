@@ -78,8 +78,8 @@ class ByHand:
                 self._until_ns = None if self._until_ns is None else now_ns
             return
         if not is_held:
-            why = "it has lapsed, or somebody else holds it; take it again with take_hand"
-            raise CallError(ErrorCode.REFUSED, f"move: lease {lease} is not held: {why}")
+            reason = "it has lapsed, or somebody else holds it; take it again with take_hand"
+            raise CallError(ErrorCode.REFUSED, f"move: lease {lease} is not held: {reason}")
         self.wanted = wanted
         self._lapses_ns = self._until_ns = now_ns + self._lease_ns
 

@@ -95,7 +95,7 @@ class Driver(OnBase):
 
     def init(self) -> None:
         limits = self.parameters
-        self._way = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)  # of the body, frame odom
+        self._ramp = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)  # of the body, frame odom
         self._turn = Ramp(RampLimits(limits.turn_acceleration_rad_s2, limits.turn_jerk_rad_s3), PERIOD_S)
         self._arcs: Arcs | None = None
         """Of a base that cannot turn on the spot."""
@@ -109,7 +109,7 @@ class Driver(OnBase):
         self._last_yaw_rad = 0.0
         self._motion = Motion.STANDING
         self._blocked_since_ns: int | None = None
-        self._why = ""
+        self._reason = ""
         self._gap_m: float | None = None
         self._squeezes = False
 
@@ -122,7 +122,7 @@ class Driver(OnBase):
         self._lookout = Lookout(self._moc, scan, ranges, limits.stop_distance_m)
         self._steering = Steering(
             self._lookout,
-            self._way,
+            self._ramp,
             self._turn,
             turn_rate_rad_s=limits.turn_rate_rad_s,
             braking_m_s2=limits.braking_m_s2,
@@ -135,7 +135,7 @@ class Driver(OnBase):
 
     def step(self) -> None:
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
-            self._stand()
+            self._stand_still()
         now_ns = self.env.clock.now_ns()
         if self._hand.has_ended(now_ns + to_ns(HAND_PERIOD_S)):  # or would, before it looks again
             self._release_hand()
@@ -160,11 +160,11 @@ class Driver(OnBase):
         check_range("follow", *itertools.chain.from_iterable(map(_X_Y, path)))
         if self._action is not None:
             self._action.supersede()
-        way = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
+        new_path = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
         if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
-            self._path = way
+            self._path = new_path
         else:
-            self._stand() if way is None else self._set_out(way)
+            self._stand_still() if new_path is None else self._set_out(new_path)
 
     @external
     def drive_path(self, points: Annotated[list[Point2D], Meta(max_length=POINTS_MAX)]) -> ActionId:
@@ -227,7 +227,7 @@ class Driver(OnBase):
         check_range("turn", angle_rad)
         pose = self._moc.pose()
         action = self._actions.start("turn")
-        self._stand()
+        self._stand_still()
         self._action = action
         self._length = abs(angle_rad)
         self._to_turn_rad = angle_rad or TURNED_RAD / 2  # nothing to turn is done at the next step as well
@@ -241,7 +241,7 @@ class Driver(OnBase):
         """Cancel this action and stand still; False if it is not running."""
         if not self._actions.cancel(action):
             return False
-        self._stand()
+        self._stand_still()
         return True
 
     @external
@@ -249,7 +249,7 @@ class Driver(OnBase):
         """Stand still."""
         caller = self.env.caller
         self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
-        self._stand()
+        self._stand_still()
 
     @external
     def motion(self) -> Motion:
@@ -265,7 +265,7 @@ class Driver(OnBase):
     @external
     def blocked_why(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
-        return self._why if self._motion is Motion.BLOCKED else ""
+        return self._reason if self._motion is Motion.BLOCKED else ""
 
     def squeezes(self) -> bool:
         """Whether the robot is in a narrow place or in front of one, as seen when it last drove."""
@@ -301,7 +301,7 @@ class Driver(OnBase):
 
     def _release_hand(self) -> None:
         path, action = self._path, self._action
-        self._stand()
+        self._stand_still()
         if path is not None:
             self._set_out(path)
             self._action = action
@@ -314,19 +314,19 @@ class Driver(OnBase):
         self._to_turn_rad = 0.0
         self._motion = Motion.STANDING
         self._blocked_since_ns = None
-        self._way.stand()
+        self._ramp.stand()
         self._turn.stand()
         if self._arcs is not None:
             self._arcs.stand()
 
-    def _stand(self) -> None:
+    def _stand_still(self) -> None:
         if self._path is not None or self._motion is not Motion.STANDING:
             self._moc.stop()
         self._forget()
 
     def _end(self, pose: Pose2D) -> None:
         action = self._action
-        self._stand()
+        self._stand_still()
         if action is not None:
             action.done(pose)
 
@@ -351,9 +351,9 @@ class Driver(OnBase):
         speed_m_s = math.hypot(wanted.forward_m_s, left_m_s)
         heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(left_m_s, wanted.forward_m_s))
         free_m = self._lookout.free_m(pose, heading_rad)
-        why = NEEDS_SPEED if self._arcs is not None and speed_m_s == 0 and wanted.yaw_rad_s else ""
-        self._record(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else why)
-        ahead_m = self._way.ahead(math.cos(heading_rad), math.sin(heading_rad))
+        reason = NEEDS_SPEED if self._arcs is not None and speed_m_s == 0 and wanted.yaw_rad_s else ""
+        self._record(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else reason)
+        ahead_m = self._ramp.ahead(math.cos(heading_rad), math.sin(heading_rad))
         slow_m_s = min(speed_m_s, limits.speed_m_s, limits.hand_speed_m_s)
         self._steering.go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m, may_reverse=True)
         rate_rad_s = min(limits.turn_rate_rad_s, limits.hand_turn_rate_rad_s)
@@ -407,7 +407,7 @@ class Driver(OnBase):
         self._give_up_if_blocked()
 
     def _command(self, path: Path, pose: Pose2D) -> Twist2D:
-        target, way, limits = path.target, self._way, self.parameters
+        target, ramp, limits = path.target, self._ramp, self.parameters
         heading_rad = math.atan2(target.y_m - pose.y_m, target.x_m - pose.x_m)
         free_m = self._lookout.free_m(pose, heading_rad)
         self._squeezes = path.is_narrow and (
@@ -421,7 +421,7 @@ class Driver(OnBase):
         turns_by_arcs = self._arcs is not None and not path.is_straight
         if not turns_by_arcs:
             self._record(blocked_why)
-        ahead_m = way.ahead(math.cos(heading_rad), math.sin(heading_rad))
+        ahead_m = ramp.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
         fastest_m_s = min(limits.speed_m_s, path.fastest_m_s, path_m_s)
         reverses = path.is_straight
@@ -433,19 +433,19 @@ class Driver(OnBase):
 
     def _squeeze(self, path: Path, pose: Pose2D, heading_rad: float, free_m: float) -> Twist2D:
         """Drive one period through a narrow place or up to one; `free_m` is the room ahead for normal driving."""
-        way, limits = self._way, self.parameters
+        ramp, limits = self._ramp, self.parameters
         found = squeeze(self._lookout, pose, heading_rad, path.along_rad(pose), self._moc.radius_m())
         if is_there := path.is_at_goal(pose):
             path.forget_progress()
         is_stuck = not is_there and path.is_stuck(pose, self.env.clock.now_ns())
         self._gap_m = found.gap_m if is_stuck else None
         self._record("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
-        if way.speed > SLOW_M_S:
-            room_m = self._lookout.passage(pose, math.atan2(way.y, way.x)).free_m
-            if way.stopping(DELAY_S) > room_m + SPARE_M:
+        if ramp.speed > SLOW_M_S:
+            room_m = self._lookout.passage(pose, math.atan2(ramp.y, ramp.x)).free_m
+            if ramp.stopping(DELAY_S) > room_m + SPARE_M:
                 self._steering.brake()
                 return self._steering.twist(pose)
-        ahead_m = way.ahead(math.cos(found.heading_rad), math.sin(found.heading_rad))
+        ahead_m = ramp.ahead(math.cos(found.heading_rad), math.sin(found.heading_rad))
         slow_m_s = found.speed_m_s
         if not found.is_between:
             slow_m_s = max(slow_m_s, speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2, DELAY_S))
@@ -466,15 +466,15 @@ class Driver(OnBase):
 
     def _sees(self, *, is_fresh: bool) -> bool:
         """Look at what is around; a robot that is blind stands, and says why."""
-        blind_why = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
-        if blind_why:
-            self._record(blind_why)
+        blind_reason = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
+        if blind_reason:
+            self._record(blind_reason)
             self._steering.stand()
             self._moc.drive(Twist2D())
-        return not blind_why
+        return not blind_reason
 
     def _record(self, blocked_why: str) -> None:
-        self._why = blocked_why
+        self._reason = blocked_why
         if not blocked_why:
             self._motion = Motion.DRIVING
             self._blocked_since_ns = None
@@ -485,6 +485,6 @@ class Driver(OnBase):
     def _give_up_if_blocked(self) -> None:
         action = self._action
         if action is not None and self.blocked_s() > self.parameters.patience_s:
-            why = self._why
-            self._stand()
-            action.fail(f"{why} for {self.parameters.patience_s:g} s")
+            reason = self._reason
+            self._stand_still()
+            action.fail(f"{reason} for {self.parameters.patience_s:g} s")

@@ -221,7 +221,7 @@ class Ros2Navigator(OnBase):
         self._wanted: NavigationGoal | None = None
         self._number = 0
         self._blocked_since_ns: int | None = None
-        self._why = ""
+        self._reason = ""
 
     def activate(self) -> None:
         wanted = self.parameters
@@ -232,7 +232,7 @@ class Ros2Navigator(OnBase):
     def step(self) -> None:
         wanted = self._wanted
         if wanted is not None and wanted.action is not None and not wanted.action.is_running:
-            self._stand()  # it ended from elsewhere, as by a halt
+            self._stand_still()  # it ended from elsewhere, as by a halt
             return
         for end in self._goals.drain() if self._goals is not None else ():
             if wanted is None or end.number != wanted.number:
@@ -262,7 +262,7 @@ class Ros2Navigator(OnBase):
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """Drive to the last of these points; speed and way are Nav2's."""
         if not path:
-            self._stand()
+            self._stand_still()
             return
         check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
         before = self._wanted
@@ -304,7 +304,7 @@ class Ros2Navigator(OnBase):
         """Cancel this action and stand still; False if it is not running."""
         if not self._actions.cancel(action):
             return False
-        self._stand()
+        self._stand_still()
         return True
 
     @external
@@ -312,7 +312,7 @@ class Ros2Navigator(OnBase):
         """Stand still."""
         caller = self.env.caller
         self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
-        self._stand()
+        self._stand_still()
 
     @external
     def motion(self) -> Motion:
@@ -330,7 +330,7 @@ class Ros2Navigator(OnBase):
     @external
     def blocked_why(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
-        return self._why if self._blocked_since_ns is not None else ""
+        return self._reason if self._blocked_since_ns is not None else ""
 
     def squeezes(self) -> bool:
         """Whether the robot is in a narrow place: Nav2 does not say."""
@@ -381,9 +381,9 @@ class Ros2Navigator(OnBase):
             if action is not None and wanted.length > 0.0:
                 action.progress(1.0 - left / wanted.length)
         elif action is not None and self.blocked_s() > self.parameters.patience_s:
-            why = self._why
-            self._stand()
-            action.fail(f"{why}, for {self.parameters.patience_s:g} s")
+            reason = self._reason
+            self._stand_still()
+            action.fail(f"{reason}, for {self.parameters.patience_s:g} s")
         elif now_ns >= wanted.again_ns:
             self._number += 1
             wanted.number, wanted.again_ns = self._number, None
@@ -395,12 +395,12 @@ class Ros2Navigator(OnBase):
             wanted.action.done(self._moc.pose())
         self.arrived.notify(Point2D(wanted.pose.x_m, wanted.pose.y_m))
 
-    def _record(self, why: str) -> None:
-        self._why = why
+    def _record(self, reason: str) -> None:
+        self._reason = reason
         if self._blocked_since_ns is None:
             self._blocked_since_ns = self.env.clock.now_ns()
 
-    def _stand(self) -> None:
+    def _stand_still(self) -> None:
         if self._wanted is not None and self._goals is not None:
             self._goals.cancel()
         self._forget()

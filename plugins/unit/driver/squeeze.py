@@ -70,11 +70,11 @@ def squeeze(lookout: Lookout, pose: Pose2D, target_rad: float, along_rad: float,
     share = max(0.0, min(1.0, spare_m / (PREFERRED_MARGIN_M - LEAST_MARGIN_M)))
     speed_m_s = SPEED_M_S + share * (WIDE_M_S - SPEED_M_S)
     gap_m = along.left_m + along.right_m
-    told_gap_m = gap_m if gap_m < least_gap_m(radius_m) else None
+    reported_gap_m = gap_m if gap_m < least_gap_m(radius_m) else None
     bends = abs(wrap_angle_rad(target_rad - along_rad)) > BEND_RAD
     if bends or max(along.left_m, along.right_m) > seen_m:
         free_m = lookout.passage(pose, target_rad).free_m
-        return Squeeze(target_rad, SPEED_M_S if bends else speed_m_s, 0.0, free_m, share < 1.0, told_gap_m)
+        return Squeeze(target_rad, SPEED_M_S if bends else speed_m_s, 0.0, free_m, share < 1.0, reported_gap_m)
     off_m = _off_centre_m(along, seen_m)
     left_m_s = max(-CENTRING_M_S, min(CENTRING_M_S, CENTRING_PER_S * off_m))
     if _is_shut(along, radius_m) and all(
@@ -82,7 +82,7 @@ def squeeze(lookout: Lookout, pose: Pose2D, target_rad: float, along_rad: float,
     ):
         return Squeeze(along_rad, 0.0, left_m_s, 0.0, True, gap_m)
     speed_m_s = max(CREEP_M_S, speed_m_s * (1.0 - abs(off_m) / OFF_CENTRE_M))
-    return Squeeze(along_rad, speed_m_s, left_m_s, along.free_m, share < 1.0, told_gap_m)
+    return Squeeze(along_rad, speed_m_s, left_m_s, along.free_m, share < 1.0, reported_gap_m)
 
 
 def is_between(lookout: Lookout, pose: Pose2D, along_rad: float, radius_m: float) -> bool:

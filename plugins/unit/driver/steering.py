@@ -41,7 +41,7 @@ class Arcs:
         """Whether it could move as it was last asked to."""
         self._lookout, self._radius_m, self._delay_s = lookout, turn_radius_min_m, delay_s
         self._speed = Ramp(limits, period_s)
-        self._way = 1.0
+        self._direction = 1.0
         self._begin: Pose2D | None = None
         self._leg_m = 0.0
 
@@ -55,43 +55,43 @@ class Arcs:
         most_rad_s = abs(speed_m_s) / self._radius_m
         return Twist2D(speed_m_s, 0.0, max(-most_rad_s, min(most_rad_s, rate_rad_s)))
 
-    def go_on(self, way: Ramp, axis: tuple[float, float]) -> None:
+    def go_on(self, ramp: Ramp, axis: tuple[float, float]) -> None:
         """Drive on as the driver's ramp says, for this period."""
         self.has_room, self._begin = True, None
-        self._speed.take_along(way, *axis)
+        self._speed.take_along(ramp, *axis)
 
-    def turn(self, pose: Pose2D, way: Ramp, axis: tuple[float, float], rate_rad_s: float, fastest_m_s: float) -> None:
-        """Go on by a period, on an arc if the driver's ramp is too slow for the turn; `way` is then the arc's velocity.
+    def turn(self, pose: Pose2D, ramp: Ramp, axis: tuple[float, float], rate_rad_s: float, fastest_m_s: float) -> None:
+        """Go on by a period, on an arc if the driver's ramp is too slow for the turn; `ramp` then has the arc's.
 
         Args:
             pose: where the robot is, frame odom.
-            way: the driver's ramp, a velocity in frame odom along the axis.
+            ramp: the driver's ramp, a velocity in frame odom along the axis.
             axis: where the robot looks, a unit vector.
             rate_rad_s: the turn that is wanted.
             fastest_m_s: of an arc.
 
         """
         self.has_room, speed = True, self._speed
-        wanted_m_s = abs(axis[0] * way.x + axis[1] * way.y)
+        wanted_m_s = abs(axis[0] * ramp.x + axis[1] * ramp.y)
         is_enough = abs(rate_rad_s) * self._radius_m <= wanted_m_s or abs(rate_rad_s) < SLOW_RAD_S
         if is_enough and speed.x > -STANDS_M_S:
-            self.go_on(way, axis)
+            self.go_on(ramp, axis)
             return
         if self._begin is None:
-            self._begin, self._leg_m, self._way = pose, 0.5 * LEG_M, 1.0
+            self._begin, self._leg_m, self._direction = pose, 0.5 * LEG_M, 1.0
         to_go_m = self._to_go_m(pose, self._begin)
         if to_go_m < ROOM_M and abs(speed.x) < STANDS_M_S:
-            self._begin, self._leg_m, self._way = pose, LEG_M, -self._way
+            self._begin, self._leg_m, self._direction = pose, LEG_M, -self._direction
             to_go_m = self._to_go_m(pose, pose)
             self.has_room = to_go_m >= ROOM_M
         to_stop_m_s = 0.0 if is_enough else speed_to_stop(to_go_m, speed.limits.acceleration, self._delay_s)
-        speed.follow(self._way * min(ARC_M_S, fastest_m_s, to_stop_m_s), 0.0)
-        way.point_along(speed, *axis)
+        speed.follow(self._direction * min(ARC_M_S, fastest_m_s, to_stop_m_s), 0.0)
+        ramp.point_along(speed, *axis)
 
     def _to_go_m(self, pose: Pose2D, begin: Pose2D) -> float:
         """What is left of the arc: of its length, or of the room on the way."""
-        axis_rad = pose.yaw_rad if self._way > 0.0 else wrap_angle_rad(pose.yaw_rad + math.pi)
-        ahead_m = self._speed.ahead(self._way, 0.0)
+        axis_rad = pose.yaw_rad if self._direction > 0.0 else wrap_angle_rad(pose.yaw_rad + math.pi)
+        ahead_m = self._speed.ahead(self._direction, 0.0)
         return min(self._leg_m - pose.distance_m(begin), self._lookout.free_m(pose, axis_rad)) - ahead_m
 
 
@@ -120,7 +120,7 @@ class Steering:
     def __init__(
         self,
         lookout: Lookout,
-        way: Ramp,
+        ramp: Ramp,
         turn: Ramp,
         *,
         turn_rate_rad_s: float,
@@ -133,11 +133,11 @@ class Steering:
         self.arcs: Arcs | None = None
         """Of a base that cannot turn on the spot."""
         if turn_radius_min_m:
-            self.arcs = Arcs(lookout, way.limits, turn_radius_min_m, period_s, delay_s)
+            self.arcs = Arcs(lookout, ramp.limits, turn_radius_min_m, period_s, delay_s)
         self.is_holonomic = is_holonomic
         self._brakes = False
         """Whether it brakes hard in this period."""
-        self._lookout, self._way, self._turn = lookout, way, turn
+        self._lookout, self._ramp, self._turn = lookout, ramp, turn
         self._turn_rate_rad_s, self._braking_m_s2 = turn_rate_rad_s, braking_m_s2
         self._period_s, self._delay_s = period_s, delay_s
 
@@ -162,7 +162,7 @@ class Steering:
             may_reverse: as for `twist`.
 
         """
-        way, acceleration = self._way, self._way.limits.acceleration
+        ramp, acceleration = self._ramp, self._ramp.limits.acceleration
         if self.goes_too_fast(pose):
             self.brake()
             return
@@ -173,19 +173,19 @@ class Steering:
             free_m = min(free_m, self._lookout.free_m(pose, axis_rad))
         cos, sin = math.cos(heading_rad), math.sin(heading_rad)
         to_stop_m_s = speed_to_stop(free_m - ahead_m, acceleration, self._delay_s)
-        way.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
+        ramp.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
 
     def go(self, pose: Pose2D, velocity_m_s: tuple[float, float]) -> float:
         """Go on by a period towards a velocity (x, y), frame odom; returns its direction."""
         x_m_s, y_m_s = velocity_m_s
         heading_rad = math.atan2(y_m_s, x_m_s)
         share = 1.0 if self.is_holonomic else self._share(pose, heading_rad)
-        self._way.follow(share * x_m_s, share * y_m_s)
+        self._ramp.follow(share * x_m_s, share * y_m_s)
         return heading_rad
 
     def brake(self) -> None:
         """Go on by a period towards rest, as hard as the wheels' grip allows."""
-        self._way.brake(self._braking_m_s2)
+        self._ramp.brake(self._braking_m_s2)
         self._brakes = True
 
     def slow_down(self, pose: Pose2D) -> None:
@@ -193,15 +193,15 @@ class Steering:
         if self.goes_too_fast(pose):
             self.brake()
         else:
-            self._way.follow(0.0, 0.0)
+            self._ramp.follow(0.0, 0.0)
 
     def goes_too_fast(self, pose: Pose2D) -> bool:
         """Whether it cannot stop as smoothly as it should before what lies where it really goes, as past a corner."""
-        way = self._way
-        if math.hypot(way.x, way.y) < SLOW_M_S:
+        ramp = self._ramp
+        if math.hypot(ramp.x, ramp.y) < SLOW_M_S:
             return False
-        free_m = self._lookout.free_m(pose, math.atan2(way.y, way.x))
-        return way.stopping(self._delay_s) > free_m + SPARE_M
+        free_m = self._lookout.free_m(pose, math.atan2(ramp.y, ramp.x))
+        return ramp.stopping(self._delay_s) > free_m + SPARE_M
 
     def turn_by(self, angle_rad: float) -> None:
         """Go on by a period with a turn of which so much is left."""
@@ -220,25 +220,25 @@ class Steering:
             fastest_m_s: of the arcs by which such a base turns.
 
         """
-        way, rate_rad_s = self._way, self._turn.x
+        ramp, rate_rad_s = self._ramp, self._turn.x
         # The command holds for a period, in which the body turns: it is meant for the middle of it.
         yaw_rad = pose.yaw_rad + 0.5 * self._period_s * rate_rad_s
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         if self.is_holonomic:
-            return Twist2D(cos * way.x + sin * way.y, cos * way.y - sin * way.x, rate_rad_s)
-        way.keep_along(cos, sin, may_reverse=may_reverse or self.arcs is not None)
+            return Twist2D(cos * ramp.x + sin * ramp.y, cos * ramp.y - sin * ramp.x, rate_rad_s)
+        ramp.keep_along(cos, sin, may_reverse=may_reverse or self.arcs is not None)
         if self.arcs is None:
-            return Twist2D(cos * way.x + sin * way.y, 0.0, rate_rad_s)
+            return Twist2D(cos * ramp.x + sin * ramp.y, 0.0, rate_rad_s)
         if may_reverse or self._brakes:
-            self.arcs.go_on(way, (cos, sin))
+            self.arcs.go_on(ramp, (cos, sin))
         else:
-            self.arcs.turn(pose, way, (cos, sin), rate_rad_s, fastest_m_s)
+            self.arcs.turn(pose, ramp, (cos, sin), rate_rad_s, fastest_m_s)
         self._brakes = False
-        return self.arcs.limited(cos * way.x + sin * way.y, rate_rad_s)
+        return self.arcs.limited(cos * ramp.x + sin * ramp.y, rate_rad_s)
 
     def stand(self) -> None:
         """Be at rest from now on, however that is brought about."""
-        self._way.stand()
+        self._ramp.stand()
         self._turn.stand()
         if self.arcs is not None:
             self.arcs.stand()

@@ -106,16 +106,16 @@ class OverHops:
 
     def route(self, mote: int, now_ns: int) -> tuple[int, ...] | None:
         """The motes on the way to a mote, itself last; None if no way is known, or only one that is too long."""
-        way: list[int] = [mote]
+        route: list[int] = [mote]
         while True:
-            known = self._parents.get(way[-1])
+            known = self._parents.get(route[-1])
             if known is None or now_ns - known[1] > FRESH_NS:
                 return None
             if known[0] is None:
-                return tuple(reversed(way))
-            if known[0] in way or len(way) > ROUTE_MAX:
+                return tuple(reversed(route))
+            if known[0] in route or len(route) > ROUTE_MAX:
                 return None
-            way.append(known[0])
+            route.append(known[0])
 
     def _want_duty(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
         wanted_ds = record.wanted_period_ds

@@ -234,14 +234,14 @@ class MoteRecord:
         self._rssi_sum_dbm = 0.0
         self._packets = 0
 
-    def record_packet(self, reading: ReadingPayload, stamp_ns: int, heard_from: Point2D | None) -> None:
+    def record_packet(self, reading: ReadingPayload, stamp_ns: int, received_from: Point2D | None) -> None:
         """One packet of it was heard by this robot."""
         self.latest = reading
         if self.latest_live is None or reading.age_ds == 0:
             self.latest_live = reading
             self.live_ns = stamp_ns
         self.stamp_ns = stamp_ns
-        self._received_from = heard_from
+        self._received_from = received_from
         self._rssi_sum_dbm += reading.rssi_dbm
         self._packets += 1
 

@@ -129,12 +129,12 @@ class BaseLinks:
             if now_ns - link.stamp_ns <= fresh_ns
         ]
         for mote in motes:
-            heard = mote.latest
-            if heard is None:
+            received = mote.latest
+            if received is None:
                 continue
             age_ns = now_ns - mote.stamp_ns
-            if age_ns <= fresh_ns or age_ns <= 3 * heard.period_ds * (NS_PER_S // DECI):
-                links.append(RadioLink(peer=mote.name, rssi_dbm=float(heard.rssi_dbm), heard_ns=mote.stamp_ns))
+            if age_ns <= fresh_ns or age_ns <= 3 * received.period_ds * (NS_PER_S // DECI):
+                links.append(RadioLink(peer=mote.name, rssi_dbm=float(received.rssi_dbm), heard_ns=mote.stamp_ns))
         if not links and not self._has_reported:
             return None
         self._has_reported = bool(links)
@@ -228,7 +228,7 @@ class SNwExploration(Unit):
     def activate(self) -> None:
         self._inbox = Inbox()
         self._base = self.env.use("mote_base", MoteBaseInterface)
-        self.env.observe(self._base.heard, self._take)
+        self.env.observe(self._base.heard, self._handle)
         self.env.wire.subscribe(self._inbox, MOTE_READING)
         self.env.wire.subscribe(self._inbox, MOTE_DUTY)
         self._alive = self.env.wire.watch(ROBOT_ALIVE)
@@ -287,7 +287,7 @@ class SNwExploration(Unit):
         """Counters of the packets received."""
         return msgspec.structs.replace(self._counts, requests=self._asking.requests, over_hops=self._over_hops.sent)
 
-    def _take(self, packet: HeardPacket) -> None:
+    def _handle(self, packet: HeardPacket) -> None:
         message = packet.message
         if message.type == BEACON_TYPE:
             self._handle_beacon(message.payload, packet.stamp_ns)
@@ -453,14 +453,16 @@ class SNwExploration(Unit):
         return Point2D(pose.x_m, pose.y_m) if pose is not None else None
 
 
-def wire_reading(reading: ReadingPayload, via: str, stamp_ns: int, way: ForwardedPayload | None = None) -> MoteReading:
+def wire_reading(
+    reading: ReadingPayload, via: str, stamp_ns: int, route: ForwardedPayload | None = None
+) -> MoteReading:
     """A reading as it is published to the team.
 
     Args:
         reading: as the base station heard it.
         via: whose base station.
         stamp_ns: when it heard it.
-        way: how the reading came, if other motes have passed it on.
+        route: how the reading came, if other motes have passed it on.
 
     """
     return MoteReading(
@@ -475,8 +477,8 @@ def wire_reading(reading: ReadingPayload, via: str, stamp_ns: int, way: Forwarde
         taken_ns=stamp_ns - reading.age_ds * (NS_PER_S // DECI),
         period_s=reading.period_ds / DECI,
         stored=max(0, sequences_after(reading.sequence, reading.oldest)),
-        hops=UNSET if way is None else way.hops,
-        forwarder=UNSET if way is None else f"{PREFIX}{way.forwarder}",
+        hops=UNSET if route is None else route.hops,
+        forwarder=UNSET if route is None else f"{PREFIX}{route.forwarder}",
     )
 
 

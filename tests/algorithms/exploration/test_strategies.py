@@ -130,7 +130,7 @@ def test_an_unknown_strategy_is_refused_with_those_that_there_are() -> None:
     with pytest.raises(ValueError, match=r"auto, .*, tours, or FILE.py:NAME; got nearst; did you mean nearest"):
         PlanningPolicy(exploration="nearst")
     with pytest.raises(UnknownEntry):
-        strategy_of("nearst", lambda _name, _why: None)
+        strategy_of("nearst", lambda _name, _reason: None)
 
 
 def test_names_of_earlier_versions_are_still_read() -> None:

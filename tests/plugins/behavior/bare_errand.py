@@ -66,7 +66,7 @@ class BareErrand:
             plan=self._plan,
             set_out=self._set_out,
             step=lambda: self.progress.pop(0) if self.progress else TravelState.ARRIVED,
-            stand=self._stand,
+            stand=self._stand_still,
             make_room=self._make_room,
         )
         self.board = SimpleNamespace(T_arena_odom=Pose2D(0.0, 0.0, 0.0), energy=None, battery=None)
@@ -111,7 +111,7 @@ class BareErrand:
         self.set_out.append((goal, priority))
         return goal not in self.no_way_to
 
-    def _stand(self) -> None:
+    def _stand_still(self) -> None:
         self.stands += 1
 
     def _make_room(self) -> None:

@@ -29,7 +29,7 @@ class BareRecharge:
         self.ways_home = 0
         self.learned: list[ChargerPlace] = []
         self.tasks = TaskDesk()
-        self.tasks.register("explore", lambda _task: YES, lambda _why: None)
+        self.tasks.register("explore", lambda _task: YES, lambda _reason: None)
         env = self.errand.env
         env.plugin, env.tasks = "recharge", self.tasks
         env.observe, env.hurry = (lambda _event, _function: None), (lambda: None)

@@ -87,7 +87,7 @@ def test_the_task_of_higher_priority_goes_first(cross):
     one.go("r2", priority=1)
     one.run_until_all_arrived(30.0)
     assert one.collisions == 0
-    claims = {name: one.courier(name).travel._standing.claim for name in one.goals}
+    claims = {name: one.courier(name).travel._travel_claim.claim for name in one.goals}
     assert claims["r2"].beats("r2", claims["r1"], "r1")
     assert one.arrived_s["r2"] < one.arrived_s["r1"]
 

@@ -161,7 +161,7 @@ def test_a_pressed_button_halts_the_robot_within_two_hundredths_of_a_second(robo
     robot.bench.run(0.02)
     assert robot.bench.host.manager.halted
     assert robot.is_halted()
-    assert robot.bench.host.halting.mark(robot.bench.host._told).halted_by == ["emergency_stop"]
+    assert robot.bench.host.halting.mark(robot.bench.host._published).halted_by == ["emergency_stop"]
     (told,) = robot.changes.drain()
     assert "the emergency stop is pressed" in told.message.value["why"]
 

@@ -54,12 +54,12 @@ class Scene:
         self.mates: dict[MapFrame, list[tuple[float, float, float]]] = {}
         self.strangers = 0
         """Mates that are heard, but tell no place in any of these frames."""
-        self.frames = Frames("r1", self.atlas, self.graph, self.own, self._robot_places_in, self._heard)
+        self.frames = Frames("r1", self.atlas, self.graph, self.own, self._robot_places_in, self._received)
 
     def _robot_places_in(self, frame: MapFrame) -> np.ndarray:
         return np.array(self.mates.get(frame, [])).reshape(-1, 3)
 
-    def _heard(self) -> int:
+    def _received(self) -> int:
         return self.strangers + sum(map(len, self.mates.values()))
 
     def map(self, number: int, *places: Pose2D, T_own_floor: Pose2D = T_OWN_FLOOR, trajectory: int = 1) -> None:
