@@ -12,10 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import msgspec
-
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.codec import BadPayload
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import PUBLISHED, topic_of
 from robrain.recording.errors import RecordingError
@@ -75,15 +74,14 @@ class Recording:
             RecordingError: there is no topic of that name, or the file is damaged.
         """
         wanted = self._topic(topic)
-        decoder = None if wanted.message is None else msgspec.json.Decoder(wanted.message)
         for message in read_messages(self.path):
             parsed = wanted.parse(message.topic_key)
             if parsed is None or any(parsed.get(name) != value for name, value in names.items()):
                 continue
             t_s = to_seconds(message.log_time_ns - self.info.start_ns)
             try:
-                decoded = message.payload if decoder is None else decoder.decode(message.payload)
-            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                decoded = message.payload if wanted.message is None else wanted.payloads.read(message.payload)
+            except BadPayload:
                 continue
             yield LoadedMessage(t_s, parsed, decoded)
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Union, get_args, get_origin
 import msgspec
 
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.codec import BadPayload
 from robrain.protocol.table.topic import Topic
 from robrain.recording.reader.reading import RecordedMessage
 
@@ -60,19 +61,18 @@ class Table:
         names = [Column(name, Cell.TEXT, ()) for name in topic.fields if name not in {field.name for field in fields}]
         self._names = [column.name for column in names]
         self.columns: list[Column] = [TIME, KEY, *names, *(fields or [PAYLOAD_BYTES])]
-        self._decoder = None if topic.message is None else msgspec.json.Decoder(topic.message)
 
     def row(self, message: RecordedMessage) -> Row | None:
         """The message as a row, or None if it is not what its topic says."""
         names = self.topic.parse(message.topic_key) or {}
         row: Row = [to_seconds(message.log_time_ns - self._start_ns), message.topic_key]
         row += [names.get(name) for name in self._names]
-        if self._decoder is None:
+        if self.topic.message is None:
             return [*row, len(message.payload)]
         try:
             # Decoded as its type, so that what is missing in an older recording has its default.
-            decoded = msgspec.to_builtins(self._decoder.decode(message.payload))
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            decoded = msgspec.to_builtins(self.topic.payloads.read(message.payload))
+        except BadPayload:
             return None
         row += [_cell(decoded, column) for column in self._fields]
         return row

@@ -241,7 +241,6 @@ class FoxgloveChannels:
         self._map_view = self.known_map.merged()
         self._map_shown = self._walls_shown = 0
         self._due_ns: dict[str, int] = {}
-        self._decoders: dict[type, msgspec.json.Decoder[Any]] = {}
         self._keep: dict[str, Callable[[str, bytes], None]] = {
             ROBOT_STATE.name: self._states.__setitem__,
             ARENA_SCAN.name: self._scans.__setitem__,
@@ -397,14 +396,10 @@ class FoxgloveChannels:
                 yield message
 
     def _decode(self, payload: bytes, kind: type[Kind]) -> Kind | None:
-        decoder = self._decoders.get(kind)
-        if decoder is None:
-            decoder = self._decoders[kind] = msgspec.json.Decoder(kind)
         try:
-            message: Kind = decoder.decode(payload)
+            return msgspec.json.decode(payload, type=kind)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             return None
-        return message
 
 
 def _battery(state: RobotState) -> BatteryPlot:
