@@ -104,7 +104,7 @@ class Coordinator:
         has_received = self._reports.receive(now_ns)
         if stage("answers", False, self.lifecycle.process_answers, now_ns):
             core.assign_soon()
-        if stage("halts", True, self.halts.hear):
+        if stage("halts", True, self.halts.receive):
             core.report_soon()
         for part in core.parts.receiving:
             if part.inbox.has_some:

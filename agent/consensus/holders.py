@@ -27,7 +27,7 @@ class Holders:
         self._until: dict[str, tuple[str, int]] = {}
         """By task: who has it, and when that robot has let it go if nothing is heard of it."""
 
-    def hear(self, said: TeamBallot, present: Container[str], now_ns: int) -> bool:
+    def receive(self, said: TeamBallot, present: Container[str], now_ns: int) -> bool:
         """Take in what a robot says of itself, and of robots that this one does not hear; whether a task is new.
 
         Args:
@@ -51,14 +51,14 @@ class Holders:
         robot, until_ns = self._until.get(task_id, ("", now_ns))
         return robot if until_ns > now_ns else ""
 
-    def to_tell(self, present: Container[str], now_ns: int) -> list[TaskHeldBy]:
+    def to_report(self, present: Container[str], now_ns: int) -> list[TaskHeldBy]:
         """The tasks of robots that are not there to say so."""
-        told = [
+        reported = [
             TaskHeldBy(id=task, robot=robot, left_s=to_seconds(until_ns - now_ns))
             for task, (robot, until_ns) in sorted(self._until.items())
             if robot not in present and until_ns > now_ns
         ]
-        return told[:ABSENT_MAX]
+        return reported[:ABSENT_MAX]
 
     def _record(self, task: str, robot: str, until_ns: int) -> None:
         known = self._until.get(task)

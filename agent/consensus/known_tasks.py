@@ -68,7 +68,7 @@ class KnownTasks:
         """Whether there is room for a task that a robot accepts."""
         return len(self.asked) < ASKED_MAX and len(self.open) < TASKS_MAX
 
-    def hear(self, event: TaskEvent, now_ns: int = 0) -> None:
+    def receive(self, event: TaskEvent, now_ns: int = 0) -> None:
         """Take in what the coordinator says of a task."""
         task = event.task
         self.asked.pop(task.id, None)
@@ -101,7 +101,7 @@ class KnownTasks:
         for name, event in there.items():
             known = self.open.get(name)
             if known is None or known.heard_ns < asked_ns:
-                self.hear(event, now_ns)
+                self.receive(event, now_ns)
 
     def ask(self, asked: TaskAsked, ahead_ns: int = 0) -> None:
         """Remember a task that a robot has accepted, whose clock is `ahead_ns` ahead; the first of an id stays."""
@@ -116,7 +116,7 @@ class KnownTasks:
         try:
             task = asked.submission.task_at(asked.at_ns - ahead_ns)
         except (ValueError, msgspec.ValidationError):
-            return  # what the robot that is asked refuses in words; a mate does not say so
+            return  # what the robot that is asked refuses in words; a teammate does not say so
         if task.kind not in OWN_KINDS:
             self.open[task_id] = KnownTask(task, "")
             self.asked[task_id] = asked
@@ -132,7 +132,7 @@ class KnownTasks:
                 self.done[one.id] = one
 
     def record_ended(self, tasks: Iterable[str]) -> None:
-        """A coordinator has said that tasks have ended, to this robot or to a mate."""
+        """A coordinator has said that tasks have ended, to this robot or to a teammate."""
         for task_id in tasks:
             self.open.pop(task_id, None)
             self.asked.pop(task_id, None)
@@ -181,7 +181,7 @@ AHEAD_MAX = 1024
 OPEN = [state for state in TaskState if not state.ended]
 
 
-class TaskLook:
+class TaskSync:
     """Keeps a robot's known tasks complete while a coordinator is heard.
 
     Args:
@@ -201,7 +201,7 @@ class TaskLook:
         self._asked: Later[list[TaskRecord]] | None = None
         self._asked_ns = self._due_ns = self._published_then = 0
 
-    def hear(self, event: TaskEvent, now_ns: int) -> None:
+    def receive(self, event: TaskEvent, now_ns: int) -> None:
         """Take in a change."""
         if event.change > self.last and len(self._ahead) < AHEAD_MAX:
             self._ahead.add(event.change)

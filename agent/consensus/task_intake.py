@@ -49,15 +49,15 @@ class TaskIntake:
 
     def __init__(self, robot: str, known: KnownTasks, desk: TaskDesk) -> None:
         self._robot, self._known, self._desk = robot, known, desk
-        self._told = 0
+        self._reported = 0
 
-    def take(self, asked: TaskSubmission, now_ns: int, mates: Known, team: int) -> TaskTaken:
+    def take(self, asked: TaskSubmission, now_ns: int, teammates: Known, team: int) -> TaskTaken:
         """Accept a task, and say which robots have it.
 
         Args:
             asked: what is submitted; the same as before changes nothing.
             now_ns: the time.
-            mates: what the others have.
+            teammates: what the others have.
             team: number of robots of the team.
 
         Raises:
@@ -75,16 +75,16 @@ class TaskIntake:
         elif differs := asked.differs_from(before.submission.word):
             raise CallError(ErrorCode.REFUSED, f"there is another task {task_id}: {differs}", differs)
         name = TaskKnown(id=task_id, at_ns=before.at_ns)
-        known_to = sorted([self._robot, *(mate for mate, known in mates.items() if name in known)])
+        known_to = sorted([self._robot, *(teammate for teammate, known in teammates.items() if name in known)])
         task = before.submission.task_at(before.at_ns)
         return TaskTaken(task=task, known_to=known_to, is_kept=2 * len(known_to) > team)
 
-    def drop(self, asked: TaskRequest, mates: Dropped, team: int, holder: str = "") -> DropTaken:
+    def drop(self, asked: TaskRequest, teammates: Dropped, team: int, holder: str = "") -> DropTaken:
         """Accept a cancellation, and say which robots know of it.
 
         Args:
             asked: which task; the same again changes nothing.
-            mates: what the others know to be cancelled.
+            teammates: what the others know to be cancelled.
             team: number of robots of the team.
             holder: the robot that has the task; if it is heard it must know too, as it may just have done it.
 
@@ -104,23 +104,23 @@ class TaskIntake:
                 raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
             by, why = cut(asked.by, CANCELLED_TEXT_MAX), cut(asked.why, CANCELLED_TEXT_MAX)
             known.drop([TaskDropped(id=asked.id, by=by, why=why)])
-        known_to = sorted([self._robot, *(mate for mate, dropped in mates.items() if asked.id in dropped)])
-        is_kept = 2 * len(known_to) > team and (holder not in mates or holder in known_to)
+        known_to = sorted([self._robot, *(teammate for teammate, dropped in teammates.items() if asked.id in dropped)])
+        is_kept = 2 * len(known_to) > team and (holder not in teammates or holder in known_to)
         return DropTaken(task=found.task, known_to=known_to, is_kept=is_kept)
 
-    def to_tell(self, mates: Known, *, everything: bool) -> list[TaskAsked]:
+    def to_report(self, teammates: Known, *, everything: bool) -> list[TaskAsked]:
         """The tasks to tell in full in the next ballot: those that some robot has not, or all, some at a time."""
         asked = self._known.asked
         if not asked:
             return []
-        there = [{(one.id, one.at_ns) for one in known} for known in mates.values()]
+        there = [{(one.id, one.at_ns) for one in known} for known in teammates.values()]
         missing = [
             one
             for task_id, one in asked.items()
             if everything or not all((task_id, one.at_ns) in known for known in there)
         ]
-        begin = self._told % len(missing) if missing else 0
-        self._told = begin + ASKED_TOLD
+        begin = self._reported % len(missing) if missing else 0
+        self._reported = begin + ASKED_TOLD
         return [*missing[begin:], *missing[:begin]][:ASKED_TOLD]
 
     def _check(self, asked: TaskSubmission, now_ns: int) -> None:
@@ -134,10 +134,10 @@ class TaskIntake:
         if len(asked.word) > ASKED_BYTES_MAX:
             text = f"task {task_id}: expected at most {ASKED_BYTES_MAX} bytes of JSON, got {len(asked.word)}"
             raise CallError(ErrorCode.BAD_ARGUMENTS, text)
-        if why := self._why_not(task, now_ns):
+        if why := self._refusal(task, now_ns):
             raise CallError(ErrorCode.REFUSED, f"task {task_id} is refused: {why}", why)
 
-    def _why_not(self, task: Task, now_ns: int) -> str:
+    def _refusal(self, task: Task, now_ns: int) -> str:
         if task.id in self._known.open:
             return "there is a task of that name"
         if self._known.has_ended(task.id):

@@ -110,7 +110,7 @@ class Witness:
             return True  # of a team without witnesses
         return not lead.is_suspended and lead.election >= self._greatest
 
-    def hear(self, said: TeamState, now_ns: int) -> bool:
+    def receive(self, said: TeamState, now_ns: int) -> bool:
         """Take in a summary; returns whether it is of a coordinator that leads."""
         if said.lead is msgspec.UNSET:
             return True  # of a team without witnesses
@@ -123,7 +123,7 @@ class Witness:
 
     def answer(self, asked: WitnessRequest, now_ns: int) -> WitnessReply:
         """Grant or refuse a coordinator's request."""
-        refusal = self._why_not(asked, now_ns)
+        refusal = self._refusal(asked, now_ns)
         if refusal is None:
             refusal = self._store(asked)
         if refusal is None and asked.wish is WitnessWish.ELECT:
@@ -138,7 +138,7 @@ class Witness:
     def _greatest(self) -> int:
         return max(self._heard.election, self._kept.election)
 
-    def _why_not(self, asked: WitnessRequest, now_ns: int) -> WitnessRefusal | None:
+    def _refusal(self, asked: WitnessRequest, now_ns: int) -> WitnessRefusal | None:
         kept = self._kept
         if not self._is_readable:
             return WitnessRefusal.UNWRITABLE
@@ -214,8 +214,8 @@ class WitnessExtension(HostExtension):
         return self.witness.follows(summary)
 
     def receive_summary(self, summary: TeamState, now_ns: int) -> bool:
-        """See Witness.hear."""
-        return self.witness.hear(summary, now_ns)
+        """See Witness.receive."""
+        return self.witness.receive(summary, now_ns)
 
     def restart_silence(self, now_ns: int) -> None:
         """See Witness.restart_silence."""

@@ -84,7 +84,7 @@ HOST_EXTENSIONS: Registry[MakeExtension] = Registry(
     "robrain.host_extensions",
     {
         "witness": "robrain.agent.consensus.witness:WitnessExtension",
-        "consensus": "robrain.agent.consensus.consensus_desk:consensus_extension",
+        "consensus": "robrain.agent.consensus.consensus:consensus_extension",
     },
 )
 """The extensions by name."""

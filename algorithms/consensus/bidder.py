@@ -243,7 +243,7 @@ class Bidder:
         heard = tuple(Heard(robot=robot, number=self.heard[robot]) for robot in sorted(self.heard))
         return Ballot(robot=self.robot, number=self.number, bids=bids, heard=heard)
 
-    def hear(self, ballot: Ballot) -> bool:
+    def receive(self, ballot: Ballot) -> bool:
         """Take another robot's ballot into account; whether that changed an opinion. Repeated and old ones do not."""
         sender = ballot.robot
         if sender == self.robot or ballot.number <= self.heard.get(sender, -1):

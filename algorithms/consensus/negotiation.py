@@ -167,7 +167,7 @@ class Negotiation:
             standings=tuple(self._standings[name] for name in sorted(self._standings)),
         )
 
-    def hear(self, ballot: Ballot) -> bool:
+    def receive(self, ballot: Ballot) -> bool:
         """Take another robot's ballot into account.
 
         Returns:
@@ -183,7 +183,7 @@ class Negotiation:
             return False
         self._record_standings(ballot.standings)
         if ballot.round == self.round and not self.is_over:
-            self.bidder.hear(ballot)
+            self.bidder.receive(ballot)
         return True
 
     def _record_standings(self, standings: Iterable[Standing]) -> None:

@@ -108,7 +108,7 @@ STILL_M = 1.0
 """While a robot has moved less than this, the path lengths of the last plan hold for it."""
 
 
-class ChargeWatch:
+class ChargeSeekers:
     """Finds the robots that compete for chargers.
 
     Args:
@@ -336,7 +336,7 @@ class Charging(CoordinatorPart):
         self.waiting: Mapping[str, PlainReason | None] = {}
         """Robots that should charge and have not set out, with the reason if it is known."""
         self._planning, self._book, self._roster = core.planning, core.tasks, core.roster
-        self._watch = ChargeWatch(core.planning, core.tasks, core.roster)
+        self._watch = ChargeSeekers(core.planning, core.tasks, core.roster)
         self._publisher = ChargePublisher(core.wire, core.planning, core.tasks)
         self._not_before_ns: dict[str, int] = {}
         self._to_soc: dict[str, float] = {}

@@ -17,9 +17,9 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.tasks.task_requests import TaskRequests
 from robrain.coordinator.team.capabilities import Capabilities
-from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.coordinator.team.halts import TeamHalts
 from robrain.coordinator.team.roster import Robot, Roster
-from robrain.coordinator.team.stale_watch import StaleWatch
+from robrain.coordinator.team.stale_topics import StaleTopics
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.messages.team.standing_messages import RobotRemoval
@@ -53,8 +53,8 @@ class Core:
         self.tasks = TaskBook(wire.clock, first_epoch, wire.publisher(TASK_EVENT).put, journal)
         at_robots = {record.robot: record.task.id for record in self.tasks.open if record.robot}
         self.roster = Roster(self.tasks.journal, at_robots, wire.clock.now_ns())
-        self.stale = StaleWatch(self.roster)
-        self.halts = HaltWatch(wire, self.roster)
+        self.stale = StaleTopics(self.roster)
+        self.halts = TeamHalts(wire, self.roster)
         self.team_map = TeamMap()
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities, self.parts)

@@ -101,7 +101,7 @@ class RobotReports:
         core = self._core
         known = core.roster.robots.get(state.robot)
         before = known.state if known is not None else None
-        core.planning.hear(before, state)
+        core.planning.receive(before, state)
         core.roster.record_state(state, self._now_ns)
         core.halts.record_state(state)
         for status in (state.task_before, state.task):  # oldest first
@@ -111,7 +111,7 @@ class RobotReports:
 
     def _handle_status(self, robot: str, status: TaskStatus) -> None:
         core = self._core
-        ended = core.lifecycle.hear(robot, status, self._now_ns)
+        ended = core.lifecycle.receive(robot, status, self._now_ns)
         if ended is None:
             return
         core.assign_soon()  # the next goal is there before the wheels stop

@@ -46,7 +46,7 @@ FORWARDERS_TOLD = 16
 GATEWAYS_MAX = 256
 
 
-class FieldWays:
+class ReadingPaths:
     """Counts the ways of readings."""
 
     def __init__(self) -> None:
@@ -192,7 +192,7 @@ class FieldLedger:
 
     def __init__(self, sensing_m: float) -> None:
         self.motes: dict[str, MoteLife] = {}
-        self.ways = FieldWays()
+        self.ways = ReadingPaths()
         self._sieve = ReadingSieve()
         self._sensing_m = sensing_m
         self._placed: tuple[str, ...] = ()
@@ -323,7 +323,7 @@ def _resting_s(policy: MoteFieldPolicy, usual_s: float) -> float:
     return max(usual_s, min(PERIOD_MAX_S, longest_s, policy.rest_factor * usual_s))
 
 
-LOOK_NS = to_ns(1.0)
+CHECK_NS = to_ns(1.0)
 ALONG_SHARE = 0.6
 """Once a mote is due, those that have reached this share of the age are collected on the same tour (chosen)."""
 HEARD_SHARE = 0.5
@@ -389,7 +389,7 @@ class FieldKeeper(CoordinatorPart):
         """Once a second, make and call off tasks."""
         if not self.is_on or now_ns < self._check_ns:
             return
-        self._check_ns = now_ns + LOOK_NS
+        self._check_ns = now_ns + CHECK_NS
         before = len(self._made)
         with self.core.lifecycle.as_far_as_written(now_ns):
             self._follow(now_ns)

@@ -87,7 +87,7 @@ def robot_j(model: EnergyModel, way_m: float, stay_s: float) -> float:
     return estimate(model, Work(path_m=way_m, wait_s=stay_s)).mean_j
 
 
-LOOK_NS = to_ns(0.25)
+CHECK_NS = to_ns(0.25)
 """How often it is looked whether a mote is late, when nothing has happened."""
 NEAR_M = 1.5
 """A mote senses where it is: so far from there its reading still counts for a place (chosen)."""
@@ -176,7 +176,7 @@ class MoteMembers(CoordinatorPart):
         """End tasks that are done or hopeless, and give out new ones."""
         if not self._has_received and now_ns < self._check_ns and self._seen_version == self._book.version:
             return
-        self._check_ns, self._has_received = now_ns + LOOK_NS, False
+        self._check_ns, self._has_received = now_ns + CHECK_NS, False
         with self.core.lifecycle.as_far_as_written(now_ns):
             for record in self._book.open:
                 if record.robot.startswith(MEMBER_PREFIX) and self._follow(record, now_ns):
@@ -243,7 +243,7 @@ class MoteMembers(CoordinatorPart):
         wanted = wanted_of_motes(record)
         if wanted is None:
             return [], None
-        motes = {mote.name: self._why_not(record, wanted, mote, now_ns) for mote in self._candidates(record, wanted)}
+        motes = {mote.name: self._refusal(record, wanted, mote, now_ns) for mote in self._candidates(record, wanted)}
         shares = {
             name: mote_share(_readings(wanted, self.table.motes[name]), self.table.motes[name].latest.voltage_v)
             for name, reason in motes.items()
@@ -277,7 +277,7 @@ class MoteMembers(CoordinatorPart):
             return [self.table.motes[named]] if named in self.table.motes else []
         return self.table.near(record.task.place, JUDGED)
 
-    def _why_not(self, record: TaskRecord, wanted: Sense | Monitor, mote: KnownMote, now_ns: int) -> RobotReason | None:
+    def _refusal(self, record: TaskRecord, wanted: Sense | Monitor, mote: KnownMote, now_ns: int) -> RobotReason | None:
         task = record.task
         if task.needs:
             return lacks_plugins(task.needs)

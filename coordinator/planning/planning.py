@@ -151,7 +151,7 @@ def _figures(member: PlanningRobot) -> tuple[float, float]:
 
 logger = logging.getLogger(__name__)
 
-LOOK_NS = to_ns(0.5)
+CHECK_NS = to_ns(0.5)
 """Interval between checks of robots and map for changes that need a new plan; tasks are checked at each step."""
 SOON_NS = to_ns(30.0)
 """A robot whose next task begins within this is not sent exploring (chosen)."""
@@ -268,7 +268,7 @@ class Planning:
             self._ask(now_ns)
         return self._take(now_ns)
 
-    def hear(self, before: RobotState | None, state: RobotState) -> None:
+    def receive(self, before: RobotState | None, state: RobotState) -> None:
         """Compare a robot's new state with its last, and plan without delay if a plan depends on the change."""
         if before is None or _standing(before) != _standing(state):
             self._check_ns = 0
@@ -280,7 +280,7 @@ class Planning:
     def _look(self, now_ns: int) -> None:
         self._seen_version = self._book.version
         if now_ns >= self._check_ns:
-            self._check_ns = now_ns + LOOK_NS
+            self._check_ns = now_ns + CHECK_NS
             self.chargers.follow(self._watch.places(now_ns), now_ns)
         records = self._plannable(now_ns)
         if not records and not self._trigger.has_tasks:

@@ -15,7 +15,7 @@ from robrain.coordinator.core.part import CoordinatorPart
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, check_rules
-from robrain.coordinator.rules.rule_watch import RuleWatch, TrackTable
+from robrain.coordinator.rules.rule_state import RuleState, TrackTable
 from robrain.coordinator.rules.template import Values, fill
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
@@ -76,8 +76,8 @@ class TaskRules(CoordinatorPart):
         self._wire, self._book, self._roster = core.wire, core.tasks, core.roster
         self._now_ns = core.wire.clock.now_ns()
         self._watches = self._restored(rules) if rules else []
-        self._of_quantity: dict[str, list[tuple[RuleWatch, ReadingCondition]]] = {}
-        self._of_event: dict[tuple[str, str], list[tuple[RuleWatch, EventCondition]]] = {}
+        self._of_quantity: dict[str, list[tuple[RuleState, ReadingCondition]]] = {}
+        self._of_event: dict[tuple[str, str], list[tuple[RuleState, EventCondition]]] = {}
         for watch in self._watches:
             reading, event = watch.rule.reading, watch.rule.event
             if reading is not None:
@@ -102,7 +102,7 @@ class TaskRules(CoordinatorPart):
         """Each rule and what it has done, in the order of the file."""
         return [watch.status(self._is_open) for watch in self._watches]
 
-    def _restored(self, rules: Sequence[Rule]) -> list[RuleWatch]:
+    def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
         """The rules as an earlier coordinator left them; what is not needed any more goes out of the journal."""
         alarms: dict[str, list[Alarm]] = {rule.name: [] for rule in rules}
         needed_s = {rule.name: max(rule.cooldown_s, _max_age_s(rule)) for rule in rules}
@@ -115,7 +115,7 @@ class TaskRules(CoordinatorPart):
         open_tasks: dict[str, list[str]] = {}
         for record in self._book.open:
             open_tasks.setdefault(record.by, []).append(record.task.id)
-        return [RuleWatch(rule, alarms[rule.name], open_tasks.get(rule.by, ()), self._now_ns) for rule in rules]
+        return [RuleState(rule, alarms[rule.name], open_tasks.get(rule.by, ()), self._now_ns) for rule in rules]
 
     # -- hearing --------------------------------------------------------------------------------------------
 
@@ -135,7 +135,7 @@ class TaskRules(CoordinatorPart):
             if condition.covers(reading):
                 self._judge(watch, condition, reading)
 
-    def _judge(self, watch: RuleWatch, condition: ReadingCondition, reading: MoteReading) -> None:
+    def _judge(self, watch: RuleState, condition: ReadingCondition, reading: MoteReading) -> None:
         track = self.tracks.of(watch.rule.name, reading.mote, condition, self._now_ns)
         if track is None:
             return
@@ -220,7 +220,7 @@ class TaskRules(CoordinatorPart):
 
     # -- making tasks ---------------------------------------------------------------------------------------
 
-    def _arm(self, watch: RuleWatch, alarm: Alarm) -> None:
+    def _arm(self, watch: RuleState, alarm: Alarm) -> None:
         armed = alarm._replace(is_armed=True)
         try:
             self._book.journal.record_alarm(armed)
@@ -229,7 +229,7 @@ class TaskRules(CoordinatorPart):
             return
         watch.alarms[alarm.source] = armed
 
-    def _make(self, watch: RuleWatch, cause: TaskCause) -> None:
+    def _make(self, watch: RuleState, cause: TaskCause) -> None:
         if not watch.may_make(self._now_ns, self._is_open):
             return
         rule, now_ns = watch.rule, self._now_ns

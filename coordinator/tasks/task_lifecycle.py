@@ -91,7 +91,7 @@ class TaskLifecycle:
 
     # -- hearing --------------------------------------------------------------------------------------------
 
-    def hear(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
+    def receive(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
         """Process a robot's report on its last task; returns the record before the change, None if nothing changed."""
         try:
             record = self._book.record_status(robot, status)

@@ -18,7 +18,7 @@ from robrain.coordinator.tasks import task_lifecycle
 from robrain.coordinator.tasks.backoff import RobotPauses, TaskBackoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
-from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.coordinator.team.halts import TeamHalts
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
@@ -92,7 +92,7 @@ def _any_report_counts() -> list[Patch]:
 
 
 def _halt_forgotten() -> list[Patch]:
-    return [(HaltWatch, "status", lambda self, now_ns: None)]
+    return [(TeamHalts, "status", lambda self, now_ns: None)]
 
 
 def _offer_never_free() -> list[Patch]:

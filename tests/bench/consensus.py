@@ -86,7 +86,7 @@ def negotiate(problem: Problem, rounds: int, loss: float, seed: int) -> Negotiat
         messages, total, largest = messages + len(ballots), total + sum(sizes), max(largest, *sizes)
         for member in members:
             for ballot in ballots:
-                if ballot.robot != member.bidder.robot and not is_lost() and not member.hear(ballot):
+                if ballot.robot != member.bidder.robot and not is_lost() and not member.receive(ballot):
                     return None
         first = first or (exchange if all(member.is_agreed for member in members) else 0)
         if all(member.is_over for member in members):

@@ -5,7 +5,7 @@ from collections import Counter
 import msgspec
 
 from robrain.agent.board import Board
-from robrain.agent.consensus.consensus_desk import TELLING, ConsensusDesk
+from robrain.agent.consensus.consensus import REPORTING, Consensus
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -27,9 +27,9 @@ class TeamRobot(DeskRobot):
         self.board = Board()
         self.board.pose = self.pose
         chargers: list[Point2D] = []
-        self.consensus = ConsensusDesk(self.wire, self.name, self.board, self.desk, chargers)
-        self._send = self.consensus._tell.put
-        self.consensus._tell.put = lambda message: None if self.isolated else self._send(message)
+        self.consensus = Consensus(self.wire, self.name, self.board, self.desk, chargers)
+        self._send = self.consensus._publisher.put
+        self.consensus._publisher.put = lambda message: None if self.isolated else self._send(message)
 
     def say_state(self) -> None:
         if self.stopped:
@@ -61,8 +61,8 @@ class TeamRobot(DeskRobot):
 
     def _withdrawn(self, request) -> TaskAnswer:
         self._check_reachable()
-        if self.consensus.is_telling(self._now_ns):
-            return TaskAnswer.refused(TELLING)
+        if self.consensus.is_reporting(self._now_ns):
+            return TaskAnswer.refused(REPORTING)
         return super()._withdrawn(request)
 
 

@@ -102,7 +102,7 @@ def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team,
 
 STAGES = {
     "answers": (lambda core: core.lifecycle, "process_answers"),
-    "halts": (lambda core: core.halts, "hear"),
+    "halts": (lambda core: core.halts, "receive"),
     "tasks": (lambda core: core.lifecycle, "settle"),
     "MoteMembers": (lambda core: core.parts.find(MoteMembers), "decide"),
     "planning": (lambda core: core.planning, "step"),

@@ -1,9 +1,9 @@
-"""Robot r1 with its consensus desk; a coordinator and mates say what a test has them say."""
+"""Robot r1 with its consensus desk; a coordinator and teammates say what a test has them say."""
 
 from typing import Any
 
 from robrain.agent.board import Board
-from robrain.agent.consensus.consensus_desk import ConsensusDesk
+from robrain.agent.consensus.consensus import Consensus
 from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
@@ -26,7 +26,7 @@ def visit(name: str, x_m: float = 2.0, **fields: Any) -> Task:
 
 
 class OneRobot:
-    """Robot r1 with its desk; a coordinator and mates say what a test has them say."""
+    """Robot r1 with its desk; a coordinator and teammates say what a test has them say."""
 
     def __init__(self) -> None:
         self.session = open_lockstep_session()
@@ -37,9 +37,9 @@ class OneRobot:
         self.begun: list[str] = []
         for kind in ("visit", "recharge"):
             self.desk.register(kind, self._accept, lambda _why: None)
-        self.consensus = ConsensusDesk(self.wire, "r1", self.board, self.desk, CHARGERS)
+        self.consensus = Consensus(self.wire, "r1", self.board, self.desk, CHARGERS)
         self.says: dict[str, dict[str, Any]] = {}
-        """What each mate says with each step."""
+        """What each teammate says with each step."""
         self.is_coordinated, self.last_change = True, 0
         self._ballots = {name: self.wire.publisher(ROBOT_BALLOT, robot=name) for name in ("r2", "r3")}
         self._summaries, self._events = self.wire.publisher(COORDINATOR_STATE), self.wire.publisher(TASK_EVENT)
@@ -77,7 +77,7 @@ class OneRobot:
 
 
 def alone(one: OneRobot, **words: Any) -> None:
-    """No coordinator any more, and two mates."""
+    """No coordinator any more, and two teammates."""
     one.run(1.0)
     one.is_coordinated = False
     one.says = {"r2": dict(words), "r3": {}}

@@ -136,7 +136,7 @@ def test_robots_refuse_an_offer_of_it_and_tell_a_coordinator_that_missed_it(lost
     kept(lost, visit())
     cancelled(lost)
     for robot in lost.robots:
-        robot.consensus._tell.put, robot.put_before = lambda _message: None, robot.consensus._tell.put
+        robot.consensus._publisher.put, robot.put_before = lambda _message: None, robot.consensus._publisher.put
     lost.revive()
     lost.coordinator.tasks.add(visit().task)
     halt(lost, halted=False)
@@ -144,7 +144,7 @@ def test_robots_refuse_an_offer_of_it_and_tell_a_coordinator_that_missed_it(lost
     assert not lost.begun
     assert lost.states()["t1"] is not TaskState.CANCELLED
     for robot in lost.robots:
-        robot.consensus._tell.put = robot.put_before
+        robot.consensus._publisher.put = robot.put_before
     lost.coordinator.tasks.tell(lost.journal.find("t1"))
     lost.run(1.0)
     assert lost.states()["t1"] is TaskState.CANCELLED
@@ -222,7 +222,7 @@ def test_it_is_kept_although_every_third_ballot_of_each_robot_is_lost(lost: Lost
 
 
 def _lose_every_third(robot: TeamRobot, first: int) -> None:
-    put, count = robot.consensus._tell.put, first
+    put, count = robot.consensus._publisher.put, first
 
     def lossy(message) -> None:
         nonlocal count
@@ -230,4 +230,4 @@ def _lose_every_third(robot: TeamRobot, first: int) -> None:
         if count % 3:
             put(message)
 
-    robot.consensus._tell.put = lossy
+    robot.consensus._publisher.put = lossy

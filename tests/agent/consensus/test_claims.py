@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.agent.consensus.consensus_desk import TaskClaim, _Opened
+from robrain.agent.consensus.consensus import TaskClaim, _Opened
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.tasks.consensus_messages import TaskHeldBy
@@ -37,7 +37,7 @@ class Agreed:
     def begin(self, task: str) -> None:
         self.path.remove(task)
 
-    def hear(self, _ballot: Ballot) -> bool:
+    def receive(self, _ballot: Ballot) -> bool:
         return True
 
     def ballot(self) -> Ballot:
@@ -67,8 +67,8 @@ def test_an_echo_of_a_ballot_without_the_claim_does_not_count() -> None:
     claim.record_sent(6)
     assert claim.want("t1")
     claim.record_sent(7)
-    for mate, number in (("r2", 6), ("r3", 8)):
-        claim.record_echo(mate, [Heard(robot="r1", number=number), Heard(robot="r9", number=7)])
+    for teammate, number in (("r2", 6), ("r3", 8)):
+        claim.record_echo(teammate, [Heard(robot="r1", number=number), Heard(robot="r9", number=7)])
     assert not claim.is_heard({"r2", "r3"}, 3)
     claim.record_echo("r2", [Heard(robot="r1", number=7)])
     assert claim.is_heard({"r2", "r3"}, 3)

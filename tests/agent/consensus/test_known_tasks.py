@@ -16,7 +16,7 @@ NEXT = Task(id="t2", kind="visit", place=Point2D(1.0, 1.0), after=("t1",))
 def known() -> KnownTasks:
     one = KnownTasks()
     for task in (FIRST, NEXT):
-        one.hear(TaskEvent(task=task, state=TaskState.QUEUED))
+        one.receive(TaskEvent(task=task, state=TaskState.QUEUED))
     return one
 
 
@@ -33,8 +33,8 @@ def test_a_task_waits_for_the_one_before_it(known: KnownTasks) -> None:
 def test_it_is_not_begun_after_one_that_was_not_done_although_its_own_end_was_not_heard(
     known: KnownTasks, state: TaskState, told_again: bool
 ) -> None:
-    known.hear(TaskEvent(task=FIRST, state=state))
-    if told_again:  # a mate has told that it has ended, without how
+    known.receive(TaskEvent(task=FIRST, state=state))
+    if told_again:  # a teammate has told that it has ended, without how
         known.record_ended(["t1"])
     assert ready(known) == []
 
@@ -42,10 +42,10 @@ def test_it_is_not_begun_after_one_that_was_not_done_although_its_own_end_was_no
 def test_it_may_begin_once_that_was_done_or_has_ended_somehow_as_mates_say(known: KnownTasks) -> None:
     known.record_done([TaskDone(id="t1", robot="r2", epoch=1)])
     assert ready(known) == ["t2"]
-    known.hear(TaskEvent(task=FIRST, state=TaskState.DONE))
+    known.receive(TaskEvent(task=FIRST, state=TaskState.DONE))
     assert ready(known) == ["t2"]
     other = KnownTasks()
-    other.hear(TaskEvent(task=NEXT, state=TaskState.QUEUED))
+    other.receive(TaskEvent(task=NEXT, state=TaskState.QUEUED))
     other.record_ended(["t1"])
     assert ready(other) == ["t2"]
 

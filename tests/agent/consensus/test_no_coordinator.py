@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.agent.consensus.consensus_desk import TELLING
+from robrain.agent.consensus.consensus import REPORTING
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.team_robots import LostTeam
@@ -55,10 +55,10 @@ def test_offers_wait_for_a_second_while_a_coordinator_that_returns_is_told(lost:
     lost.kill()
     lost.run(10.0)
     robot = lost.robots[0]
-    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == TELLING, "whose offer it is was not heard yet"
+    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == REPORTING, "whose offer it is was not heard yet"
     lost.revive()
     lost.run(0.5)
-    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == TELLING
+    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == REPORTING
     lost.run(1.0)
     assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) is None
 

@@ -79,7 +79,7 @@ def test_a_team_that_never_had_a_coordinator_allocates(one: OneRobot) -> None:
 
 
 def test_robots_tell_which_tasks_a_coordinator_gave_to_one_that_is_silent(one: OneRobot) -> None:
-    """A mate that was cut off meanwhile takes them for queued."""
+    """A teammate that was cut off meanwhile takes them for queued."""
     one.tell(visit("t1"), TaskState.RUNNING, "r3")
     one.tell(visit("t2"), TaskState.RUNNING, "r2")
     one.tell(visit("t3"))

@@ -13,15 +13,15 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 KNOWS, KNOWS_NOT = {"t1"}, {"t2"}
 
 
-def is_kept(mates: dict[str, set[str]], holder: str, team: int = 3) -> bool:
-    """Whether a cancellation at r1 is, if the mates know of these."""
+def is_kept(teammates: dict[str, set[str]], holder: str, team: int = 3) -> bool:
+    """Whether a cancellation at r1 is, if the teammates know of these."""
     known = KnownTasks()
-    known.hear(TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)), state=TaskState.RUNNING))
-    return TaskIntake("r1", known, TaskDesk()).drop(TaskRequest(id="t1"), mates, team, holder).is_kept
+    known.receive(TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)), state=TaskState.RUNNING))
+    return TaskIntake("r1", known, TaskDesk()).drop(TaskRequest(id="t1"), teammates, team, holder).is_kept
 
 
 @pytest.mark.parametrize(
-    ("mates", "holder", "kept"),
+    ("teammates", "holder", "kept"),
     [
         ({"r2": KNOWS, "r3": KNOWS_NOT}, "r3", False),  # more than half know, but it may just have done the task
         ({"r2": KNOWS, "r3": KNOWS}, "r3", True),
@@ -33,9 +33,9 @@ def is_kept(mates: dict[str, set[str]], holder: str, team: int = 3) -> bool:
     ],
 )
 def test_a_cancellation_is_kept_once_more_than_half_and_the_holder_of_the_task_know(
-    mates: dict[str, set[str]], holder: str, kept: bool
+    teammates: dict[str, set[str]], holder: str, kept: bool
 ) -> None:
-    assert is_kept(mates, holder) == kept
+    assert is_kept(teammates, holder) == kept
 
 
 def test_half_of_the_team_is_not_more_than_half() -> None:

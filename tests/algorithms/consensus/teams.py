@@ -80,7 +80,7 @@ def exchange(team: Team, bidders: Mapping[str, Bidder], is_lost=lambda: False) -
     """Everybody bids and then hears its neighbours; whether an opinion changed."""
     changed = [bidder.build() for bidder in bidders.values()]
     ballots = {name: bidder.ballot() for name, bidder in bidders.items()}
-    heard = [bidders[receiver].hear(ballots[sender]) for sender, receiver in sorted(team.edges) if not is_lost()]
+    heard = [bidders[receiver].receive(ballots[sender]) for sender, receiver in sorted(team.edges) if not is_lost()]
     return any(changed) or any(heard)
 
 
@@ -152,6 +152,6 @@ class Post:
     def deliver(self, bidders: Mapping[str, Bidder]) -> bool:
         self._rng.shuffle(self._waiting)
         count = self._rng.randint(0, len(self._waiting))
-        changed = [bidders[receiver].hear(ballot) for receiver, ballot in self._waiting[:count]]
+        changed = [bidders[receiver].receive(ballot) for receiver, ballot in self._waiting[:count]]
         self._waiting = self._waiting[count:][-200:]
         return any(changed)

@@ -87,7 +87,7 @@ def test_of_equal_bids_the_lesser_name_wins() -> None:
         ballots = [bidder.ballot() for bidder in bidders.values()]
         for bidder in bidders.values():
             for ballot in ballots:
-                bidder.hear(ballot)
+                bidder.receive(ballot)
         assert {bidder.winning["t"].robot for bidder in bidders.values()} == {"a"}
 
 
@@ -122,10 +122,10 @@ def test_an_old_or_repeated_ballot_changes_nothing() -> None:
     bidder.open(["t"])
     first = Ballot(robot="b", number=1, bids=(Bid(task="t", robot="b", score=5.0),))
     second = Ballot(robot="b", number=2)
-    assert bidder.hear(first)
-    assert bidder.hear(second)
-    assert not bidder.hear(first)
-    assert not bidder.hear(second)
+    assert bidder.receive(first)
+    assert bidder.receive(second)
+    assert not bidder.receive(first)
+    assert not bidder.receive(second)
     assert bidder.winning == {}
 
 

@@ -30,7 +30,7 @@ def negotiated(scorers: dict[str, RouteScorer], rounds: int) -> list[Negotiation
         for member in members:
             for ballot in ballots:
                 if ballot.robot != member.bidder.robot:
-                    member.hear(ballot)
+                    member.receive(ballot)
         if all(member.is_over for member in members):
             return members
     raise AssertionError("expected the robots to agree")

@@ -32,7 +32,7 @@ def test_all_robots_end_with_the_same_allocation_and_value(loss: float) -> None:
         for member in members:
             for ballot in ballots:
                 if ballot.robot != member.bidder.robot and rng.random() >= loss:
-                    assert member.hear(ballot)
+                    assert member.receive(ballot)
         if all(member.is_over for member in members):
             break
     assert all(member.is_over for member in members)
@@ -70,7 +70,7 @@ def test_nothing_is_agreed_while_a_robot_is_silent() -> None:
         ballots = [member.ballot() for member in members]
         for member in members:
             for ballot in ballots:
-                member.hear(ballot)
+                member.receive(ballot)
     assert not any(member.is_agreed for member in members)
     assert all(member.path == [] for member in members)
 
@@ -78,8 +78,8 @@ def test_nothing_is_agreed_while_a_robot_is_silent() -> None:
 def test_a_ballot_of_a_later_negotiation_calls_for_a_new_one() -> None:
     here, there = members_of(0)[:2]
     there.open(2, ["r0", "r1"], [], lambda _one, _other: 0.0)
-    assert not here.hear(there.ballot())
-    assert there.hear(here.ballot())
+    assert not here.receive(there.ballot())
+    assert there.receive(here.ballot())
     assert here.term == 1
 
 

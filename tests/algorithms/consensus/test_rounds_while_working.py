@@ -47,7 +47,7 @@ def exchange(members: list[Negotiation], loss: float, rng: random.Random) -> Non
     for member in members:
         for ballot in ballots:
             if ballot.robot != member.bidder.robot and rng.random() >= loss:
-                assert member.hear(ballot)
+                assert member.receive(ballot)
 
 
 def work(members: list[Negotiation], loss: float, seed: int, share: float = 0.1) -> Counter[str]:

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.charging.charge_turns import TO_SOC
-from robrain.coordinator.charging.charging import DETOUR, STILL_M, ChargeWatch
+from robrain.coordinator.charging.charging import DETOUR, STILL_M, ChargeSeekers
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -37,7 +37,7 @@ class World:
             takes_j=lambda _robot: None,
             has_route=lambda _robot: self.route,
         )
-        self.watch = ChargeWatch(self.planning, SimpleNamespace(), SimpleNamespace())
+        self.watch = ChargeSeekers(self.planning, SimpleNamespace(), SimpleNamespace())
         self.robot = Robot("r1")
         battery = BatteryState(
             voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=soc, remaining_j=soc * CAPACITY_J,

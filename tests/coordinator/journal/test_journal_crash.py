@@ -116,10 +116,10 @@ class World:
         self.begin()
 
     def begin(self) -> None:
-        self.book = TaskBook(self.clock, 0, self.hear, self.disk.start())
+        self.book = TaskBook(self.clock, 0, self.receive, self.disk.start())
         self.book.republish(100)
 
-    def hear(self, event: TaskEvent) -> None:
+    def receive(self, event: TaskEvent) -> None:
         self.disk.fuse.burn()  # a kill after the commit, before anybody was told
         if event.state is TaskState.OFFERED and event.change not in self.told:
             self.epochs.append(event.epoch)

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from robrain.coordinator.motes.mote_field import FORWARDERS_TOLD, FieldWays
+from robrain.coordinator.motes.mote_field import FORWARDERS_TOLD, ReadingPaths
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 
 
-def note(ways: FieldWays, mote: str, *, is_new: bool = True, **way: Any) -> None:
+def note(ways: ReadingPaths, mote: str, *, is_new: bool = True, **way: Any) -> None:
     reading = MoteReading(
         mote=mote, place=None, quantity="temperature_c", value=20.0, voltage_v=2.9, rssi_dbm=-70.0, sequence=1,
         **({"via": "r1"} | way),
@@ -15,7 +15,7 @@ def note(ways: FieldWays, mote: str, *, is_new: bool = True, **way: Any) -> None
 
 
 def test_readings_that_motes_passed_on_are_counted_once_for_the_first_of_these_motes() -> None:
-    ways = FieldWays()
+    ways = ReadingPaths()
     for hops, is_new in ((1, True), (4, True), (4, False)):
         note(ways, "m1", is_new=is_new, hops=hops, forwarder="m2")
     note(ways, "m5", hops=1, forwarder="m3")
@@ -26,7 +26,7 @@ def test_readings_that_motes_passed_on_are_counted_once_for_the_first_of_these_m
 
 
 def test_only_the_motes_that_passed_most_on_are_told() -> None:
-    ways = FieldWays()
+    ways = ReadingPaths()
     for number in range(FORWARDERS_TOLD + 4):
         for _ in range(number + 1):
             note(ways, "m1", hops=1, forwarder=f"m{number + 10}")
@@ -36,7 +36,7 @@ def test_only_the_motes_that_passed_most_on_are_told() -> None:
 
 
 def test_gateways_are_told_with_what_they_store_and_have_dropped() -> None:
-    ways = FieldWays()
+    ways = ReadingPaths()
     note(ways, "m1", via="m9", waiting=5, dropped=1, stamp_ns=10)
     note(ways, "m2", via="m9", waiting=4, dropped=2, stamp_ns=20)
     note(ways, "m2", via="m9", waiting=3, dropped=2, stamp_ns=30, is_new=False)

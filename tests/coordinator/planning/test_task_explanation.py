@@ -57,7 +57,7 @@ class Office:
     def say(self, task: str, state: TaskState, why: str = "") -> None:
         record = self.book.find(task)
         assert record is not None
-        self.life.hear("r1", TaskStatus(id=task, epoch=record.epoch, state=state, why=why), NOW_NS)
+        self.life.receive("r1", TaskStatus(id=task, epoch=record.epoch, state=state, why=why), NOW_NS)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.coordinator.rules.rule import ReadingCondition
-from robrain.coordinator.rules.rule_watch import (
+from robrain.coordinator.rules.rule_state import (
     RATE_READINGS_MAX,
     RUNS_MAX,
     SILENT_NS,

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from robrain.coordinator.rules.rule import Area, EventCondition, ReadingCondition, Rule, TaskOrder
-from robrain.coordinator.rules.rule_watch import RuleWatch, waits_for
+from robrain.coordinator.rules.rule_state import RuleState, waits_for
 
 ORDER = TaskOrder(kind="visit", place_m=(1.0, 2.0))
 
@@ -43,4 +43,4 @@ def test_a_rule_about_events_tells_plugin_event_and_value(condition: dict[str, A
 
 def test_what_a_rule_waits_for_is_published_with_what_it_has_done() -> None:
     rule = Rule(name="air", reading=ReadingCondition(quantity="co2", above=900), task=ORDER)
-    assert RuleWatch(rule, (), (), 0).status(lambda task: True).waits == "co2 above 900; then visit"
+    assert RuleState(rule, (), (), 0).status(lambda task: True).waits == "co2 above 900; then visit"

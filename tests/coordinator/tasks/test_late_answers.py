@@ -409,17 +409,17 @@ def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_s
         desk.tasks.offer(task_id, "r1", NOW_NS)
         desk.book.move(task_id, TaskState.RUNNING)
         status = TaskStatus(id=task_id, epoch=desk.mail.asked[-1][0].epoch, state=state, why="blocked")
-        assert desk.tasks.hear("r1", status, NOW_NS).task.id == task_id
+        assert desk.tasks.receive("r1", status, NOW_NS).task.id == task_id
         assert desk.tasks.backoff.why(task_id, "r1", NOW_NS) == why
         assert desk.stands(task_id)[0] is TaskState.QUEUED
-        assert desk.tasks.hear("r1", status, NOW_NS) is None
+        assert desk.tasks.receive("r1", status, NOW_NS) is None
 
 
 def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_once(desk: Desk) -> None:
     desk.add("t2")
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
     status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
-    desk.tasks.hear("r1", status, NOW_NS)
+    desk.tasks.receive("r1", status, NOW_NS)
     assert desk.tasks.backoff.why("t2", "r1", NOW_NS) == Refused(PlainReason("no way"))
 
 

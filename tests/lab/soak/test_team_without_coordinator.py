@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.agent.consensus import consensus_desk
+from robrain.agent.consensus import consensus
 from robrain.lab.soak.fault_script import FaultScript, PointRobot, TaskInput
 from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.soak_run import SoakRun, quiet
@@ -78,14 +78,14 @@ def test_rounds_end_while_robots_work_and_each_task_is_begun_once():
     script = orphaned(3, loss=0.2)
     done = Done(script)
     assert done.begun == dict.fromkeys((order.task.id for order in script.tasks), 1)
-    assert set(done.rounds.values()) == {consensus_desk.ROUNDS + 1}
+    assert set(done.rounds.values()) == {consensus.ROUNDS + 1}
     assert done.took_s < 90.0
 
 
 def test_rounds_save_ways_of_robots_that_run(monkeypatch):
     ways = []
-    for rounds in (0, consensus_desk.ROUNDS):
-        monkeypatch.setattr(consensus_desk, "ROUNDS", rounds)
+    for rounds in (0, consensus.ROUNDS):
+        monkeypatch.setattr(consensus, "ROUNDS", rounds)
         ways.append(sum(Done(orphaned(seed)).driven_m for seed in (17, 18)))
     assert ways[1] < 0.97 * ways[0]
 

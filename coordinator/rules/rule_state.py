@@ -247,7 +247,7 @@ class TrackTable:
         return track
 
 
-class RuleWatch:
+class RuleState:
     """One rule, and what it has done.
 
     Args:

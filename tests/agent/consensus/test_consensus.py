@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.agent.consensus.consensus_desk import AGAIN_NS, TELLING, chargers_in
+from robrain.agent.consensus.consensus import AGAIN_NS, REPORTING, chargers_in
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
 from robrain.algorithms.consensus.route_scorer import task_scorer
@@ -78,9 +78,9 @@ def test_for_a_second_after_it_returns_a_coordinator_is_told_and_not_obeyed(one:
     one.is_coordinated = True
     one.run(0.1)
     begun_ns = one.clock.now_ns()
-    assert one.consensus.offer_refusal("t1", begun_ns) == TELLING
-    assert one.consensus.is_telling(begun_ns + to_ns(1.0) - 1)
-    assert not one.consensus.is_telling(begun_ns + to_ns(1.0))
+    assert one.consensus.offer_refusal("t1", begun_ns) == REPORTING
+    assert one.consensus.is_reporting(begun_ns + to_ns(1.0) - 1)
+    assert not one.consensus.is_reporting(begun_ns + to_ns(1.0))
 
 
 @pytest.mark.parametrize("missed", [False, True])
@@ -103,7 +103,7 @@ def test_a_task_that_a_mate_does_or_has_done_is_refused_with_its_name(one: OneRo
     now_ns = one.clock.now_ns()
     assert one.consensus.offer_refusal("t1", now_ns) == Occupied("consensus", "r2 is at it")
     assert one.consensus.offer_refusal("t2", now_ns) == Occupied("consensus", "r3 has done it")
-    assert one.consensus.offer_refusal("t3", now_ns) == TELLING
+    assert one.consensus.offer_refusal("t3", now_ns) == REPORTING
 
 
 def test_the_task_of_a_robot_that_vanished_is_free_when_that_has_let_it_go(one: OneRobot) -> None:
@@ -198,18 +198,18 @@ def heard(task: Task, state: TaskState = TaskState.QUEUED, robot: str = "") -> T
 def test_a_robot_remembers_so_many_open_tasks_and_goes_on_hearing_of_those() -> None:
     known = KnownTasks()
     for number in range(TASKS_MAX + 5):
-        known.hear(heard(visit(f"t{number}")))
+        known.receive(heard(visit(f"t{number}")))
     assert len(known.open) == TASKS_MAX
-    known.hear(heard(visit("t0"), TaskState.RUNNING, "r2"))
+    known.receive(heard(visit("t0"), TaskState.RUNNING, "r2"))
     assert known.open["t0"].robot == "r2"
     assert not known.may_be_asked
-    known.hear(heard(visit("t0"), TaskState.DONE, "r2"))
+    known.receive(heard(visit("t0"), TaskState.DONE, "r2"))
     assert known.may_be_asked
 
 
 def test_tasks_that_a_coordinator_makes_for_itself_are_not_remembered() -> None:
     known = KnownTasks()
-    known.hear(heard(visit("explore-1", kind="explore")))
+    known.receive(heard(visit("explore-1", kind="explore")))
     assert known.open == {}
 
 
@@ -233,19 +233,19 @@ def test_as_many_tasks_as_large_as_robots_remember_make_no_ballot_that_is_too_la
 
 def test_a_task_is_not_ready_before_its_time_nor_at_its_deadline() -> None:
     known = KnownTasks()
-    known.hear(heard(visit("t1", earliest_ns=10, deadline_ns=20)))
+    known.receive(heard(visit("t1", earliest_ns=10, deadline_ns=20)))
     assert [bool(known.ready(now_ns)) for now_ns in (9, 10, 19, 20)] == [False, True, True, False]
 
 
 def test_a_task_is_not_ready_before_what_comes_before_it_is_known_to_have_ended() -> None:
     known = KnownTasks()
-    known.hear(heard(visit("t2", after=("t1",))))
+    known.receive(heard(visit("t2", after=("t1",))))
     assert known.ready(0) == [], "a robot that began later has never heard of t1"
-    known.hear(heard(visit("t1")))
+    known.receive(heard(visit("t1")))
     assert [task.id for task in known.ready(0)] == ["t1"]
     known.record_done([TaskDone(id="t1", robot="r2", epoch=1)])
     assert [task.id for task in known.ready(0)] == ["t2"]
-    known.hear(heard(visit("t1"), TaskState.DONE))
+    known.receive(heard(visit("t1"), TaskState.DONE))
     assert [task.id for task in known.ready(0)] == ["t2"]
 
 
@@ -285,7 +285,7 @@ def test_of_tasks_that_have_ended_the_last_ones_are_remembered() -> None:
     known.record_ended(f"t{number}" for number in range(ENDED_MAX + 5))
     assert not known.has_ended("t4")
     assert known.has_ended("t5")
-    known.hear(heard(visit("t5")))
+    known.receive(heard(visit("t5")))
     assert not known.has_ended("t5"), "a coordinator gives the name again"
 
 

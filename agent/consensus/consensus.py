@@ -1,8 +1,8 @@
-"""Tasks while no coordinator is heard: the robot goes on, and allocates open tasks with the others by consensus.
+"""Allocates open tasks among robots by consensus while they hear no coordinator.
 
-A robot takes tasks that a coordinator had queued only if it hears more than half of the team that the coordinator told
-of last, and none of these hears a coordinator. Two such groups would share a robot, so there is at most one, and the
-coordinator, if it lives, hears none of that group.
+A robot begins tasks that a coordinator had queued only if it hears more than half of the team, as the last coordinator
+listed it, and none of these robots hears a coordinator. Two such groups would share a robot, so there is at most one.
+A coordinator that lives hears no robot of that group.
 """
 
 import math
@@ -14,7 +14,7 @@ import msgspec
 
 from robrain.agent.board import Board
 from robrain.agent.consensus.holders import GIVEN_UP_NS, GOES_ON_S, Holders
-from robrain.agent.consensus.known_tasks import KnownTasks, TaskLook
+from robrain.agent.consensus.known_tasks import KnownTasks, TaskSync
 from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.host.host_extension import ExtendedHost, HostExtension
 from robrain.agent.task_desk import TaskDesk
@@ -62,11 +62,11 @@ class TaskClaim:
         """Id of the task; empty if the robot wants to begin none."""
         self._robot = robot
         self._numbers: list[int] = []
-        """Of this robot's ballots that told of the claim."""
+        """Numbers of this robot's ballots with the claim."""
         self._heard_by: set[str] = set()
 
     def want(self, task: str) -> bool:
-        """Say which task the robot wants to begin; empty for none. Whether that is new and has to be told."""
+        """Claim the task that the robot wants to begin; empty for none. Returns whether the claim is new."""
         if task == self.task:
             return False
         self.task, self._numbers, self._heard_by = task, [], set()
@@ -77,34 +77,34 @@ class TaskClaim:
         if self.task:
             self._numbers = [*self._numbers[1 - NUMBERS_MAX :], number]
 
-    def record_echo(self, mate: str, heard: Iterable[Heard]) -> None:
-        """A mate says whose ballots it has heard last."""
+    def record_echo(self, teammate: str, heard: Iterable[Heard]) -> None:
+        """A teammate says whose ballots it has heard last."""
         if any(one.robot == self._robot and one.number in self._numbers for one in heard):
-            self._heard_by.add(mate)
+            self._heard_by.add(teammate)
 
-    def is_heard(self, mates: Set[str], team: int) -> bool:
+    def is_heard(self, teammates: Set[str], team: int) -> bool:
         """Whether, with the robot itself, more than half of the team knows of the claim.
 
         Args:
-            mates: the robots that are heard now.
+            teammates: the robots that are heard now.
             team: number of robots of the team.
 
         """
-        return bool(self.task) and 2 * (1 + len(self._heard_by & mates)) > team
+        return bool(self.task) and 2 * (1 + len(self._heard_by & teammates)) > team
 
 
 SILENT_NS = to_ns(1.5)
 """Silence after which the coordinator counts as gone (chosen: three summaries, as the lease)."""
-MATE_SILENT_NS = to_ns(1.5)
+TEAMMATE_SILENT_NS = to_ns(1.5)
 """Silence after which another robot takes no part any more."""
 PERIOD_NS = to_ns(0.2)
 """How often a ballot is sent."""
 ROUNDS_PERIOD_NS = to_ns(0.1)
 """How often while tasks are negotiated: rounds are to end before the tasks are begun."""
-TOLD_NS = to_ns(1.0)
-"""Once a coordinator is heard again it is told for so long what was done, and its offers are refused meanwhile."""
-TELL_DONE_NS, TELL_DONE_PERIOD_NS = to_ns(60.0), to_ns(1.0)
-"""After that it is told for so long, and more rarely, what it has not noted yet: its disk may have been full."""
+REPORT_NS = to_ns(1.0)
+"""Once a coordinator is heard again, the robot reports for this long what was done, and refuses offers."""
+REPORT_DONE_NS, REPORT_DONE_PERIOD_NS = to_ns(60.0), to_ns(1.0)
+"""For this long after that, it reports more rarely what the coordinator has not recorded: the disk may be full."""
 ANSWER_NS = to_ns(2.0)
 """Those that hear a coordinator say so for this long after the ballot of one that hears none."""
 STALL_NS = to_ns(5.0)
@@ -116,7 +116,7 @@ AGAIN_NS = to_ns(30.0)
 CHARGED_SOC, CHARGE_BELOW_SOC = 0.95, 0.9
 NS_PER_MS = 1_000_000
 NAME = "consensus"
-TELLING = Occupied(NAME, "a coordinator is being told what was done without it")
+REPORTING = Occupied(NAME, "the robot reports to a coordinator what was done without it")
 """Why offers and withdrawals are refused for a moment."""
 
 
@@ -126,16 +126,16 @@ class _Opened(NamedTuple):
     at_ns: int
     """When, or when its last round ended."""
     round: int
-    mates: frozenset[str]
+    teammates: frozenset[str]
     tasks: frozenset[str]
 
 
-class _Mate(NamedTuple):
+class _Teammate(NamedTuple):
     heard_ns: int
     said: TeamBallot
 
 
-class ConsensusDesk:
+class Consensus:
     """A robot's part in allocation without a coordinator; stepped by its host.
 
     Args:
@@ -164,11 +164,11 @@ class ConsensusDesk:
         self._robot, self._board, self._desk, self._chargers = robot, board, desk, chargers
         self._follows = follows
         self._intake = TaskIntake(robot, self.known, desk)
-        self._look = TaskLook(wire, self.known)
+        self._sync = TaskSync(wire, self.known)
         self._inbox = Inbox(capacity=4096)
         for topic in (COORDINATOR_STATE, TASK_EVENT, ROBOT_BALLOT):
             wire.subscribe(self._inbox, topic)
-        self._tell = wire.publisher(ROBOT_BALLOT, robot=robot)
+        self._publisher = wire.publisher(ROBOT_BALLOT, robot=robot)
         self._received_ns = now_ns
         self._was_alone = False
         self._fenced_until_ns = self._publish_until_ns = self._due_ns = 0
@@ -178,7 +178,7 @@ class ConsensusDesk:
         """The robots that were up lately when a coordinator was heard last: also one that was just out of its reach."""
         self._is_new = True
         """Whether no coordinator has listed this robot as up since its start."""
-        self._others: dict[str, _Mate] = {}
+        self._others: dict[str, _Teammate] = {}
         nothing = task_scorer((), Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, 0, desk.work_of)
         self._negotiation = Negotiation(robot, nothing, rounds=ROUNDS, number=now_ns // NS_PER_MS, while_working=True)
         self._opened = _Opened(now_ns, 0, frozenset(), frozenset())
@@ -204,13 +204,13 @@ class ConsensusDesk:
         self._receive(now_ns)
         is_alone = now_ns - self._received_ns > SILENT_NS
         if self._was_alone and not is_alone:
-            self._fenced_until_ns = now_ns + TOLD_NS
-            self._publish_until_ns = now_ns + 2 * TOLD_NS
+            self._fenced_until_ns = now_ns + REPORT_NS
+            self._publish_until_ns = now_ns + 2 * REPORT_NS
         self._was_alone = is_alone
         if not is_alone:
-            self._look.step(now_ns)
-        knows_of_one = any(mate.said.hears_coordinator for mate in self._others.values())
-        self.is_leaderless = is_alone and not knows_of_one and self._has_quorum()
+            self._sync.step(now_ns)
+        has_coordinator_elsewhere = any(teammate.said.hears_coordinator for teammate in self._others.values())
+        self.is_leaderless = is_alone and not has_coordinator_elsewhere and self._has_quorum()
         self._record_own_ends(now_ns)
         if is_alone:
             self._stop_dropped()
@@ -220,18 +220,18 @@ class ConsensusDesk:
             wanted = self._allocate(now_ns, may_begin=may_begin)
         if self._claim.want(wanted):
             self._due_ns = now_ns
-        has_to_tell = is_alone or now_ns < self._publish_until_ns or bool(self.known.asked)
-        is_rare = not has_to_tell and bool(self.known.done) and now_ns < self._fenced_until_ns + TELL_DONE_NS
-        if (has_to_tell or is_rare) and now_ns >= self._due_ns:
+        must_report = is_alone or now_ns < self._publish_until_ns or bool(self.known.asked)
+        is_rare = not must_report and bool(self.known.done) and now_ns < self._fenced_until_ns + REPORT_DONE_NS
+        if (must_report or is_rare) and now_ns >= self._due_ns:
             is_busy = self.is_leaderless and bool(self._opened.tasks) and not self._negotiation.is_over
             period_ns = ROUNDS_PERIOD_NS if is_busy else PERIOD_NS
-            self._due_ns = now_ns + (TELL_DONE_PERIOD_NS if is_rare else period_ns)
+            self._due_ns = now_ns + (REPORT_DONE_PERIOD_NS if is_rare else period_ns)
             self._send(now_ns, is_alone=is_alone)
 
     @property
     def changes_heard(self) -> int:
         """The robot has heard of all changes of tasks up to this number."""
-        return self._look.last
+        return self._sync.last
 
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
         """Accept a task without a coordinator (CallError if it is refused, in words)."""
@@ -247,7 +247,7 @@ class ConsensusDesk:
             why = self._query_refusal("cancel")
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
         self._due_ns = now_ns  # the others must know at once
-        dropped = {name: {one.id for one in mate.said.dropped} for name, mate in self._others.items()}
+        dropped = {name: {one.id for one in teammate.said.dropped} for name, teammate in self._others.items()}
         return self._intake.drop(asked, dropped, len(self._everyone()), self._holders.of(asked.id, now_ns))
 
     def _query_refusal(self, verb: str) -> str:
@@ -255,7 +255,7 @@ class ConsensusDesk:
             return f"it hears {1 + len(self._others)} of {len(self._everyone())} robots, which is not more than half"
         return f"a coordinator is heard: {verb} it there"
 
-    def is_telling(self, now_ns: int) -> bool:
+    def is_reporting(self, now_ns: int) -> bool:
         """Whether a coordinator has just returned, and may not know yet what was done without it."""
         return now_ns < self._fenced_until_ns
 
@@ -268,7 +268,7 @@ class ConsensusDesk:
         holder = self._holders.of(task_id, now_ns)
         if holder:
             return Occupied(NAME, f"{holder} is at it")
-        return TELLING if self._was_alone or self.is_telling(now_ns) else None
+        return REPORTING if self._was_alone or self.is_reporting(now_ns) else None
 
     # -- hearing --------------------------------------------------------------------------------------------
 
@@ -279,15 +279,19 @@ class ConsensusDesk:
                 case TeamState() if self._follows(message):
                     self._received_ns = now_ns
                     self._record_team(message, now_ns)
-                    self._look.receive_summary(message.last_change, now_ns)
+                    self._sync.receive_summary(message.last_change, now_ns)
                 case TaskEvent():
-                    self.known.hear(message, now_ns)
-                    self._look.hear(message, now_ns)
+                    self.known.receive(message, now_ns)
+                    self._sync.receive(message, now_ns)
                     if message.task.id in self.known.dropped:  # the coordinator does not know that yet
-                        self._publish_until_ns = max(self._publish_until_ns, now_ns + TOLD_NS)
+                        self._publish_until_ns = max(self._publish_until_ns, now_ns + REPORT_NS)
                 case TeamBallot() if message.robot != self._robot:
                     self._receive_ballot(message, now_ns)
-        self._others = {name: mate for name, mate in self._others.items() if now_ns - mate.heard_ns <= MATE_SILENT_NS}
+        self._others = {
+            name: teammate
+            for name, teammate in self._others.items()
+            if now_ns - teammate.heard_ns <= TEAMMATE_SILENT_NS
+        }
 
     def _record_team(self, said: TeamState, now_ns: int) -> None:
         for robot in said.robots:
@@ -299,9 +303,9 @@ class ConsensusDesk:
         self._team = frozenset(self._up_ns)
 
     def _receive_ballot(self, said: TeamBallot, now_ns: int) -> None:
-        self._others[said.robot] = _Mate(now_ns, said)
+        self._others[said.robot] = _Teammate(now_ns, said)
         self._claim.record_echo(said.robot, said.hears)
-        if self._holders.hear(said, self._others, now_ns) and said.wants:
+        if self._holders.receive(said, self._others, now_ns) and said.wants:
             self._due_ns = now_ns  # it waits for an echo
         if now_ns - self._received_ns > SILENT_NS:  # otherwise the coordinator decides about them
             ahead_ns = clock_difference_ns(said.stamp_ns, now_ns)
@@ -313,7 +317,7 @@ class ConsensusDesk:
             self.known.drop(said.dropped)
         if not said.hears_coordinator:
             self._publish_until_ns = max(self._publish_until_ns, now_ns + ANSWER_NS)
-        if not self._negotiation.hear(said.ballot):
+        if not self._negotiation.receive(said.ballot):
             self._term = max(self._term, said.ballot.term)
             self._is_called = True
 
@@ -343,7 +347,7 @@ class ConsensusDesk:
         A restarted robot does not count until a coordinator lists it as up, because that coordinator may be leading the
         others. It joins a majority of robots that do count. If no robot counts, there was no coordinator, and all do.
         """
-        there = [mate.said for mate in self._others.values()]
+        there = [teammate.said for teammate in self._others.values()]
         if self._is_new and not all(said.is_new for said in there):
             return any(said.allocates and not said.is_new for said in there)
         counted = 1 + sum(self._is_new or not said.is_new for said in there)
@@ -353,28 +357,28 @@ class ConsensusDesk:
         return self._team | {self._robot, *self._others}
 
     def _published_known(self) -> Known:
-        return {name: mate.said.known for name, mate in self._others.items()}
+        return {name: teammate.said.known for name, teammate in self._others.items()}
 
     # -- deciding -------------------------------------------------------------------------------------------
 
     def _allocate(self, now_ns: int, *, may_begin: bool) -> str:
         """Negotiate, and begin what the others know of; the id of the task that the robot wants to begin."""
         tasks = {task.id: task for task in self._free(now_ns)}
-        mates, negotiation = frozenset(self._others), self._negotiation
+        teammates, negotiation = frozenset(self._others), self._negotiation
         if negotiation.round != self._opened.round:
             self._opened = self._opened._replace(at_ns=now_ns, round=negotiation.round)
         opened = self._opened
         is_idle = not self._desk.is_busy and self._desk.held is None
         mine = [name for name in negotiation.path if name in tasks]
-        is_due = self._is_called or mates != opened.mates or not tasks.keys() <= opened.tasks
+        is_due = self._is_called or teammates != opened.teammates or not tasks.keys() <= opened.tasks
         if tasks and now_ns - opened.at_ns > STALL_NS:
             is_due |= not negotiation.is_over or (is_idle and not mine)
         if is_due:
-            self._open(tasks, mates, now_ns)
+            self._open(tasks, teammates, now_ns)
         elif is_idle and may_begin and negotiation.is_agreed and not self.known.is_full:
             able = (name for name in mine if name not in self._not_mine and negotiation.may_begin(name))
             wanted = next(able, "")
-            if wanted and (wanted != self._claim.task or not self._claim.is_heard(mates, len(self._everyone()))):
+            if wanted and (wanted != self._claim.task or not self._claim.is_heard(teammates, len(self._everyone()))):
                 return wanted
             if wanted:
                 self._begin(tasks[wanted], now_ns)
@@ -394,12 +398,12 @@ class ConsensusDesk:
             and not self._holders.of(task.id, now_ns)
             and (lost or not (robot := self.known.open[task.id].robot) or robot in there)
         ]
-        if self._look.behind_since_ns is None or lost:
+        if self._sync.behind_since_ns is None or lost:
             return free
-        return [task for task in free if self.known.open[task.id].heard_ns >= self._look.behind_since_ns]
+        return [task for task in free if self.known.open[task.id].heard_ns >= self._sync.behind_since_ns]
 
-    def _open(self, tasks: dict[str, Task], mates: frozenset[str], now_ns: int) -> None:
-        """Bid again, in the negotiation that a mate has opened or in one of its own."""
+    def _open(self, tasks: dict[str, Task], teammates: frozenset[str], now_ns: int) -> None:
+        """Bid again, in the negotiation that a teammate has opened or in one of its own."""
         pose, negotiation = self._board.pose, self._negotiation
         self._not_mine = {name: until for name, until in self._not_mine.items() if until > now_ns}
         able: list[Task] = []
@@ -410,11 +414,11 @@ class ConsensusDesk:
             here = self.known.open[held.id].task.place if held.id in self.known.open else here
         ends = self._chargers or [here]
         negotiation.bidder.scorer = task_scorer(able, here, ends, self._board.energy, now_ns, self._desk.work_of)
-        negotiation.bidder.limit = math.ceil(len(tasks) / (1 + len(mates)))
+        negotiation.bidder.limit = math.ceil(len(tasks) / (1 + len(teammates)))
         self._term = max(self._term, negotiation.term + 1)
-        self._opened = _Opened(now_ns, 0, mates, frozenset(tasks))
+        self._opened = _Opened(now_ns, 0, teammates, frozenset(tasks))
         self._is_called = False
-        negotiation.open(self._term, mates, tasks, self._apart)
+        negotiation.open(self._term, teammates, tasks, self._apart)
 
     def _apart(self, one: str, other: str) -> float:
         """Distance between two tasks, metres; 0 if either is not known any more."""
@@ -453,27 +457,27 @@ class ConsensusDesk:
         ]
 
     def _ended_tasks_to_publish(self) -> list[str]:
-        """Tasks that mates bid for or do as they have not heard of the end: they were cut off then, or began later."""
-        said = [mate.said for mate in self._others.values()]
+        """Ended tasks that teammates bid for or do, because the end has not reached them."""
+        said = [teammate.said for teammate in self._others.values()]
         wanted = {bid.task for one in said for bid in one.ballot.bids} | {held.id for one in said for held in one.held}
         return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_TOLD]
 
     def _absent_tasks_to_publish(self, now_ns: int) -> list[TaskHeldBy]:
-        """Tasks of silent robots: what ballots told of them, and what a coordinator gave them."""
+        """Tasks of silent robots, by their last ballots and the coordinator's last offers."""
         there = {self._robot, *self._others}
-        told = self._holders.to_tell(there, now_ns)
-        left_s, names = to_seconds(self._received_ns + GIVEN_UP_NS - now_ns), {one.id for one in told}
+        reported = self._holders.to_report(there, now_ns)
+        left_s, names = to_seconds(self._received_ns + GIVEN_UP_NS - now_ns), {one.id for one in reported}
         if left_s <= 0.0 or now_ns - self._received_ns <= SILENT_NS:  # a coordinator knows itself what it gave
-            return told
-        told += [
+            return reported
+        reported += [
             TaskHeldBy(id=name, robot=one.robot, left_s=left_s)
             for name, one in sorted(self.known.open.items())
             if one.robot and one.robot not in there and name not in names and not self.known.is_done(name)
         ]
-        return told[:ABSENT_MAX]
+        return reported[:ABSENT_MAX]
 
     def _send(self, now_ns: int, *, is_alone: bool) -> None:
-        mates = sorted(self._others.items())
+        teammates = sorted(self._others.items())
         said = TeamBallot(
             robot=self._robot,
             ballot=self._negotiation.ballot(),
@@ -483,15 +487,15 @@ class ConsensusDesk:
             held=self._held(),
             done=list(self.known.done.values()),
             known=self.known.known(),
-            asked=self._intake.to_tell(self._published_known(), everything=not is_alone),
+            asked=self._intake.to_report(self._published_known(), everything=not is_alone),
             dropped=list(self.known.dropped.values()),
             ended=self._ended_tasks_to_publish(),
             wants=self._claim.task,
-            hears=tuple(Heard(robot=name, number=mate.said.ballot.number) for name, mate in mates),
+            hears=tuple(Heard(robot=name, number=teammate.said.ballot.number) for name, teammate in teammates),
             absent=self._absent_tasks_to_publish(now_ns),
         )
         self._claim.record_sent(said.ballot.number)
-        self._tell.put(said)
+        self._publisher.put(said)
 
 
 def chargers_in(parameters: Mapping[str, Mapping[str, Any]]) -> list[Point2D]:
@@ -505,11 +509,11 @@ def consensus_extension(host: ExtendedHost) -> HostExtension:
 
 
 class ConsensusExtension(HostExtension):
-    """Has a robot's ConsensusDesk stepped, asked and reported."""
+    """Connects a robot's consensus with its host."""
 
     def __init__(self, host: ExtendedHost) -> None:
         chargers = chargers_in(host.robot_file.parameters)
-        self.desk = ConsensusDesk(host.wire, host.name, host.board, host.desk, chargers, host.follows)
+        self.desk = Consensus(host.wire, host.name, host.board, host.desk, chargers, host.follows)
         self._host = host
 
     def start(self) -> None:
@@ -519,16 +523,16 @@ class ConsensusExtension(HostExtension):
         wire.answer(ROBOT_CANCEL, self._cancel, serve=Serve.IN_STEP, robot=robot)
 
     def step(self, now_ns: int, *, may_begin: bool) -> None:
-        """See ConsensusDesk.step."""
+        """See Consensus.step."""
         self.desk.step(now_ns, may_begin=may_begin)
 
     def offer_refusal(self, task_id: str, now_ns: int) -> OfferRefusal | None:
-        """See ConsensusDesk.offer_refusal."""
+        """See Consensus.offer_refusal."""
         return self.desk.offer_refusal(task_id, now_ns)
 
     def withdrawal_refusal(self, now_ns: int) -> OfferRefusal | None:
-        """Refuse while a coordinator is being told what was done without it."""
-        return TELLING if self.desk.is_telling(now_ns) else None
+        """Refuse while the robot reports to a coordinator what was done without it."""
+        return REPORTING if self.desk.is_reporting(now_ns) else None
 
     def extend_state(self, state: RobotState) -> RobotState:
         """Report that the robot continues without a coordinator."""

@@ -21,7 +21,7 @@ TELL_AGAIN_NS = to_ns(0.1)
 robots have heard after 0.6 s (by calculation), and after 3 s at the summaries' own period."""
 
 
-class HaltWatch:
+class TeamHalts:
     """Follows the team's halts.
 
     Args:
@@ -47,7 +47,7 @@ class HaltWatch:
         """Whether the team is to stand."""
         return self._latch.is_held
 
-    def hear(self) -> bool:
+    def receive(self) -> bool:
         """Follow what has come; True if the team is to be told: there is news, or a robot has not heard of the halt."""
         heard = self._arrivals.drain() if self._arrivals.has_some else []
         if not heard and not self.is_halted:

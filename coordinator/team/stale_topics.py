@@ -9,12 +9,12 @@ from robrain.protocol.table.topics import ROBOT_STATE
 
 logger = logging.getLogger(__name__)
 
-LOOK_NS = to_ns(0.1)
+CHECK_NS = to_ns(0.1)
 LOGGED_NS = to_ns(10.0)
 """Changes within this are logged as one line, so that a link that comes and goes does not fill the log."""
 
 
-class StaleWatch:
+class StaleTopics:
     """Looks at what robots that are there have published last.
 
     Args:
@@ -33,9 +33,9 @@ class StaleWatch:
 
     def look(self, now_ns: int) -> bool:
         """Look again, at most ten times a second; whether others are stale or gone than before."""
-        if 0 < self._due_ns - now_ns <= LOOK_NS:
+        if 0 < self._due_ns - now_ns <= CHECK_NS:
             return False
-        self._due_ns = now_ns + LOOK_NS
+        self._due_ns = now_ns + CHECK_NS
         before = {found.sender for found in self.found}
         self.found = self._find(now_ns)
         fresh = [found for found in self.found if found.sender not in before]

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.agent.consensus.known_tasks import ASK_AGAIN_NS, GRACE_NS, OPEN, TASKS_MAX, KnownTasks, TaskLook
+from robrain.agent.consensus.known_tasks import ASK_AGAIN_NS, GRACE_NS, OPEN, TASKS_MAX, KnownTasks, TaskSync
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TaskDone
@@ -25,7 +25,7 @@ class Looking:
         self.wire = Endpoint(session, "team", self.clock, Drive.LOCKSTEP)
         self.coordinator = Endpoint(session, "team", self.clock, Drive.LOCKSTEP)
         self.known = KnownTasks()
-        self.look = TaskLook(self.wire, self.known)
+        self.look = TaskSync(self.wire, self.known)
         self.open: list[TaskRecord] = []
         self.asked: list[TaskFilter] = []
         self.refuses = False
@@ -37,10 +37,10 @@ class Looking:
             raise CallError(ErrorCode.FAILED, "the journal cannot be read")
         return self.open
 
-    def hear(self, name: str, change: int, state: TaskState = TaskState.QUEUED) -> None:
+    def receive(self, name: str, change: int, state: TaskState = TaskState.QUEUED) -> None:
         event = TaskEvent(task=visit(name), state=state, change=change)
-        self.known.hear(event, self.clock.now_ns())
-        self.look.hear(event, self.clock.now_ns())
+        self.known.receive(event, self.clock.now_ns())
+        self.look.receive(event, self.clock.now_ns())
 
     def summary(self, last_change: int) -> None:
         self.look.receive_summary(last_change, self.clock.now_ns())
@@ -73,7 +73,7 @@ def looking() -> Iterator[Looking]:
 
 def test_who_has_heard_of_all_changes_in_whatever_order_asks_nothing(looking: Looking) -> None:
     for change in (2, 1, 3, 3):
-        looking.hear(f"t{change}", change)
+        looking.receive(f"t{change}", change)
     looking.summary(3)
     looking.run(5 * ASK_AGAIN_NS)
     assert looking.asked == []
@@ -84,7 +84,7 @@ def test_an_event_that_comes_after_the_summary_that_counts_it_is_waited_for(look
     looking.summary(1)
     assert looking.look.behind_since_ns == 0
     looking.run(GRACE_NS // 2)
-    looking.hear("t1", 1)
+    looking.receive("t1", 1)
     looking.run(5 * ASK_AGAIN_NS)
     assert looking.asked == []
 
@@ -102,10 +102,10 @@ def test_who_began_later_is_told_of_the_open_tasks(looking: Looking) -> None:
 
 @pytest.mark.parametrize("heard_after", [True, False], ids=["a later event", "the summary alone"])
 def test_a_lost_end_of_a_task_is_noticed(looking: Looking, heard_after: bool) -> None:
-    looking.hear("t1", 1)
+    looking.receive("t1", 1)
     looking.wait(to_ns(1.0))
     if heard_after:
-        looking.hear("t2", 3)
+        looking.receive("t2", 3)
         looking.open = [record("t2", 3)]
     else:
         looking.summary(2)
@@ -116,7 +116,7 @@ def test_a_lost_end_of_a_task_is_noticed(looking: Looking, heard_after: bool) ->
 
 
 def test_what_was_heard_since_the_question_is_not_taken_back(looking: Looking) -> None:
-    looking.known.hear(TaskEvent(task=visit("t5"), state=TaskState.QUEUED), now_ns=10)
+    looking.known.receive(TaskEvent(task=visit("t5"), state=TaskState.QUEUED), now_ns=10)
     looking.known.adopt_open_tasks([], asked_ns=5, now_ns=20)
     assert "t5" in looking.known.open
     looking.known.adopt_open_tasks([], asked_ns=11, now_ns=20)
@@ -124,7 +124,7 @@ def test_what_was_heard_since_the_question_is_not_taken_back(looking: Looking) -
 
 
 def test_as_many_open_tasks_as_a_robot_remembers_say_nothing_of_others(looking: Looking) -> None:
-    looking.hear("old", 1)
+    looking.receive("old", 1)
     looking.wait(to_ns(1.0))
     looking.open = [record(f"t{number}") for number in range(TASKS_MAX)]
     looking.summary(400)
@@ -155,7 +155,7 @@ def test_a_refused_question_is_asked_again_after_a_second(looking: Looking) -> N
 
 def test_a_coordinator_with_another_journal_is_asked(looking: Looking) -> None:
     for change in (1, 2, 3):
-        looking.hear("t1", change)
+        looking.receive("t1", change)
     looking.summary(3)
     looking.wait(to_ns(1.0))
     looking.summary(1)

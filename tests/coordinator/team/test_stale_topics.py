@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from robrain.coordinator.team.roster import Roster
-from robrain.coordinator.team.stale_watch import StaleWatch
+from robrain.coordinator.team.stale_topics import StaleTopics
 from robrain.protocol.clock import to_ns
 from robrain.protocol.reasons import TopicStale
 from robrain.protocol.table.topics import COORDINATOR_STATE, RECORDER_STATE, ROBOT_MAP, ROBOT_STATE
@@ -27,7 +27,7 @@ def test_topics_at_a_fixed_rate_have_a_deadline_of_three_periods_and_others_have
 
 
 def test_robot_whose_state_is_older_than_three_periods_is_named_until_it_speaks_again(roster):
-    watch = StaleWatch(roster)
+    watch = StaleTopics(roster)
     assert not watch.look(to_ns(1.3))
     assert watch.found == []
     says(roster, "r2", 1.35)
@@ -42,7 +42,7 @@ def test_robot_whose_state_is_older_than_three_periods_is_named_until_it_speaks_
 
 
 def test_robot_that_is_not_counted_on_any_more_is_told_at_once_and_once(roster):
-    watch = StaleWatch(roster)
+    watch = StaleTopics(roster)
     assert watch.look(to_ns(1.5))
     assert not watch.look(to_ns(1.79))
     assert watch.look(to_ns(1.91))
@@ -52,13 +52,13 @@ def test_robot_that_is_not_counted_on_any_more_is_told_at_once_and_once(roster):
 def test_robot_that_has_left_or_has_not_spoken_yet_is_not_stale(roster):
     comes(roster, "r3")
     goes(roster, "r2")
-    watch = StaleWatch(roster)
+    watch = StaleTopics(roster)
     watch.look(to_ns(5.0))
     assert [found.sender for found in watch.found] == ["r1"]
 
 
 def test_it_looks_ten_times_a_second_and_again_after_the_clock_was_set_back(roster):
-    watch = StaleWatch(roster)
+    watch = StaleTopics(roster)
     watch.look(to_ns(1.25))
     assert not watch.look(to_ns(1.34))
     assert watch.look(to_ns(1.36))
@@ -69,7 +69,7 @@ def test_it_looks_ten_times_a_second_and_again_after_the_clock_was_set_back(rost
 
 
 def test_robots_that_come_and_go_are_logged_once_in_ten_seconds(roster, caplog):
-    watch = StaleWatch(roster)
+    watch = StaleTopics(roster)
     with caplog.at_level(logging.WARNING):
         for second in range(2, 14):
             watch.look(to_ns(second + 0.9))

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.coordinator.team.halt_watch import HaltWatch
+from robrain.coordinator.team.halts import TeamHalts
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -21,7 +21,7 @@ class Team:
     def __init__(self, wire: Endpoint, clock: VirtualClock) -> None:
         self.clock = clock
         self.roster = Roster()
-        self.watch = HaltWatch(wire, self.roster)
+        self.watch = TeamHalts(wire, self.roster)
         self._halts = wire.publisher(HALT)
         self.roster.record_presence(Change({"robot": "r1"}, True))
 
@@ -46,20 +46,20 @@ def team() -> Iterator[Team]:
 def test_without_a_halt_there_is_no_news_whatever_robots_do(team: Team) -> None:
     for halted in (False, True, False):
         team.say(halted=halted)
-        assert team.watch.hear() is False
+        assert team.watch.receive() is False
     assert team.watch.status(team.clock.now_ns()) is None
 
 
 def test_each_halt_and_each_stop_of_a_robot_is_news_once(team: Team) -> None:
     team.say(halted=False)
     team.halt("ann")
-    assert [team.watch.hear() for _ in range(2)] == [True, False]
+    assert [team.watch.receive() for _ in range(2)] == [True, False]
     team.say(halted=True)
-    assert [team.watch.hear() for _ in range(2)] == [True, False]
+    assert [team.watch.receive() for _ in range(2)] == [True, False]
     team.say(halted=False)
-    assert [team.watch.hear() for _ in range(2)] == [True, False]
+    assert [team.watch.receive() for _ in range(2)] == [True, False]
     team.halt("bob")
-    assert [team.watch.hear() for _ in range(2)] == [True, False]
+    assert [team.watch.receive() for _ in range(2)] == [True, False]
 
 
 def test_robot_that_has_not_heard_of_a_halt_is_told_again_ten_times_a_second(team: Team) -> None:
@@ -69,29 +69,29 @@ def test_robot_that_has_not_heard_of_a_halt_is_told_again_ten_times_a_second(tea
     for _ in range(100):
         team.clock.advance_to(team.clock.now_ns() + to_ns(0.02))
         team.say(halted=False)
-        told.append(team.watch.hear())
+        told.append(team.watch.receive())
     assert sum(told) == 20
     team.say(halted=True)
-    assert team.watch.hear() is True
+    assert team.watch.receive() is True
     for _ in range(10):
         team.clock.advance_to(team.clock.now_ns() + to_ns(0.02))
-        assert team.watch.hear() is False
+        assert team.watch.receive() is False
     team.say(halted=False)
-    assert team.watch.hear() is True
+    assert team.watch.receive() is True
     team.clock.advance_to(team.clock.now_ns() + to_ns(5.0))  # it is not there any more: nobody is to be told
-    team.watch.hear()
-    assert team.watch.hear() is False
+    team.watch.receive()
+    assert team.watch.receive() is False
 
 
 def test_end_of_a_halt_is_news_and_what_robots_do_after_it_is_none(team: Team) -> None:
     team.say(halted=True)
     team.halt("ann")
-    team.watch.hear()
+    team.watch.receive()
     team.halt("ann", halted=False)
-    assert team.watch.hear() is True
+    assert team.watch.receive() is True
     assert not team.watch.is_halted
     team.say(halted=False)
-    assert team.watch.hear() is False
+    assert team.watch.receive() is False
     assert team.watch.status(team.clock.now_ns()).by == ["ann"]
 
 
