@@ -14,7 +14,8 @@ from robrain.agent.transform import TransformTable
 from robrain.protocol.errors import BadName, BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.keys import check_name
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.model.checked import Checked, convert
+from robrain.protocol.model.ranges import Count, Positive
 from robrain.protocol.toml_text import parse_toml, read_toml_text
 
 ANYBODY = "*"
@@ -36,35 +37,31 @@ class PluginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, renam
     so."""
 
 
-class TagTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TagTable(Checked, frozen=True, forbid_unknown_fields=True):
     """`[tag]`."""
 
     visibility: list[str] = msgspec.field(default_factory=lambda: [COMMAND])
     """Plugins that may use this one; `command` for the outside, `*` for anybody inside."""
-    requires: list[str] = []
+    requires: list[str] = msgspec.field(default_factory=list)
     """Plugins that this one calls."""
     shared: bool = True
     """False: one user at a time."""
     restart: Literal["no", "on-failure"] = "no"
     """What happens after a fault."""
-    restart_limit: int = 5
+    restart_limit: Count = 5
     """Number of consecutive restarts after which the plugin stays faulted."""
-    backoff_s: float = 0.5
+    backoff_s: Positive = 0.5
     """Time before the first restart; it doubles with each one."""
-    backoff_max_s: float = 30.0
+    backoff_max_s: Positive = 30.0
     """Longest time before a restart."""
-    hang_s: float = 5.0
+    hang_s: Positive = 5.0
     """A step or call that takes longer is taken for hung, in live."""
-    start_s: float = 20.0
+    start_s: Positive = 20.0
     """To import it, its `init` and its `activate` may take so long each, in live."""
     essential: bool = False
     """Whether the robot is halted, and stays so, while this does not run."""
     isolation: Literal["none", "process"] = "none"
     """`process`: run it in a process of its own, in live."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "backoff_s", "backoff_max_s", "hang_s", "start_s")
-        check_not_negative(self, "restart_limit")
 
 
 class ManifestTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -121,7 +118,7 @@ def _manifest(name: str, path: Path, text: str) -> Manifest:
     except BadToml as error:
         raise ManifestError(path, "file", str(error)) from error
     try:
-        tables = msgspec.convert(raw, ManifestTables)
+        tables = convert(raw, ManifestTables)
     except msgspec.ValidationError as error:
         raise ManifestError(path, *key_and_problem(error, raw, ManifestTables)) from error
     role = tables.plugin.role

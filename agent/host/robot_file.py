@@ -9,6 +9,7 @@ from robrain.agent.errors import RobotFileError
 from robrain.agent.manifest import key_and_problem
 from robrain.protocol.errors import BadName, BadToml, WireError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.model.checked import convert
 from robrain.protocol.toml_text import read_toml
 from robrain.protocol.wire.session import check_endpoint
 
@@ -109,7 +110,7 @@ def read_robot_file(path: Path) -> RobotFile:
     if isinstance(zenoh, dict) and zenoh.get("listen"):
         zenoh.setdefault("mode", "router")
     try:
-        robot_file = msgspec.convert(raw, RobotFile)
+        robot_file = convert(raw, RobotFile)
     except msgspec.ValidationError as error:
         where, what = key_and_problem(error, raw, RobotFile)
         raise RobotFileError(f"{path}: {where}: {what}") from error

@@ -14,6 +14,7 @@ from robrain.agent.manifest import Manifest, key_and_problem
 from robrain.agent.plugin import Behavior, Plugin
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.plugin_messages import TaskKind
+from robrain.protocol.model.checked import convert
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.schema.struct_schema import parameters_schema
 
@@ -83,7 +84,7 @@ def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[st
     """
     values, struct = {**manifest.parameters, **overrides}, code.plugin_class.Parameters
     try:
-        return msgspec.convert(values, struct)
+        return convert(values, struct)
     except msgspec.ValidationError as error:
         where, what = key_and_problem(error, values, struct, "parameters")
         key = "[parameters]" if where in ("file", "parameters") else f"[parameters] {where}"

@@ -8,11 +8,10 @@ that follows a lie.
 import math
 from typing import NamedTuple
 
-import msgspec
-
 from robrain.algorithms.energy.battery_report import NOTHING_MORE, BatteryReport
 from robrain.algorithms.energy.soc_filter import PackModel, SocFilter
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive
 
 USUAL_OVER_S = 60.0
 DOUBT_AT_ONCE = 0.05
@@ -24,32 +23,31 @@ DOUBT_SHARE = 0.5
 KNOWN_START_SD = 0.02
 
 
-class GaugeLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class GaugeLimits(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a sound gauge never says. Chosen for four lithium-ion cells; raises ValueError where it is not above 0."""
 
-    voltage_min_v: float = 8.0
-    voltage_max_v: float = 17.5
-    current_max_a: float = 15.0
+    voltage_min_v: Positive = 8.0
+    voltage_max_v: Positive = 17.5
+    current_max_a: Positive = 15.0
     temperature_min_c: float = -30.0
     temperature_max_c: float = 75.0
-    jump_v: float = 0.4
+    jump_v: Positive = 0.4
     """Change of voltage between two measurements, beyond what the change of current explains."""
-    contradiction_v: float = 0.3
+    contradiction_v: Positive = 0.3
     """Distance between the voltage and what the estimate expects at this current, as a mean over `contradiction_s`."""
-    contradiction_s: float = 3.0
-    awake_min_a: float = 0.08
+    contradiction_s: Positive = 3.0
+    awake_min_a: Positive = 0.08
     """The computer that runs this draws more than that; only a charger can make it less."""
-    awake_s: float = 5.0
-    frozen_s: float = 4.0
+    awake_s: Positive = 5.0
+    frozen_s: Positive = 4.0
     """Voltage and current are the same to the last bit for no longer than this; more for a gauge that averages."""
-    stale_s: float = 1.5
+    stale_s: Positive = 1.5
     """So long without a measurement is a fault."""
-    recover_s: float = 10.0
+    recover_s: Positive = 10.0
     """So long everything has to be right again."""
 
     def __post_init__(self) -> None:
-        limits = (name for name in self.__struct_fields__ if not name.startswith("temperature"))
-        check_positive(self, *limits, below=math.inf)
+        super().__post_init__()
         if not self.voltage_min_v < self.voltage_max_v:
             raise ValueError(f"expected voltage_max_v above voltage_min_v, got {self.voltage_max_v}")
 

@@ -8,12 +8,12 @@ from bisect import bisect_right
 from collections import deque
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from robrain.algorithms.numeric.small_linear_algebra import dot, inverse_form, times_vector
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.energy_model import STANDING_BELOW, TERMS, EnergyModel, Work, estimate
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 
 BATCH_S = 20.0
 PACE_OVER_S = 60.0
@@ -23,33 +23,30 @@ RESIDUAL_BATCHES = 30
 PRIOR_BATCHES = 4
 
 
-class PowerPrior(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PowerPrior(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is believed before anything is measured. Chosen for a base of 4 kg with a small computer.
 
     Raises ValueError where it is built with an impossible figure.
     """
 
-    standing_w: float = 8.0
-    moving_w: float = 0.4
-    speed_w_per_m_s: float = 9.0
-    yaw_w_per_rad_s: float = 1.5
-    acceleration_kg: float = 8.0
-    standing_sd: float = 3.0
-    moving_sd: float = 0.5
-    speed_sd: float = 4.0
-    yaw_sd: float = 0.7
-    acceleration_sd: float = 3.0
-    residual_w2_s: float = 4.0
+    standing_w: Positive = 8.0
+    moving_w: Positive = 0.4
+    speed_w_per_m_s: Positive = 9.0
+    yaw_w_per_rad_s: Positive = 1.5
+    acceleration_kg: Positive = 8.0
+    standing_sd: Positive = 3.0
+    moving_sd: Positive = 0.5
+    speed_sd: Positive = 4.0
+    yaw_sd: Positive = 0.7
+    acceleration_sd: Positive = 3.0
+    residual_w2_s: Positive = 4.0
     """Variance per second of the integral of the unexplained power."""
-    memory_s: float = 300.0
+    memory_s: Positive = 300.0
     """Time constant of forgetting."""
-    standing_drift_w: float = 1.0
+    standing_drift_w: Positive = 1.0
     """Drift of the standing power within an hour, a standard deviation: the computer's load changes."""
-    pace_m_s: float = 0.5
-    turn_rate_rad_s: float = 1.2
-
-    def __post_init__(self) -> None:
-        check_positive(self, below=math.inf)
+    pace_m_s: Positive = 0.5
+    turn_rate_rad_s: Positive = 1.2
 
 
 class PowerLearner:

@@ -14,13 +14,15 @@ Discharging is positive. The curve, the rated capacity and all spreads are a dat
 
 import math
 from bisect import bisect_left
+from typing import Annotated
 
-import msgspec
 import numpy as np
+from msgspec import Meta
 from numba import njit
 
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import NotNegative, Positive
 
 J_PER_WH = 3600.0
 CELLS_MAX = 200
@@ -35,25 +37,13 @@ _SD_95 = 1.959964
 """Half of a two-sided 95 % interval of a normal distribution, in standard deviations."""
 
 
-_NOT_BELOW_ZERO = (
-    "curve_sd_v",
-    "resistance_sd",
-    "relaxation_share",
-    "health_sd",
-    "missed_sd",
-    "current_sd",
-    "drive_current_a",
-    "rate_loss_s",
-)
-
-
-class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PackModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the datasheet says of a pack, and how far it is trusted. The values are chosen for four cells in series.
 
     Raises ValueError where it is built with an impossible figure.
     """
 
-    capacity_wh: float = 20.0
+    capacity_wh: Positive = 20.0
     """Rated capacity."""
     curve_soc: tuple[float, ...] = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
     curve_v: tuple[float, ...] = (
@@ -61,45 +51,35 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         *(15.36, 15.56, 15.78, 16.07, 16.41),
     )
     """Open-circuit voltage at these states of charge, rising; of the pack, or of each of its `cells`."""
-    cells: int = 1
+    cells: Annotated[int, Meta(ge=1, le=CELLS_MAX)] = 1
     """In series: `curve_v` is multiplied by this. All other figures are those of the pack."""
-    curve_sd_v: float = 0.03
+    curve_sd_v: NotNegative = 0.03
     """Standard deviation of a pack's curve."""
-    curve_wander_s: float = 1800.0
-    resistance_ohm: float = 0.13
-    resistance_sd: float = 0.05
-    relaxation_share: float = 0.6
+    curve_wander_s: Positive = 1800.0
+    resistance_ohm: Positive = 0.13
+    resistance_sd: NotNegative = 0.05
+    relaxation_share: NotNegative = 0.6
     """Resistance of the RC pair, as a share of the other."""
-    relaxation_s: float = 90.0
-    health: float = 0.93
+    relaxation_s: Positive = 90.0
+    health: Positive = 0.93
     """Capacity of a pack of unknown age, as a share of the rated one."""
-    health_sd: float = 0.06
-    voltage_sd_v: float = 0.02
+    health_sd: NotNegative = 0.06
+    voltage_sd_v: Positive = 0.02
     """Standard deviation of one measurement, including errors of the circuit model."""
-    missed_sd: float = 0.012
+    missed_sd: NotNegative = 0.012
     """Standard deviation of the state of charge by effects outside the model, such as uneven charge in the cells."""
-    current_sd: float = 0.01
+    current_sd: NotNegative = 0.01
     """Relative standard deviation of the integrated charge."""
     cut_off_v: float = 12.0
     """Voltage at the terminals below which the charge cannot be used."""
-    drive_current_a: float = 1.2
+    drive_current_a: NotNegative = 1.2
     """Current that the robot must be able to draw to the end."""
-    rate_loss_s: float = 60.0
+    rate_loss_s: NotNegative = 60.0
     """Charge that a load leaves unused at the end, per ampere: from a datasheet's capacities at two rates.
     Half of it is taken for its standard deviation."""
 
     def __post_init__(self) -> None:
-        check_positive(
-            self,
-            "capacity_wh",
-            "curve_wander_s",
-            "resistance_ohm",
-            "relaxation_s",
-            "health",
-            "voltage_sd_v",
-            below=math.inf,
-        )
-        check_not_negative(self, *_NOT_BELOW_ZERO, finite=True)
+        super().__post_init__()
         if len(self.curve_soc) != len(self.curve_v) or len(self.curve_soc) < 2:
             raise ValueError("expected as many curve_soc as curve_v, two at least")
         for name in ("curve_soc", "curve_v"):
@@ -107,8 +87,6 @@ class PackModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
                 raise ValueError(f"expected {name} to rise, got {getattr(self, name)}")
         if self.curve_soc[0] != 0 or self.curve_soc[-1] != 1:
             raise ValueError(f"expected curve_soc from 0 to 1, got {self.curve_soc[0]} to {self.curve_soc[-1]}")
-        if not 1 <= self.cells <= CELLS_MAX:
-            raise ValueError(f"expected 1 to {CELLS_MAX} cells, got {self.cells}")
         if not self.cut_off_v < self.curve_v[-1] * self.cells:
             raise ValueError(f"expected cut_off_v below the curve's end, got {self.cut_off_v}")
 

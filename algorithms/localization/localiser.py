@@ -3,9 +3,11 @@
 import math
 from collections import deque
 from collections.abc import Sequence
+from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.algorithms.localization.mote_relocalisation import RecentSignals, better_elsewhere, find_robot
@@ -17,11 +19,12 @@ from robrain.algorithms.localization.surface_match import COMPARED_MIN, agreemen
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, Drift, LocalMap
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import innovation_squared
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import IDENTITY, Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 
-class WatchSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class WatchSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """When innovations are too large. Raises ValueError where it is built with a window below 2.
 
     The mean normalised innovation squared (NIS) of `window` measurements is that of a chi-square variable divided by
@@ -29,7 +32,7 @@ class WatchSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     for a window of 32 it exceeds 2.6 once in a million times if all is well.
     """
 
-    window: int = 32
+    window: Annotated[int, Meta(ge=2)] = 32
     nis_max: float = 2.6
     refused_max: float = 0.3
     """Share of the window that the gate may refuse."""
@@ -37,10 +40,6 @@ class WatchSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """So many scans in a row may lie badly on the map."""
     fit_min: float = 0.65
     """Share of a scan's beams that have to end at the map's walls."""
-
-    def __post_init__(self) -> None:
-        if self.window < 2:
-            raise ValueError(f"expected window >= 2, got {self.window}")
 
 
 class DivergenceWatch:

@@ -14,8 +14,9 @@ from numba import njit
 
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.ranges import check_not_negative
+from robrain.protocol.model.ranges import NotNegative
 
 X, Y, YAW, SCALE, CURVE, TURN = 0, 1, 2, 3, 4, 5
 SHADOWS = 6
@@ -287,26 +288,23 @@ GATE = 10.83
 """99.9 % of a chi-square variable of one degree of freedom."""
 
 
-class DriftModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class DriftModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How odometry goes wrong: noise, and errors that stay. Standard deviations; all chosen for three omni wheels.
 
     True turning = turn·(1 + turn error) + curve·forward way; true way = way·(1 + scale error). A wheel that is 1 %
     smaller than another makes a Robertino-like base curve by 0.02 rad/m.
     """
 
-    sigma_m_per_sqrt_m: float = 0.01
-    sigma_rad_per_sqrt_m: float = 0.005
-    sigma_rad_per_sqrt_rad: float = 0.01
-    scale: float = 0.03
-    curve_rad_per_m: float = 0.03
-    turn: float = 0.03
-    scale_per_sqrt_m: float = 0.0005
+    sigma_m_per_sqrt_m: NotNegative = 0.01
+    sigma_rad_per_sqrt_m: NotNegative = 0.005
+    sigma_rad_per_sqrt_rad: NotNegative = 0.01
+    scale: NotNegative = 0.03
+    curve_rad_per_m: NotNegative = 0.03
+    turn: NotNegative = 0.03
+    scale_per_sqrt_m: NotNegative = 0.0005
     """Random walk of the scale error: floors and loads change."""
-    curve_rad_per_m_per_sqrt_m: float = 0.0003
-    turn_per_sqrt_m: float = 0.0005
-
-    def __post_init__(self) -> None:
-        check_not_negative(self, *self.__struct_fields__, finite=True)
+    curve_rad_per_m_per_sqrt_m: NotNegative = 0.0003
+    turn_per_sqrt_m: NotNegative = 0.0005
 
 
 class MeasurementUpdate(msgspec.Struct, frozen=True):

@@ -8,8 +8,9 @@ import math
 
 import msgspec
 
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.model.ranges import NotNegative, Positive
 
 NEAREST_M = 0.1
 """A mote seems never nearer than this: the far field ends, and so does the model."""
@@ -24,7 +25,7 @@ class RssiSample(msgspec.Struct, frozen=True):
     stamp_ns: int = 0
 
 
-class PathLoss(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PathLoss(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Received power over distance. All values are chosen for a Mica2 at −20 dBm indoors; calibrate them at the place.
 
     Indoors the decorrelation distance is some metres (3GPP TR 38.901, table 7.5-6: 6 to 10 m in offices). Raises
@@ -32,17 +33,13 @@ class PathLoss(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """
 
     rssi_at_1_m_dbm: float = -60.0
-    exponent: float = 3.0
-    shadowing_db: float = 4.0
+    exponent: Positive = 3.0
+    shadowing_db: NotNegative = 4.0
     """Standard deviation of what walls and furniture do to one mote's signal: the same until the robot has moved on."""
-    decorrelation_m: float = 5.0
+    decorrelation_m: Positive = 5.0
     """After this way the shadowing's correlation is 1/e."""
-    fading_db: float = 4.0
+    fading_db: Positive = 4.0
     """Standard deviation from packet to packet, with what the model itself gets wrong."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "exponent", "decorrelation_m", "fading_db")
-        check_not_negative(self, "shadowing_db")
 
     @property
     def db_per_e_fold(self) -> float:

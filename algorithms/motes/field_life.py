@@ -6,8 +6,10 @@ that are sent within range arrive; readings are lost in motes that die, and in f
 
 import math
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from robrain.algorithms.motes.collect_tour import shortest_order, stops_for, tour_m
 from robrain.algorithms.motes.coverage import CoverageMap, duty_set
@@ -22,8 +24,9 @@ from robrain.algorithms.motes.routes import (
     routes_of,
     share_at_once,
 )
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.ranges import NotNegative, Positive
 
 HOP_S = 1.0
 """Delay of one hop: the receiver listens once in that time; chosen."""
@@ -49,66 +52,57 @@ class Routing(StrEnum):
     """Not at all: robots collect everything."""
 
 
-class MoteSite(msgspec.Struct, frozen=True, kw_only=True):
+class MoteSite(Checked, frozen=True, kw_only=True):
     """Where motes lie, and what they are."""
 
     places: tuple[Point2D, ...]
     sink: Point2D
     """Where readings leave the field, and where the robots' charger is."""
-    size_m: float
+    size_m: Positive
     """The floor is a square from the origin of this width."""
-    range_m: float = 22.0
+    range_m: Positive = 22.0
     """Distance up to which two motes hear each other."""
-    sensing_m: float = 15.0
+    sensing_m: Positive = 15.0
     """A mote tells of the floor up to this distance; chosen."""
-    period_s: float = 60.0
+    period_s: Positive = 60.0
     """Time between two readings of a mote."""
     energy: MoteEnergy = mica2()
-    log_readings: int = 30_000
+    log_readings: Annotated[int, Meta(ge=1, le=1000000)] = 30_000
     """What a mote stores; of more, the oldest are lost."""
 
-    def __post_init__(self) -> None:
-        check_positive(self, "size_m", "range_m", "sensing_m", "period_s")
-        check_within(self, 1, 1_000_000, "log_readings")
 
-
-class RobotFigures(msgspec.Struct, frozen=True, kw_only=True):
+class RobotFigures(Checked, frozen=True, kw_only=True):
     """A robot that collects."""
 
-    speed_m_s: float = 0.5
-    standing_w: float = 8.0
+    speed_m_s: Positive = 0.5
+    standing_w: Positive = 8.0
     """All the time on a tour, for computer, sensors and radio: that of the simulated robots."""
-    driving_j_per_m: float = 20.0
+    driving_j_per_m: Positive = 20.0
     """What driving takes besides; about that of the simulated robots."""
-    reach_m: float = 15.0
+    reach_m: Positive = 15.0
     """Distance up to which it collects, which leaves a margin to the radio's range."""
-    readings_per_s: float = 25.0
+    readings_per_s: Positive = 25.0
     """How fast a mote hands over what it has stored: one every 40 ms."""
 
-    def __post_init__(self) -> None:
-        check_positive(self, "speed_m_s", "standing_w", "driving_j_per_m", "reach_m", "readings_per_s")
 
-
-class FieldPlan(msgspec.Struct, frozen=True, kw_only=True):
+class FieldPlan(Checked, frozen=True, kw_only=True):
     """How the field is run. Raises ValueError if a value makes no sense."""
 
     routing: Routing = Routing.LIFETIME
-    tours_per_day: float = 0.0
+    tours_per_day: NotNegative = 0.0
     """How often a robot visits all motes; 0 for never."""
-    goal_days: float = 0.0
+    goal_days: NotNegative = 0.0
     """With tours: the lifetime that is aimed at. Readings travel over the air as far as it allows."""
     takes_turns: bool = False
     """Whether only as many motes are on duty as the coverage needs, in turn."""
-    relays: int = 0
+    relays: Annotated[int, Meta(ge=0, le=1000)] = 0
     """Number of robots that may stand in the field all the time, to connect parts that do not reach the sink."""
-    replan_days: float = 10.0
+    replan_days: Positive = 10.0
     """Time after which routes and duties are made again; also after each death."""
     robot: RobotFigures = RobotFigures()
 
     def __post_init__(self) -> None:
-        check_not_negative(self, "tours_per_day", "goal_days", finite=True)
-        check_positive(self, "replan_days")
-        check_within(self, 0, 1000, "relays")
+        super().__post_init__()
         if self.routing is Routing.NONE and self.tours_per_day == 0:
             raise ValueError("expected tours_per_day above 0 if readings do not travel over the air")
 

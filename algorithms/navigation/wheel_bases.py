@@ -11,25 +11,22 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive, PositiveInt
 
 WHEEL_ANGLES_RAD = (math.radians(60.0), math.radians(180.0), math.radians(300.0))
 
 
-class OmniBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type", tag="omni3"):
+class OmniBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type", tag="omni3"):
     """Size of the base. The defaults are chosen in the manner of the Robertino; no data sheet was found."""
 
-    wheel_radius_m: float = 0.04
-    wheel_distance_m: float = 0.155
+    wheel_radius_m: Positive = 0.04
+    wheel_distance_m: Positive = 0.155
     """From the robot's centre to a wheel."""
-    encoder_ticks_per_turn: int = 4096
-
-    def __post_init__(self) -> None:
-        check_positive(self, "wheel_radius_m", "wheel_distance_m", "encoder_ticks_per_turn")
+    encoder_ticks_per_turn: PositiveInt = 4096
 
     @property
     def is_holonomic(self) -> bool:
@@ -87,22 +84,15 @@ WHEELS_MAX = 8
 Rows = tuple[tuple[float, float, float], ...]
 
 
-class DescribedBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True, tag_field="type"):
+class DescribedBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True, tag_field="type"):
     """What all have in common. Lengths are in metres, wheels count 1, 2, … in the order that each type says.
 
     Raises ValueError if a size is not above 0.
     """
 
-    wheel_radius_m: float
-    encoder_ticks_per_turn: int
+    wheel_radius_m: Positive
+    encoder_ticks_per_turn: PositiveInt
     """Counts of an encoder for a turn of its wheel, gears included."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "wheel_radius_m", "encoder_ticks_per_turn", *self._sizes)
-
-    @property
-    def _sizes(self) -> tuple[str, ...]:
-        return ()
 
     @property
     def rows(self) -> Rows:
@@ -161,23 +151,17 @@ class DescribedBase(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class Omni(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="omni"):
     """Omni wheels on a circle, each driving along its tangent, counter-clockwise if positive."""
 
-    wheel_distance_m: float
+    wheel_distance_m: Positive
     """From the robot's centre to each wheel."""
     wheel_angles_deg: Annotated[tuple[float, ...], Meta(min_length=3, max_length=WHEELS_MAX)]
     """Where the wheels stand, from the robot's x axis, counter-clockwise; (45, 135, 225, 315) for four."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not all(map(math.isfinite, self.wheel_angles_deg)):
-            raise ValueError(f"expected finite wheel_angles_deg, got {list(self.wheel_angles_deg)}")
         try:
             pseudo_inverse(self.rows)
         except ValueError:
             raise ValueError("wheel_angles_deg: these wheels cannot drive in all directions") from None
-
-    @property
-    def _sizes(self) -> tuple[str, ...]:
-        return ("wheel_distance_m",)
 
     @property
     def rows(self) -> Rows:
@@ -189,14 +173,10 @@ class Omni(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True,
 class Mecanum(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="mecanum"):
     """Four mecanum wheels whose rollers make an X seen from above: front left, front right, rear left, rear right."""
 
-    wheelbase_m: float
+    wheelbase_m: Positive
     """From front to rear axle."""
-    track_m: float
+    track_m: Positive
     """From left to right wheels."""
-
-    @property
-    def _sizes(self) -> tuple[str, ...]:
-        return ("wheelbase_m", "track_m")
 
     @property
     def rows(self) -> Rows:
@@ -208,16 +188,12 @@ class Mecanum(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 class Differential(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="differential"):
     """Two driven wheels on one axle: left, right; or four, if those of a side turn together."""
 
-    track_m: float
+    track_m: Positive
     """From left to right wheel; of a base with four wheels that skid, the effective one (UMBmark finds it)."""
     wheels_per_side: Annotated[int, Meta(ge=1, le=WHEELS_MAX // 2)] = 1
     """All left wheels come before the right ones."""
-    wheel_radius_ratio: float = 1.0
+    wheel_radius_ratio: Positive = 1.0
     """Radius of the right wheels by that of the left ones (UMBmark finds it); `wheel_radius_m` is the mean of both."""
-
-    @property
-    def _sizes(self) -> tuple[str, ...]:
-        return ("track_m", "wheel_radius_ratio")
 
     @property
     def rows(self) -> Rows:
@@ -236,14 +212,10 @@ class Ackermann(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=
     bicycle model: tan δ = L·ω / v_x.
     """
 
-    wheelbase_m: float
-    track_m: float
+    wheelbase_m: Positive
+    track_m: Positive
     """Between the rear wheels."""
     steering_max_rad: Annotated[float, Meta(gt=0.0, lt=1.5)]
-
-    @property
-    def _sizes(self) -> tuple[str, ...]:
-        return ("wheelbase_m", "track_m")
 
     @property
     def rows(self) -> Rows:

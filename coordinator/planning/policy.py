@@ -1,18 +1,19 @@
 """Parameters of planning, in one place, checked when they are built."""
 
-import math
 from enum import StrEnum
 from pathlib import Path
-from typing import Final, Self
+from typing import Annotated, Final, Self
 
 import msgspec
+from msgspec import Meta
 
 from robrain.algorithms.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.algorithms.exploration.strategies import AUTO, JOINT, NO_EXPLORATION, STRATEGIES
 from robrain.algorithms.exploration.strategies import NEAREST as NEAREST_STRATEGY
 from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
-from robrain.protocol.model.ranges import Text, check_not_negative, check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Count, NotNegative, Positive, PositiveInt, Text
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import IN_FILE, UnknownEntry, absolute_name
 
@@ -33,7 +34,7 @@ class ChargingPolicy(StrEnum):
     """Each free charger takes the next robot, until its battery is full. The baseline for `schedule`."""
 
 
-class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Objective and parameters of planning. Raises ValueError if a value is invalid."""
 
     objective: Objective = Objective.ENERGY
@@ -44,53 +45,54 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     exploration: Text = AUTO
     """Name of the exploration strategy: stock, an entry point `robrain.exploration_strategies`, or `FILE.py:NAME`;
     `none`: the team explores only if a task tells it to."""
-    revise_s: float = 1.0
+    revise_s: NotNegative = 1.0
     """Period, seconds, in which the exploring robots of a team of two or more may be given another goal; 0: a robot
     keeps its goal, as one alone always does."""
     passes: tuple[Text, ...] = STOCK_PASSES
     """Names of the refinement passes, in order: stock, entry points `robrain.plan_passes`, or `FILE.py:NAME`."""
-    seed: int = 0
+    seed: Count = 0
     """Seed of the searches."""
-    prize_j: float = 1e6
+    prize_j: Positive = 1e6
     """Value of a task of priority 1 in joules; priority p is worth p times that. It is more than a robot's battery
     holds (1 MJ is 278 Wh), so every feasible task is worth doing. If there is energy for only one of two tasks, the one
     of higher priority is done, if its priority is higher by at least `capacity / prize_j`."""
-    reserve_share: float = 0.1
+    reserve_share: Annotated[float, Meta(ge=0, lt=1)] = 0.1
     """Share of the full battery that must be left when the robot is back at its charger. Chosen to be more careful than
     the robots themselves, which go home with a reserve of one minute."""
-    confidence: float = 0.95
+    confidence: Annotated[float, Meta(ge=0.5, lt=1)] = 0.95
     """One-sided confidence of the energy bounds."""
-    time_margin: float = 1.1
+    time_margin: Positive = 1.1
     """Factor on travel times beyond the robot's usual pace, for corners and stops to give way."""
-    unknown_cost: float = 1.5
+    unknown_cost: Positive = 1.5
     """Metres that a metre of unknown floor counts as. A robot may still refuse, and is then not asked for a while."""
-    gain_min: float = 0.02
+    gain_min: Annotated[float, Meta(ge=0, lt=1)] = 0.02
     """Minimum relative improvement for which tasks change robots."""
-    settle_s: float = 0.02
+    settle_s: NotNegative = 0.02
     """Minimum time between plans, so that several changes at once make one plan (the first makes one at once)."""
-    refresh_s: float = 10.0
+    refresh_s: Positive = 10.0
     """Time after which a plan is made again without a change, because robots deviate from their plans."""
-    deadline_s: float = 1.0
+    deadline_s: Positive = 1.0
     """Time limit of a search in live; the auction's plan is used until then."""
-    rounds: int = 1
+    rounds: Count = 1
     """Searches per plan in lockstep."""
-    iterations: int = 50
+    iterations: Count = 50
     """Iterations per search; reduced for many tasks, to keep a search short."""
-    tasks_max: int = 1000
+    tasks_max: PositiveInt = 1000
     """Limit of tasks in one plan, the most urgent first."""
-    give_up_s: float = 300.0
+    give_up_s: Positive = 300.0
     """A task that no present and healthy robot could do for this long, by the plans, has failed."""
-    charge_below: float = 0.35
+    charge_below: Annotated[float, Meta(ge=0, lt=1)] = 0.35
     """A robot without tasks goes to charge below this state of charge."""
     charging: ChargingPolicy = ChargingPolicy.SCHEDULE
     """How chargers are assigned."""
-    charge_turn: float = 0.6
+    charge_turn: Annotated[float, Meta(ge=0, lt=1)] = 0.6
     """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.
     Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""
     mote_field: MoteFieldPolicy = MoteFieldPolicy()
     """What the coordinator does by itself to keep a field of motes alive: collect, stand in, relay, duties in turn."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.exploration in RENAMED_STRATEGIES:
             msgspec.structs.force_setattr(self, "exploration", RENAMED_STRATEGIES[self.exploration])
         if self.exploration != NO_EXPLORATION:
@@ -104,17 +106,6 @@ class PlanningPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
                 ALLOCATORS.check(self.method)
             except UnknownEntry as error:
                 raise ValueError(f"{error}; {NEAREST} makes no plans") from error
-        check_positive(
-            self, "prize_j", "time_margin", "unknown_cost", "deadline_s", "refresh_s", "give_up_s", below=math.inf
-        )
-        for name in ("reserve_share", "gain_min", "charge_below", "charge_turn"):
-            if not 0 <= getattr(self, name) < 1:
-                raise ValueError(f"expected {name} from 0 to below 1, got {getattr(self, name)}")
-        if not 0.5 <= self.confidence < 1:
-            raise ValueError(f"expected confidence from 0.5 to below 1, got {self.confidence}")
-        check_not_negative(self, "settle_s", "revise_s", "seed", "rounds", "iterations")
-        if self.tasks_max < 1:
-            raise ValueError(f"expected tasks_max >= 1, got {self.tasks_max}")
 
     def with_files_of(self, base: Path) -> Self:
         """The policy with absolute paths for all parts `FILE.py:NAME`; relative ones are relative to `base`."""

@@ -10,6 +10,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
+from robrain.protocol.model.checked import convert
 from robrain.protocol.toml_text import LARGE, read_toml
 
 Tables = TypeVar("Tables", bound=msgspec.Struct)
@@ -23,7 +24,7 @@ def read_tables(path: Path, wanted: type[Tables], option: str) -> Tables:
 
     """
     try:
-        return msgspec.convert(read_toml(path, LARGE), wanted)
+        return convert(read_toml(path, LARGE), wanted)
     except FileNotFoundError as error:
         raise UsageError(f"{option} {path}: there is no such file") from error
     except BadToml as error:

@@ -7,13 +7,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
+from msgspec import Meta
 
 from robrain.deploy.processes.children import STOP_TIMEOUT_S
 from robrain.protocol.backoff import backoff_s
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Count, Positive
 
 LONGEST_LOOK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
@@ -24,27 +26,21 @@ QUIET_S = 0.5
 """Silence from which it is worth looking whether a process waits for a core: longer than any usual period."""
 
 
-class RestartPolicy(msgspec.Struct, frozen=True, kw_only=True):
+class RestartPolicy(Checked, frozen=True, kw_only=True):
     """When a process is started again, and when no more."""
 
-    first_delay_s: float = 0.2
+    first_delay_s: Positive = 0.2
     """From the first failure to the next start."""
-    factor: float = 2.0
+    factor: Annotated[float, Meta(ge=1)] = 2.0
     """Of the delay, for each further failure within `within_s`."""
-    longest_delay_s: float = 10.0
-    limit: int = 5
+    longest_delay_s: Positive = 10.0
+    limit: Count = 5
     """Failures within `within_s` after which a process is started again; with one more it is given up."""
-    within_s: float = 60.0
-    hang_s: float = 5.0
+    within_s: Positive = 60.0
+    hang_s: Positive = 5.0
     """Silence of the main loop after which a process is killed, once it has been ready."""
-    start_s: float = 120.0
+    start_s: Positive = 120.0
     """Time from the start to readiness after which a process is killed."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "first_delay_s", "longest_delay_s", "within_s", "hang_s", "start_s")
-        if not self.factor >= 1.0:
-            raise ValueError(f"expected factor >= 1, got {self.factor:g}")
-        check_not_negative(self, "limit")
 
     def delay_s(self, failures: int) -> float:
         """From the last of so many failures to the next start."""

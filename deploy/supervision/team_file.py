@@ -7,15 +7,17 @@ import ipaddress
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import Meta
 
 from robrain.agent.manifest import key_and_problem
 from robrain.deploy.errors import UsageError
 from robrain.deploy.supervision.part import ARENA, HUB, STOCK_PARTS
 from robrain.protocol.errors import BadName, BadToml
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.model.checked import Checked, convert
 from robrain.protocol.toml_text import SMALL, read_toml
 from robrain.protocol.wire.session import is_loopback
 
@@ -42,14 +44,14 @@ def _is_address(text: str) -> bool:
     return True
 
 
-class SiteTeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """`[team]`: what all machines share."""
 
     name: str = DEFAULT_TEAM
     """Of the team: every key on the wire begins with it."""
     scenario: str = ""
     """What is simulated: a built-in name, or a file relative to this one; empty for real robots."""
-    port: int = PORT
+    port: Annotated[int, Meta(gt=0, lt=65536)] = PORT
     """Of the hub, at the address of its host."""
     journal: str = ""
     """The coordinator's file, relative to this one; default: NAME.journal beside it."""
@@ -59,21 +61,18 @@ class SiteTeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     """The coordinator's rules file, relative to this one; a scenario has its own."""
     record: str = ""
     """The recorder's file, relative to this one; default: runs/NAME-N.mcap with the first free number."""
-    dashboard_port: int | None = None
+    dashboard_port: Annotated[int, Meta(ge=0, lt=65536)] | None = None
     """Of the page, on loopback of its host; 8080 if absent, or a free one if that is taken."""
     pki: str = ""
     """Folder of the certificates of a secured team, relative to this file; empty for a plain one. With the CA's key in
     it the certificates that are missing are made."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _checked("team", self.name)
         for key in ("planning", "rules"):
             if self.scenario and getattr(self, key):
                 raise ValueError(f"{key}: expected none beside a scenario, which has its own")
-        if not 0 < self.port < 65536:
-            raise ValueError(f"port: expected 1 to 65535, got {self.port}")
-        if self.dashboard_port is not None and not 0 <= self.dashboard_port < 65536:
-            raise ValueError(f"dashboard_port: expected 0 to 65535, got {self.dashboard_port}")
 
 
 class HostTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -185,7 +184,7 @@ def read_team_file(path: Path) -> TeamFile:
     except BadToml as error:
         raise UsageError(f"{path}: {error}") from error
     try:
-        found = msgspec.convert(raw, TeamFile)
+        found = convert(raw, TeamFile)
     except msgspec.ValidationError as error:
         where, what = key_and_problem(error, raw, TeamFile)
         raise UsageError(f"{path}: {what if where == 'file' else f'{where}: {what}'}") from error

@@ -11,7 +11,7 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.model.ranges import check_not_negative
+from robrain.protocol.model.ranges import NotNegative
 
 NEAR_M = 0.5
 """So near to its place a robot stays where it is."""
@@ -29,13 +29,12 @@ class IdleBehavior(Behavior):
 
         home: tuple[float, ...] = ()
         """x and y in metres, arena frame; empty if the robot stays where it is."""
-        return_after_s: float = 10.0
+        return_after_s: NotNegative = 10.0
 
         def __post_init__(self) -> None:
             super().__post_init__()
             if len(self.home) not in (0, 2) or not all(map(math.isfinite, self.home)):
                 raise ValueError(f"expected home to be empty or two finite numbers, x and y, got {self.home}")
-            check_not_negative(self, "return_after_s")
 
     period_s: float | None = 1.0
     parameters: Parameters

@@ -2,10 +2,11 @@
 
 import io
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.agent.errors import HardwareAbsent
@@ -17,7 +18,7 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera import CameraInterface
 from robrain.plugins.skill.energy import Work
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor
 from robrain.protocol.model.tasks.task import Task
 
@@ -156,19 +157,11 @@ class MonitorBehavior(Errand[Monitor]):
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """When a picture counts as changed; chosen."""
 
-        settle_s: float = 0.4
+        settle_s: Positive = 0.4
         """Time for which the robot stands after a turn before it takes a picture."""
-        changed_share: float = 0.002
-        view_rad: float = VIEW_RAD
+        changed_share: Annotated[float, Meta(gt=0, lt=1)] = 0.002
+        view_rad: Annotated[float, Meta(gt=0, lt=math.pi)] = VIEW_RAD
         """The camera's horizontal angle of view."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_positive(self, "settle_s")
-            if not 0 < self.view_rad < math.pi:
-                raise ValueError(f"expected view_rad above 0 and below a half turn, got {self.view_rad}")
-            if not 0 < self.changed_share < 1:
-                raise ValueError(f"expected changed_share above 0 and below 1, got {self.changed_share}")
 
     kind = MONITOR
     parameters: Parameters

@@ -6,7 +6,9 @@ way home takes: the running task is given back then, and no other is taken on be
 
 import math
 from collections.abc import Callable, Generator
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
+
+from msgspec import Meta
 
 from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
 from robrain.plugins.behavior.errand import SETTLE_S, STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
@@ -17,7 +19,7 @@ from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 
@@ -299,17 +301,11 @@ class RechargeBehavior(Errand[Recharge]):
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """When the robot goes to charge by itself, and how long it stays; chosen."""
 
-        reserve_s: float = 60.0
+        reserve_s: Positive = 60.0
         """Energy kept beyond the way home, as time of standing."""
-        until_soc: float = 0.95
-        no_power_s: float = 10.0
+        until_soc: Annotated[float, Meta(gt=0, le=1)] = 0.95
+        no_power_s: Positive = 10.0
         """A charger without current for this long counts as useless."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_positive(self, "reserve_s", "no_power_s")
-            if not 0 < self.until_soc <= 1:
-                raise ValueError(f"expected until_soc above 0 and at most 1, got {self.until_soc}")
 
     kind = RECHARGE
     idle_period_s: ClassVar[float | None] = GUARD_S

@@ -14,7 +14,7 @@ from robrain.plugins.unit.snw_exploration.interface import SnwInterface
 from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import OfferRefusal, PlainReason
@@ -77,17 +77,13 @@ class RelayBehavior(Errand[Relay]):
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """How the robot moves for the link's sake; chosen."""
 
-        step_m: float = 0.7
-        stray_m: float = 3.0
+        step_m: Positive = 0.7
+        stray_m: Positive = 3.0
         """Greatest distance from the task's place."""
-        adjust_s: float = 6.0
+        adjust_s: Positive = 6.0
         """Time for which the new link is measured after a move."""
-        silent_s: float = 15.0
+        silent_s: Positive = 15.0
         """Time of silence after which a link counts as lost."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_positive(self, "step_m", "stray_m", "adjust_s", "silent_s")
 
     kind = RELAY
     parameters: Parameters

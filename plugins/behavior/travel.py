@@ -3,7 +3,6 @@
 import math
 from enum import Enum, auto
 
-import msgspec
 import numpy as np
 
 from robrain.agent.environment import Environment
@@ -18,10 +17,11 @@ from robrain.plugins.unit.driver.interface import DriverInterface, Motion
 from robrain.plugins.unit.teammates import Doing, Mate, TeammatesInterface
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import PlannedPath
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.reasons import PositionLost, told
 from robrain.protocol.table.topics import ROBOT_PATH
 
@@ -96,32 +96,29 @@ GAP = "gap_m"
 """In the result of a task: the width of the gap that the robot does not fit through."""
 
 
-class TravelParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TravelParameters(Checked, frozen=True, forbid_unknown_fields=True):
     """When a place counts as reached, and how long the robot bears with obstacles; a base for a behavior's own."""
 
-    arrived_m: float = 0.3
+    arrived_m: Positive = 0.3
     """Distance at which a place counts as reached."""
-    replan_s: float = 2.0
+    replan_s: Positive = 2.0
     """Interval of planning the path again."""
-    replan_blocked_s: float = 0.5
+    replan_blocked_s: Positive = 0.5
     """Interval of searching for another path while an obstacle or another robot blocks this one."""
-    patience_s: float = 3.0
+    patience_s: Positive = 3.0
     """Time before an obstacle after which the robot gives up."""
-    mate_margin_m: float = 0.15
+    mate_margin_m: Positive = 0.15
     """Distance kept from standing robots, beyond both radii."""
-    mate_near_m: float = 8.0
+    mate_near_m: Positive = 8.0
     """Robots that are, or are going, within this distance are considered."""
-    speed_m_s: float = 0.6
+    speed_m_s: Positive = 0.6
     """Speed of the driver, to predict meetings."""
-    detour_m: float = 3.0
+    detour_m: Positive = 3.0
     """Longest detour that is preferred to waiting for another robot."""
-    ageing_s: float = 20.0
+    ageing_s: Positive = 20.0
     """Each such time of waiting raises the robot's claim by one."""
-    mate_patience_s: float = 30.0
+    mate_patience_s: Positive = 30.0
     """Time of waiting for other robots, without a break, after which the robot gives up."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, *TravelParameters.__struct_fields__)
 
 
 class TravelState(Enum):

@@ -2,7 +2,6 @@
 
 import math
 
-import msgspec
 import numpy as np
 
 from robrain.agent.event import Event
@@ -11,8 +10,9 @@ from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 
 STEP_S = 0.25
 TRIES = 8
@@ -25,16 +25,13 @@ BLOCKED_S = 0.6
 class WanderBehavior(Behavior):
     """A random walk."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Chosen."""
 
-        leg_m: float = 3.0
+        leg_m: Positive = 3.0
         """Longest path in one direction."""
-        clear_m: float = 0.6
+        clear_m: Positive = 0.6
         """Distance before an obstacle at which a leg ends."""
-
-        def __post_init__(self) -> None:
-            check_positive(self)
 
     period_s: float | None = STEP_S
     parameters: Parameters

@@ -4,15 +4,17 @@ import importlib
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import msgspec
+from msgspec import Meta
 
 from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.table.topics import ARENA_CAMERA
 
 
@@ -158,20 +160,15 @@ class PictureInfo(msgspec.Struct, frozen=True):
 class CameraDevice(Device):
     """One camera, level, looking ahead. It works only on request."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """`interface` is one of `zenoh` (the simulator), `file` and `v4l`; what `channel` means depends on it."""
 
         interface: str = "zenoh"
         channel: str = ""
         """file: a PNG, or a folder of them, in order of their names; v4l: the number of the video device."""
-        timeout_s: float = 1.0
-        view_rad: float = 1.2
+        timeout_s: Positive = 1.0
+        view_rad: Annotated[float, Meta(gt=0, lt=3.1)] = 1.2
         """Horizontal angle of view; chosen for the simulator, set that of your camera."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "timeout_s")
-            if not 0 < self.view_rad < 3.1:
-                raise ValueError(f"expected view_rad above 0 and below 3.1, got {self.view_rad}")
 
     interface = CameraInterface
     parameters: Parameters

@@ -14,7 +14,7 @@ from msgspec import Meta
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.range_sensors import Bump, RangeRing, RangeSensorsInterface
-from robrain.protocol.model.ranges import check_finite, check_within
+from robrain.protocol.model.checked import Checked
 
 LineName = Annotated[int, Meta(ge=0, le=1023)] | Annotated[str, Meta(min_length=1, max_length=64)]
 """Offset of a line in its chip, or its name, such as `GPIO17`."""
@@ -109,21 +109,18 @@ class InputLines:
 CONTACTS_MAX = 24
 
 
-class BumperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BumperContact(Checked, frozen=True, forbid_unknown_fields=True):
     """One contact."""
 
     line: LineName
     direction_rad: float
     """Where it is on the hull, robot's frame."""
 
-    def __post_init__(self) -> None:
-        check_finite(self, "direction_rad")
-
 
 class GpioBumpers(Device):
     """Tells each change of the contacts. It measures no ranges."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Contacts that close to ground when they are pressed, unless said otherwise."""
 
         chip: ChipPath = "/dev/gpiochip0"
@@ -131,12 +128,12 @@ class GpioBumpers(Device):
         is_pressed_low: bool = True
         """Whether a pressed contact makes its line low."""
         pull: Pull = Pull.UP
-        debounce_s: float = 0.005
+        debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
 
         def __post_init__(self) -> None:
+            super().__post_init__()
             if not self.contacts:
                 raise ValueError("expected at least one of contacts, such as { line = 17, direction_rad = 0.0 }")
-            check_within(self, 0, DEBOUNCE_S_MAX, "debounce_s")
 
     interface = RangeSensorsInterface
     period_s = 0.02
@@ -247,7 +244,7 @@ class StopButton:
 class GpioEmergencyStop(Device):
     """Halts the robot while its button is pressed, its cable broken or its line lost."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Contacts that are closed unless the button is pressed."""
 
         chip: ChipPath = "/dev/gpiochip0"
@@ -257,12 +254,12 @@ class GpioEmergencyStop(Device):
         """What a closed contact connects its line to."""
         own_pull: bool = True
         """Whether the chip's resistor pulls an open line the other way; false if the board has resistors."""
-        debounce_s: float = 0.005
+        debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
 
         def __post_init__(self) -> None:
+            super().__post_init__()
             if not self.lines:
                 raise ValueError("expected at least one of lines, such as 17")
-            check_within(self, 0, DEBOUNCE_S_MAX, "debounce_s")
 
     interface = EmergencyStopInterface
     period_s = 0.01

@@ -19,7 +19,8 @@ from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
 from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE
 from robrain.protocol.can.sequence import SequenceWatch
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive
 
 RING_ANGLES_RAD = tuple(math.tau * sensor / 6 for sensor in range(6))
 SENSORS_A_FRAME = 6
@@ -111,24 +112,24 @@ class RangeCounters(msgspec.Struct, frozen=True):
 class RangeSensorsDevice(Device):
     """Passes on each measurement of the ring and each change of the bump contacts."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """`interface`, `channel` and `options` as for mocdevice. No data sheet was found: the values are chosen."""
 
         interface: str = "zenoh"
         channel: str = "can0"
-        options: dict[str, Any] = {}
+        options: dict[str, Any] = msgspec.field(default_factory=dict)
         angles_rad: tuple[float, ...] = RING_ANGLES_RAD
         """Directions of the sensors, robot's frame, in the order of the frames' signals."""
-        range_max_m: float = 2.0
-        mounted_m: float = 0.20
+        range_max_m: Positive = 2.0
+        mounted_m: Positive = 0.20
         """Distance of the sensors from the robot's centre."""
-        silent_s: float = 1.0
+        silent_s: Positive = 1.0
         """Time without a frame after which the node counts as gone; it sends ten frames a second."""
 
         def __post_init__(self) -> None:
+            super().__post_init__()
             if not 1 <= len(self.angles_rad) <= SENSORS_MAX:
                 raise ValueError(f"expected 1 to {SENSORS_MAX} angles_rad, got {len(self.angles_rad)}")
-            check_positive(self, "range_max_m", "mounted_m", "silent_s")
 
     interface = RangeSensorsInterface
     period_s = POLL_S

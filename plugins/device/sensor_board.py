@@ -10,7 +10,8 @@ import msgspec
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.table.topics import ARENA_SENSE
 
 
@@ -36,14 +37,11 @@ class SensorBoardInterface(Protocol):
 class SensorBoard(Device):
     """Measures at the robot's place, on request."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """`interface` is `zenoh`, the simulator."""
 
         interface: str = "zenoh"
-        timeout_s: float = 1.0
-
-        def __post_init__(self) -> None:
-            check_positive(self, "timeout_s")
+        timeout_s: Positive = 1.0
 
     interface = SensorBoardInterface
     parameters: Parameters

@@ -15,8 +15,8 @@ from robrain.plugins.device.mocdevice.frame_map import SIGNALS_MAX, Sign, Signal
 from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters, MotionFault
 from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, WheelDevice, WheelReport
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial.serial_line import SerialLine
 
 LINE_BYTES_MAX = 256
@@ -185,15 +185,15 @@ NOISE_NS = to_ns(2.0)
 class SerialBase(WheelDevice):
     """Turns velocities into lines or frames on a serial line, and counts into odometry."""
 
-    class Parameters(WheelDevice.Parameters, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    class Parameters(WheelDevice.Parameters, Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """The line, and what is spoken on it."""
 
         base: WheelBase = Differential(wheel_radius_m=0.033, track_m=0.16, encoder_ticks_per_turn=1440)
         port: str = "/dev/base"
-        baud: int = 57_600
-        period_s: float = 0.05
+        baud: Annotated[int, Meta(gt=0, lt=10000000)] = 57_600
+        period_s: Annotated[float, Meta(gt=0, lt=1.0)] = 0.05
         """Period of the counts: how often they are asked for, or come."""
-        start_s: float = 3.0
+        start_s: Annotated[float, Meta(gt=0, lt=60.0)] = 3.0
         """How long the controller may be silent after its line was opened; many boards start again then."""
         lines: LineWords = LineWords()
         """What is said and heard."""
@@ -201,12 +201,6 @@ class SerialBase(WheelDevice):
         """`module:Class` of a codec of one's own instead of `lines`; it is made with the base."""
         count_bits: Annotated[int, Meta(ge=8, le=64)] = 32
         """With `codec`: length at which its counts wrap."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_positive(self, "baud", below=10_000_000)
-            check_positive(self, "period_s", below=1.0)
-            check_positive(self, "start_s", below=60.0)
 
     parameters: Parameters
 

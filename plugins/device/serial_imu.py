@@ -26,7 +26,7 @@ from robrain.plugins.device.imu import (
     check_agreement,
 )
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.model.ranges import check_finite, check_positive
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.serial.serial_line import SerialLine
 
 HEADER = 0x55
@@ -199,30 +199,26 @@ class ImuCounters(msgspec.Struct, frozen=True):
 class SerialImu(Device):
     """Reads a unit's turn rate and acceleration, and leaves the turn rate to the odometry."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """The line, what is spoken on it, and how the unit is mounted."""
 
         port: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/imu"
         """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:imu` is the simulator's."""
-        baud: int = 9600
+        baud: Annotated[int, Meta(gt=0, lt=10000000.0)] = 9600
         protocol: ImuProtocol = ImuProtocol.WITMOTION
         lines: LineFormat = LineFormat()
         """For the protocol `lines`."""
-        rate_hz: float = 100.0
+        rate_hz: Annotated[float, Meta(gt=0, lt=10000000.0)] = 100.0
         """Measurements a second, which separates those that arrive together."""
         upside_down: bool = False
         mounted_yaw_rad: float = 0.0
         """Direction of the unit's x axis, robot's frame; for the accelerations alone."""
         yaw_sign: Literal[1, -1] = 1
         """-1 for a unit whose rate is positive to the right."""
-        silent_s: float = 0.5
+        silent_s: Annotated[float, Meta(gt=0, lt=10000000.0)] = 0.5
         """Time without a measurement after which the unit counts as gone."""
-        start_s: float = 3.0
+        start_s: Annotated[float, Meta(gt=0, lt=10000000.0)] = 3.0
         """How long it may be silent after its line was opened; many boards start again then."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "baud", "rate_hz", "silent_s", "start_s", below=10_000_000.0)
-            check_finite(self, "mounted_yaw_rad")
 
     interface = ImuInterface
     period_s = 0.02

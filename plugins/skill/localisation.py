@@ -26,9 +26,10 @@ from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.accuracy import recent_agreement
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.model.ranges import STAMP_MAX, check_positive, check_within
+from robrain.protocol.model.ranges import STAMP_MAX, Positive, Share
 
 logger = logging.getLogger(__name__)
 
@@ -121,7 +122,7 @@ NO_MATES: Floats = np.empty((0, 3))
 class Localisation(Skill):
     """Estimates the robot's pose in the arena with its uncertainty, and detects that it is lost."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Where the robot starts, arena frame, and what it is corrected by. Values that are no place are chosen."""
 
         x_m: float = 0.0
@@ -129,27 +130,23 @@ class Localisation(Skill):
         yaw_rad: float = 0.0
         start_known: bool = True
         """Whether the start is known; if not, the robot is lost until motes or the team's map have found it."""
-        start_sigma_m: float = 0.02
-        start_sigma_rad: float = 0.01
+        start_sigma_m: Positive = 0.02
+        start_sigma_rad: Positive = 0.01
         motes: bool = True
         """Whether to use signals of motes at known places; needs the plugin mote_ranges."""
         scan_matching: bool = True
         """Whether to match scans with the map; needs the plugin mapper."""
-        scan_period_s: float = 0.2
+        scan_period_s: Positive = 0.2
         """Seconds between two matches of a standing robot."""
-        scan_way_m: float = 0.03
+        scan_way_m: Positive = 0.03
         """Metres of path between two matches of a moving robot; turns count as in
         `algorithms/localization/localiser.py`."""
-        wall_slack_cells: float = 0.0
+        wall_slack_cells: Share = 0.0
         """Offsets of a scan below this many cells of the map count as zero: raise it for a base whose odometry is
         better than the map's cells, as an exact one is."""
         errors: OdometryErrors = OdometryErrors()
         path_loss: PathLoss = PathLoss()
         watch: WatchSpec = WatchSpec()
-
-        def __post_init__(self) -> None:
-            check_positive(self, "start_sigma_m", "start_sigma_rad", "scan_period_s", "scan_way_m")
-            check_within(self, 0, 1, "wall_slack_cells")
 
         def spec(self, noise: OdometryNoise) -> LocaliserSpec:
             """For a base with such an odometry.

@@ -1,9 +1,9 @@
 """Planner: cheapest paths on the inflated map, and ways out of the way of others."""
 
 from collections.abc import Sequence
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
-import msgspec
+from msgspec import Meta
 
 from robrain.agent.plugin import Skill
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
@@ -13,8 +13,9 @@ from robrain.algorithms.navigation.right_of_way import Track, escape_cells
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.mapper.mapper import MapView
 from robrain.plugins.unit.driver.interface import DriverInterface
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 
 Circle = tuple[float, float, float]
 """x, y, radius: metres, arena frame."""
@@ -65,21 +66,16 @@ class PlannerInterface(Protocol):
 class Planner(Skill):
     """Plans paths for a round robot; the driver gives its radius."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """How paths are. All values are chosen."""
 
-        margin_m: float = PREFERRED_MARGIN_M
+        margin_m: Positive = PREFERRED_MARGIN_M
         """Distance kept from obstacles beyond the robot's radius, except on narrow paths."""
-        snap_m: float = 0.8
+        snap_m: Positive = 0.8
         """Greatest distance of a path's ends from the robot and from the goal, if the robot cannot stand there."""
         unknown: Literal["avoid", "dear", "free"] = "avoid"
         """Unknown floor: not driven on; at `unknown_cost` times the cost of known floor; or as if it were known."""
-        unknown_cost: float = 4.0
-
-        def __post_init__(self) -> None:
-            check_positive(self, "margin_m", "snap_m")
-            if not self.unknown_cost >= 1:
-                raise ValueError(f"expected unknown_cost >= 1, got {self.unknown_cost}")
+        unknown_cost: Annotated[float, Meta(ge=1)] = 4.0
 
     interface = PlannerInterface
     parameters: Parameters

@@ -13,7 +13,7 @@ from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.plugins.device.bm2.interface import BatteryMeasurement, Bm2Interface
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.robots.robot_messages import BatteryState
-from robrain.protocol.model.ranges import check_within
+from robrain.protocol.model.ranges import Share
 
 
 class BatteryAlarm(msgspec.Struct, frozen=True):
@@ -50,17 +50,13 @@ class Battery(Unit):
     class Parameters(PackModel, frozen=True, kw_only=True, forbid_unknown_fields=True):
         """The pack's datasheet, when to warn, and what is not believed. Chosen; set those of your battery."""
 
-        soc_at_start: float | None = None
+        soc_at_start: Share | None = None
         """Estimated from the voltage if absent."""
-        low_soc: float = 0.25
-        cut_off_soc: float = 0.05
-        hysteresis_soc: float = 0.05
+        low_soc: Share = 0.25
+        cut_off_soc: Share = 0.05
+        hysteresis_soc: Share = 0.05
         """A warning is repeated only after the charge has been this far above its threshold."""
         gauge: GaugeLimits = GaugeLimits()
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_within(self, 0, 1, "soc_at_start", "low_soc", "cut_off_soc", "hysteresis_soc")
 
     low = Event[BatteryAlarm](outside=True)
     cut_off = Event[BatteryAlarm](outside=True)

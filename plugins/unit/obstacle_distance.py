@@ -27,8 +27,9 @@ from robrain.plugins.device.range_sensors import Bump, RangeRing, RangeSensorsIn
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 
 if TYPE_CHECKING:
     from robrain.algorithms.navigation.obstacles import Points
@@ -257,13 +258,10 @@ HERE = Pose2D(0.0, 0.0, 0.0)
 class ObstacleDistance(Unit):
     """Finds the nearest obstacle in each direction."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """The robot's hull."""
 
-        radius_m: float = 0.20
-
-        def __post_init__(self) -> None:
-            check_positive(self, "radius_m")
+        radius_m: Positive = 0.20
 
     interface = ObstacleDistanceInterface
     parameters: Parameters

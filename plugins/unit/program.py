@@ -34,7 +34,8 @@ from robrain.agent.plugin import Unit, external
 from robrain.protocol.backoff import backoff_s
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import ErrorCode
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Count, Positive, PositiveInt
 from robrain.protocol.wire.endpoint import Drive
 
 WAITING_LINES = 256
@@ -331,31 +332,30 @@ STEADY_S = 10.0
 class Program(Unit):
     """Runs a program and speaks with it in lines, over its standard input and output."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Lines are UTF-8. With `json` each line is a JSON document, and what is none is refused or left out."""
 
         command: list[str]
         input: Form = "lines"
         output: Form = "lines"
-        time_limit_s: float = 2.0
+        time_limit_s: Positive = 2.0
         """A program that takes longer to answer is killed: its next line would be taken for the wrong answer."""
         restart: Literal["no", "on-failure"] = "no"
         """After an exit status other than 0, a signal or a late answer; else the plugin is faulted."""
-        restart_limit: int = 5
+        restart_limit: Count = 5
         """After so many restarts in a row the plugin is faulted."""
         folder: str = ""
         """Where it runs; relative to where the robot's agent runs, which is the default."""
-        environment: dict[str, str] = {}
+        environment: dict[str, str] = msgspec.field(default_factory=dict)
         """Variables beside those of the robot's agent."""
-        max_line_bytes: int = 65536
+        max_line_bytes: PositiveInt = 65536
         kill_on_halt: bool = False
         """An emergency halt ends it at once; it is started again after the resume."""
 
         def __post_init__(self) -> None:
+            super().__post_init__()
             if not self.command or not self.command[0]:
                 raise ValueError("expected command = [program, arguments …], got nothing")
-            check_positive(self, "time_limit_s", "max_line_bytes")
-            check_not_negative(self, "restart_limit")
 
     interface = ProgramInterface
     said = Event[str]()

@@ -10,14 +10,16 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
+from typing import Annotated
 
-import msgspec
+from msgspec import Meta
 
 from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Unit, external, unlocked
 from robrain.plugins.device.command import CommandInterface
 from robrain.protocol.errors import ErrorCode
-from robrain.protocol.model.ranges import check_positive, check_within
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive, PositiveInt
 from robrain.protocol.safe_text import safe_text
 from robrain.protocol.wire.endpoint import Drive
 
@@ -266,21 +268,17 @@ def _cut_off(client: socket.socket) -> None:
 class TcpSocket(Unit):
     """Lets programs call the robot over TCP, in lines of text. There is no log-in."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Where to listen, and to how many."""
 
         enabled: bool = False
         """Off by default, because there is no log-in."""
         host: str = "127.0.0.1"
-        port: int = 0
+        port: Annotated[int, Meta(ge=0, le=MAX_PORT)] = 0
         """0 takes a free port, which `port()` returns and the log names."""
-        max_clients: int = 32
-        idle_s: float = 600.0
+        max_clients: PositiveInt = 32
+        idle_s: Positive = 600.0
         """Time of silence after which a client is disconnected."""
-
-        def __post_init__(self) -> None:
-            check_within(self, 0, MAX_PORT, "port")
-            check_positive(self, "max_clients", "idle_s")
 
     parameters: Parameters
 

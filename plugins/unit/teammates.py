@@ -25,10 +25,11 @@ from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.claim import Claim, Rank
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.tasks.task import ENDED
 from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
 
@@ -303,20 +304,17 @@ def near(teammates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mat
 class Teammates(Unit):
     """Tracks places and paths of the other robots."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """When a mate counts as lost, and for how long. All are chosen."""
 
-        fresh_s: float = 2.0
+        fresh_s: Positive = 2.0
         """Time of silence after which a robot is lost: an obstacle at its last place."""
-        remember_s: float = 60.0
+        remember_s: Positive = 60.0
         """Time after which a lost robot is forgotten; by then the lidar has mapped it if it is still there."""
-        stalled_s: float = 4.0
+        stalled_s: Positive = 4.0
         """Time without motion after which a driving robot that waits for no other is an obstacle as well."""
-        speed_m_s: float = 0.6
+        speed_m_s: Positive = 0.6
         """Speed assumed for a robot that does not publish one."""
-
-        def __post_init__(self) -> None:
-            check_positive(self)
 
     interface = TeammatesInterface
     period_s = 0.2

@@ -14,7 +14,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.ranges import Joules, Pace, Quantity, Watts
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Joules, NotNegative, Pace, Positive, Quantity, Watts
 
 TERMS = ("standing_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s", "acceleration_kg")
 """Names of the coefficients, in order. The last is a mass: what a change of v²/2 takes."""
@@ -22,26 +23,19 @@ STANDING_BELOW = 0.01
 """Below this many m/s and rad/s the robot stands; chosen above the noise of encoders."""
 
 
-class Work(msgspec.Struct, frozen=True):
+class Work(Checked, frozen=True):
     """Work of a robot: a path, turns on the spot, waiting, radio packets.
 
     Raises ValueError if an amount is negative or infinite, or the speed is not above 0.
     """
 
-    path_m: float = 0.0
-    turn_rad: float = 0.0
+    path_m: NotNegative = 0.0
+    turn_rad: NotNegative = 0.0
     """Sum of the turns on the spot; an omni base need not turn to follow a path."""
-    wait_s: float = 0.0
-    radio_packets: int = 0
-    speed_m_s: float | None = None
+    wait_s: NotNegative = 0.0
+    radio_packets: NotNegative = 0
+    speed_m_s: Positive | None = None
     """The robot's usual pace if None."""
-
-    def __post_init__(self) -> None:
-        for name in ("path_m", "turn_rad", "wait_s", "radio_packets"):
-            if not (getattr(self, name) >= 0 and math.isfinite(getattr(self, name))):
-                raise ValueError(f"expected {name} >= 0, got {getattr(self, name)}")
-        if self.speed_m_s is not None and not (self.speed_m_s > 0 and math.isfinite(self.speed_m_s)):
-            raise ValueError(f"expected speed_m_s > 0, got {self.speed_m_s}")
 
     def __add__(self, other: "Work") -> "Work":
         """Both, one after the other, the ways at their mean speed.

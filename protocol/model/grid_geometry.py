@@ -2,16 +2,17 @@
 
 import math
 
-import msgspec
 import numpy as np
 
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Positive, PositiveInt
 
 UNKNOWN, FREE, OCCUPIED = np.int8(-1), np.int8(0), np.int8(100)
 """Classes of a cell, numbered as in a ROS OccupancyGrid."""
 
 
-class GridGeometry(msgspec.Struct, frozen=True):
+class GridGeometry(Checked, frozen=True):
     """Where a grid lies in the arena.
 
     Row 0 is at the lowest y, as in a ROS OccupancyGrid; the origin is the outer corner of row 0, column 0, metres,
@@ -20,19 +21,11 @@ class GridGeometry(msgspec.Struct, frozen=True):
     Raises ValueError where it is built for sizes that are not positive or an origin that is not finite.
     """
 
-    resolution_m: float
+    resolution_m: Positive
     origin_x_m: float
     origin_y_m: float
-    width: int
-    height: int
-
-    def __post_init__(self) -> None:
-        if not (self.resolution_m > 0 and math.isfinite(self.resolution_m)):
-            raise ValueError(f"expected a finite resolution_m > 0, got {self.resolution_m}")
-        if not (math.isfinite(self.origin_x_m) and math.isfinite(self.origin_y_m)):
-            raise ValueError(f"expected a finite origin, got ({self.origin_x_m}, {self.origin_y_m})")
-        if self.width < 1 or self.height < 1:
-            raise ValueError(f"expected width and height of at least 1 cell, got {self.width} x {self.height}")
+    width: PositiveInt
+    height: PositiveInt
 
     @property
     def shape(self) -> tuple[int, int]:

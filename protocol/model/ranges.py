@@ -5,10 +5,8 @@ a struct is built in Python. All ranges are chosen: far beyond what a robot, a f
 that sums, products and conversions to integers stay finite.
 """
 
-import math
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
 METRES_MAX = 1e6
@@ -40,6 +38,13 @@ Quantity = Annotated[float, Meta(ge=-1e15, le=1e15)]
 """A measured or learned number in any unit, or a variance."""
 Watts = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Watts, and coefficients of power."""
+INFINITE = "infinite"
+"""`Meta(extra={INFINITE: True})`: a number of a `Checked` struct that may be infinite."""
+Positive = Annotated[float, Meta(gt=0.0)]
+PositiveOrInfinite = Annotated[float, Meta(gt=0.0, extra={INFINITE: True})]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+NotNegativeOrInfinite = Annotated[float, Meta(ge=0.0, extra={INFINITE: True})]
+PositiveInt = Annotated[int, Meta(gt=0)]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Charge = Annotated[float, Meta(ge=-1.0, le=2.0)]
 """An estimated state of charge: 0 to 1, with room for an estimate beyond either end."""
@@ -65,37 +70,3 @@ def cut(text: str, limit: int = WHY_MAX) -> str:
     'much to…'
     """
     return text if len(text) <= limit else f"{text[: limit - 1]}…"
-
-
-def check_positive(struct: msgspec.Struct, *names: str, below: float | None = None) -> None:
-    """Check that these fields of a struct, all of them if none is named, are above 0 (ValueError if one is not).
-
-    With `below` they must also be less than that: `math.inf` for fields that have to be finite.
-    """
-    for name in names or struct.__struct_fields__:
-        value = getattr(struct, name)
-        if not value > 0 or (below is not None and not value < below):
-            raise ValueError(f"expected {name} > 0, got {value}")
-
-
-def check_not_negative(struct: msgspec.Struct, *names: str, finite: bool = False) -> None:
-    """Check that these fields of a struct are at least 0, and not infinite if `finite` (ValueError)."""
-    for name in names:
-        value = getattr(struct, name)
-        if not value >= 0 or (finite and value == math.inf):
-            raise ValueError(f"expected {name} >= 0, got {value}")
-
-
-def check_within(struct: msgspec.Struct, least: float, most: float, *names: str) -> None:
-    """Check that these fields of a struct are None or from `least` to `most`, both included (ValueError)."""
-    for name in names:
-        value = getattr(struct, name)
-        if value is not None and not least <= value <= most:
-            raise ValueError(f"expected {name} from {least} to {most}, got {value}")
-
-
-def check_finite(struct: msgspec.Struct, *names: str) -> None:
-    """Check that these fields of a struct are finite (ValueError)."""
-    for name in names:
-        if not math.isfinite(getattr(struct, name)):
-            raise ValueError(f"expected a finite {name}, got {getattr(struct, name)}")

@@ -1,13 +1,12 @@
 """Faults: of a robot's hardware, of processes, of the wire and of the journal's disk; `[[faults]]` of a scenario."""
 
-import math
 from enum import StrEnum
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.ranges import check_not_negative, check_within
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import NotNegative, Share
 
 COORDINATOR = "coordinator"
 """Names the coordinator where a fault may be of a robot or of the coordinator."""
@@ -101,27 +100,27 @@ OPTIONS: dict[str, frozenset[FaultKind]] = {
 """Keys that these kinds need and no other may have."""
 
 
-class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class FaultSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """`[[faults]]`: something fails at a given time or event. Raises ValueError where its values do not fit."""
 
     robot: str
     """Name of the component, a robot such as `r1` or `coordinator`."""
     kind: FaultKind
-    at_s: float
+    at_s: NotNegative
     """Simulated time at which it begins; with `on`, time after that event."""
     until_s: float | None = None
     """Simulated time at which it ends, counted as `at_s`; never if absent."""
     on: FaultMoment | None = None
     """Event that it waits for, once."""
-    within_s: float = 0.0
+    within_s: NotNegative = 0.0
     """It begins, and ends, later than said by a time from 0 to this, drawn from the run's seed."""
-    period_s: float | None = None
+    period_s: Annotated[float, Meta(gt=0, le=LATEST_S)] | None = None
     """`slow`: time between two steps."""
-    skew_s: float | None = None
+    skew_s: Annotated[float, Meta(ge=-SKEW_MAX_S, le=SKEW_MAX_S)] | None = None
     """`clock_skew`: how far the clock is ahead; negative if it is behind."""
-    soc: float | None = None
+    soc: Share | None = None
     """`drain`: the state of charge that is left, 0 to 1."""
-    share: float | None = None
+    share: Annotated[float, Meta(gt=0, le=1)] | None = None
     """`lose`: share of what is lost, above 0 to 1."""
     late_s: tuple[float, float] | None = None
     """`delay`, `reorder`: least and greatest delay."""
@@ -133,13 +132,15 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """`carried_off`: the robot's yaw there."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._check_times()
         for name, kinds in OPTIONS.items():
             if (self.kind in kinds) != (getattr(self, name) is not None):
                 raise ValueError(f"expected {name} for {' and '.join(sorted(kinds))}, and for nothing else")
         if self.side and self.kind is not FaultKind.PARTITION:
             raise ValueError(f"expected side for {FaultKind.PARTITION} alone, got it for {self.kind}")
-        self._check_values()
+        if self.late_s is not None and not 0 <= self.late_s[0] <= self.late_s[1] <= LATEST_S:
+            raise ValueError(f"expected late_s as [least, greatest] from 0 to {LATEST_S:g} s, got {list(self.late_s)}")
         if self.kind is FaultKind.DISK_FULL and self.robot != COORDINATOR:
             raise ValueError(f"expected robot = '{COORDINATOR}' for {FaultKind.DISK_FULL}, got {self.robot!r}")
         if self.kind in OF_ROBOTS and self.robot == COORDINATOR:
@@ -155,21 +156,5 @@ class FaultSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise ValueError(f"expected no until_s for {self.kind}: it has no end")
         if self.kind is FaultKind.CARRIED_OFF and self.until_s is not None:
             raise ValueError(f"expected no until_s for {self.kind}: the robot stays where it is put down")
-        check_not_negative(self, "at_s")
         if self.until_s is not None and not self.until_s > self.at_s:
             raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
-        if not (self.within_s >= 0 and math.isfinite(self.within_s)):
-            raise ValueError(f"expected within_s >= 0, got {self.within_s}")
-
-    def _check_values(self) -> None:
-        if self.period_s is not None and not 0 < self.period_s <= LATEST_S:
-            raise ValueError(f"expected period_s above 0 to {LATEST_S:g}, got {self.period_s}")
-        if self.skew_s is not None and not abs(self.skew_s) <= SKEW_MAX_S:
-            raise ValueError(f"expected skew_s from -{SKEW_MAX_S:g} to {SKEW_MAX_S:g}, got {self.skew_s}")
-        check_within(self, 0, 1, "soc")
-        if self.share is not None and not 0 < self.share <= 1:
-            raise ValueError(f"expected share above 0 to 1, got {self.share}")
-        if self.place_m is not None and not all(map(math.isfinite, (*self.place_m, self.yaw_rad))):
-            raise ValueError(f"expected finite place_m and yaw_rad, got {self.place_m} and {self.yaw_rad}")
-        if self.late_s is not None and not 0 <= self.late_s[0] <= self.late_s[1] <= LATEST_S:
-            raise ValueError(f"expected late_s as [least, greatest] from 0 to {LATEST_S:g} s, got {list(self.late_s)}")

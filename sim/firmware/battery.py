@@ -13,10 +13,16 @@ The curve is published; the other figures are chosen for a pack of this size, no
 """
 
 import math
+from typing import Annotated
 
-import msgspec
+from msgspec import Meta
 
-from robrain.protocol.model.ranges import check_finite, check_not_negative, check_positive, check_within
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import (
+    NotNegative,
+    Positive,
+    Share,
+)
 
 J_PER_WH = 3600.0
 CELLS = 4
@@ -34,71 +40,60 @@ TAPER = 0.05
 """Charging has ended when the current at full voltage is this share of the capacity per hour."""
 
 
-class GaugeSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class GaugeSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Measurement errors of the battery manager. Raises ValueError where it is built with a negative one."""
 
-    voltage_noise_v: float = 0.008
-    voltage_offset_v: float = 0.005
+    voltage_noise_v: NotNegative = 0.008
+    voltage_offset_v: NotNegative = 0.005
     """Standard deviation; drawn once for each robot, like the other offsets."""
-    voltage_step_v: float = 0.004
+    voltage_step_v: NotNegative = 0.004
     """Step of its analogue-to-digital converter: 12 bits over 16.4 V."""
-    current_noise_a: float = 0.01
-    current_offset_a: float = 0.003
-    current_gain: float = 0.005
+    current_noise_a: NotNegative = 0.01
+    current_offset_a: NotNegative = 0.003
+    current_gain: NotNegative = 0.005
     """Standard deviation of the relative error of the shunt."""
-    current_step_a: float = 0.002
-    temperature_noise_c: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_not_negative(self, *self.__struct_fields__, finite=True)
+    current_step_a: NotNegative = 0.002
+    temperature_noise_c: NotNegative = 0.2
 
 
-class BatterySpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class BatterySpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[robot.battery]`: a pack of four lithium-ion cells. Raises ValueError for impossible values."""
 
-    capacity_wh: float = 20.0
+    capacity_wh: Positive = 20.0
     """Rated capacity when new: at the cells, from full to empty, discharged very slowly."""
-    soc_at_start: float = 1.0
-    capacity_fade: float = 0.0
+    soc_at_start: Share = 1.0
+    capacity_fade: Annotated[float, Meta(ge=0, lt=1)] = 0.0
     """Share of the rated capacity lost by age."""
-    resistance_growth: float = 0.0
+    resistance_growth: NotNegative = 0.0
     """Share by which the resistances have grown by age."""
-    resistance_ohm: float = 0.10
+    resistance_ohm: Positive = 0.10
     """At 25 °C, when new."""
-    relaxation_ohm: float = 0.04
-    relaxation_s: float = 30.0
+    relaxation_ohm: Positive = 0.04
+    relaxation_s: Positive = 30.0
     """Time constant of the RC pair."""
-    available_share: float = 0.9
+    available_share: Annotated[float, Meta(gt=0, lt=1)] = 0.9
     """Share of the charge in the well that the load draws from: KiBaM's c."""
-    flow_per_s: float = 1.0 / 600.0
+    flow_per_s: Positive = 1.0 / 600.0
     """Rate at which the wells level out at 25 °C: KiBaM's k′."""
-    hysteresis_v: float = 0.008
+    hysteresis_v: NotNegative = 0.008
     """Half the distance between the curves of charging and discharging."""
     curve_shift_v: float = 0.0
     """Offset of this pack's curve from the published one."""
     ambient_c: float = 22.0
-    heat_capacity_j_per_k: float = 400.0
-    heat_loss_w_per_k: float = 0.3
-    cut_off_v: float = 12.0
+    heat_capacity_j_per_k: Positive = 400.0
+    heat_loss_w_per_k: NotNegative = 0.3
+    cut_off_v: Positive = 12.0
     """Voltage at the terminals below which the protection opens."""
     charge_v: float = 16.4
     """Voltage at the terminals at which the charger holds (constant voltage)."""
-    charge_a: float = 1.5
+    charge_a: Positive = 1.5
     """Greatest charging current (constant current)."""
     gauge: GaugeSpec = GaugeSpec()
 
     def __post_init__(self) -> None:
-        positive = ("capacity_wh", "relaxation_s", "flow_per_s", "heat_capacity_j_per_k", "cut_off_v", "charge_a")
-        check_positive(self, *positive, "resistance_ohm", "relaxation_ohm", below=math.inf)
-        check_not_negative(self, "resistance_growth", "hysteresis_v", "heat_loss_w_per_k", finite=True)
-        check_within(self, 0, 1, "soc_at_start")
-        if not 0 <= self.capacity_fade < 1:
-            raise ValueError(f"expected capacity_fade from 0 to below 1, got {self.capacity_fade}")
-        if not 0 < self.available_share < 1:
-            raise ValueError(f"expected available_share above 0 and below 1, got {self.available_share}")
+        super().__post_init__()
         if not self.cut_off_v < self.charge_v < math.inf:
             raise ValueError(f"expected charge_v above cut_off_v, got {self.charge_v} and {self.cut_off_v}")
-        check_finite(self, "curve_shift_v", "ambient_c")
 
 
 class SimulatedBattery:

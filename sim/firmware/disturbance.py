@@ -4,15 +4,17 @@ Pauses begin by a Poisson process; their durations are uniform. Each robot has i
 """
 
 from collections import deque
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 import can
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.model.checked import Checked
 
 MOST_PER_MINUTE = 600.0
 """Limit of the pauses that begin in a minute."""
@@ -30,17 +32,16 @@ def _check_span(name: str, span_s: tuple[float, float]) -> None:
         raise ValueError(f"expected {name} as [least, greatest] from 0 to {LONGEST_S:g} s, got {list(span_s)}")
 
 
-class PauseSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PauseSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Pauses at random times; the default is none. Raises ValueError for impossible values."""
 
-    per_minute: float = 0.0
+    per_minute: Annotated[float, Meta(ge=0, le=MOST_PER_MINUTE)] = 0.0
     """Mean number of pauses that begin per minute outside pauses."""
     duration_s: tuple[float, float] = (0.2, 1.0)
     """Shortest and longest duration."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.per_minute <= MOST_PER_MINUTE:
-            raise ValueError(f"expected per_minute from 0 to {MOST_PER_MINUTE:g}, got {self.per_minute}")
+        super().__post_init__()
         _check_span("duration_s", self.duration_s)
 
     @property

@@ -7,43 +7,40 @@ here: the constants, the loss, the first order in speed (it grows with the mass)
 energy of speeding up. The values are chosen for a base of 4 kg, not measured on one.
 """
 
-import msgspec
+from typing import Annotated
 
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from msgspec import Meta
+
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import NotNegative, Positive
 from robrain.sim.firmware.load_kernel import acceleration_j, motion_w
 
 
-class PowerModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PowerModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Terms of a robot's power. Raises ValueError where it is built with a negative one."""
 
-    idle_w: float = 2.0
+    idle_w: NotNegative = 2.0
     """Controllers, sensors and radio."""
-    compute_w: float = 6.0
+    compute_w: NotNegative = 6.0
     """The on-board computer."""
-    burst_w: float = 0.0
+    burst_w: NotNegative = 0.0
     """Additional power while the computer has a burst of work; bursts come at random."""
-    burst_s: float = 4.0
+    burst_s: Positive = 4.0
     """Mean length of a burst."""
-    between_bursts_s: float = 12.0
+    between_bursts_s: Positive = 12.0
     """Mean time between two bursts."""
-    moving_w: float = 0.3
+    moving_w: NotNegative = 0.3
     """Motor drivers, while anything moves."""
-    speed_w_per_m_s: float = 7.5
+    speed_w_per_m_s: NotNegative = 7.5
     """Rolling, per m/s, without payload."""
-    speed2_w_per_m2_s2: float = 0.0
+    speed2_w_per_m2_s2: NotNegative = 0.0
     """Copper and eddy losses, which grow with the square of the speed."""
-    yaw_w_per_rad_s: float = 1.2
+    yaw_w_per_rad_s: NotNegative = 1.2
     """Turning, per rad/s, without payload."""
-    payload_kg: float = 0.0
+    payload_kg: NotNegative = 0.0
     """Carried mass; it adds to rolling, turning and acceleration."""
-    drive_efficiency: float = 0.6
+    drive_efficiency: Annotated[float, Meta(gt=0, le=1)] = 0.6
     """Share of the motors' power that becomes kinetic energy on acceleration; none is recovered."""
-
-    def __post_init__(self) -> None:
-        check_not_negative(self, *self.__struct_fields__)
-        check_positive(self, "burst_s", "between_bursts_s")
-        if not 0 < self.drive_efficiency <= 1:
-            raise ValueError(f"expected drive_efficiency in (0, 1], got {self.drive_efficiency}")
 
     def standing_w(self, *, bursting: bool) -> float:
         """Power of doing nothing."""

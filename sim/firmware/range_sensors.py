@@ -7,10 +7,11 @@ the Robertino's sensors was found: number, range and cone are chosen in the mann
 
 import math
 from collections.abc import Sequence
+from typing import Annotated
 
 import can
-import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
@@ -23,9 +24,10 @@ from robrain.plugins.device.range_sensors import (
 )
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import codec
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.ranges import NotNegative, Positive, Share
 
 BUMP_PERIOD_S = 1.0
 NEAREST_M = 0.02
@@ -35,30 +37,19 @@ DRAWS = 240
 """Random numbers drawn at a time; a few at a time cost ten times as much."""
 
 
-class RangeSensorSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RangeSensorSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the ring can do. Raises ValueError where it is built with values that are none."""
 
-    angles_rad: tuple[float, ...] = RING_ANGLES_RAD
+    angles_rad: Annotated[tuple[float, ...], Meta(max_length=SENSORS_MAX)] = RING_ANGLES_RAD
     """Directions of the sensors, robot's frame, counter-clockwise; empty for a robot without a ring."""
-    rate_hz: float = 10.0
-    range_max_m: float = 2.0
-    cone_rad: float = math.radians(25.0)
+    rate_hz: Positive = 10.0
+    range_max_m: Annotated[float, Meta(gt=0, lt=NO_ECHO_M)] = 2.0
+    cone_rad: Annotated[float, Meta(ge=0, le=math.pi)] = math.radians(25.0)
     """Full width of a sensor's cone."""
-    noise_m: float = 0.01
+    noise_m: NotNegative = 0.01
     """Standard deviation of a range."""
-    dropout: float = 0.02
+    dropout: Share = 0.02
     """Share of measurements without an echo, whatever is there."""
-
-    def __post_init__(self) -> None:
-        if len(self.angles_rad) > SENSORS_MAX:
-            raise ValueError(f"expected at most {SENSORS_MAX} angles_rad, got {len(self.angles_rad)}")
-        check_positive(self, "rate_hz")
-        if not 0 < self.range_max_m < NO_ECHO_M:
-            raise ValueError(f"expected range_max_m above 0 and below {NO_ECHO_M}, got {self.range_max_m}")
-        if not 0 <= self.cone_rad <= math.pi:
-            raise ValueError(f"expected cone_rad from 0 to π, got {self.cone_rad}")
-        check_not_negative(self, "noise_m")
-        check_within(self, 0, 1, "dropout")
 
 
 class RangeSensors:

@@ -2,11 +2,12 @@
 
 import math
 import struct
+from typing import Annotated
 
-import msgspec
 import numpy as np
+from msgspec import Meta
 
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
 
 IMU_LINE = "imu"
 """Name of the line."""
@@ -18,25 +19,20 @@ TEMPERATURE_BITS = 2500
 """25 °C in hundredths of a degree."""
 
 
-class ImuSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ImuSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """An inertial measurement unit on a serial line, for the plugin `serial_imu`.
 
     Raises ValueError for values without sense.
     """
 
-    rate_hz: float = 100.0
+    rate_hz: Annotated[float, Meta(gt=0, lt=1000.0)] = 100.0
     """Measurements a second."""
     bias_rad_s: float = 0.0
     """Of the gyroscope about its vertical axis."""
-    noise_rad_s: float = 0.002
+    noise_rad_s: Annotated[float, Meta(ge=0, lt=10)] = 0.002
     """Standard deviation of one measurement of the turn rate."""
     upside_down: bool = False
     """Its z axis points down."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "rate_hz", below=1000.0)
-        if not (math.isfinite(self.bias_rad_s) and 0.0 <= self.noise_rad_s < 10.0):
-            raise ValueError("expected a finite bias_rad_s and noise_rad_s of 0 up to 10")
 
 
 def wit_frame(kind: int, *values: int) -> bytes:

@@ -3,10 +3,10 @@
 For bodies, range sensors and cameras they are ordinary walls. Lidars see through glass, and reflections in mirrors.
 """
 
-from typing import NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
-import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import (
@@ -19,9 +19,10 @@ from robrain.algorithms.mapping.ray_cast import (
     SOLID,
     cast_rays_on_surfaces,
 )
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.model.ranges import check_within
+from robrain.protocol.model.ranges import Share
 from robrain.sim.maps.floor_plan import FloorPlan
 
 PANE_M = 0.45
@@ -31,25 +32,20 @@ STRAIGHT_M = 0.5
 _RNG_OF_SURFACES = 2
 
 
-class SurfaceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SurfaceSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[surfaces]`: walls of glass and mirrors; the default is none.
 
     Shares are by length, of straight walls along the axes. Raises ValueError for impossible values.
     """
 
-    glass_share: float = 0.0
+    glass_share: Share = 0.0
     """Share of the thin walls (at most 0.45 m) that is glass."""
-    mirror_share: float = 0.0
+    mirror_share: Share = 0.0
     """Share of the sides of walls that are mirrors."""
-    stretch_m: float = 3.0
+    stretch_m: Annotated[float, Meta(ge=STRAIGHT_M, le=1000)] = 3.0
     """Length of a stretch of glass or mirror, metres."""
-    echo_rad: float = 0.2
+    echo_rad: Annotated[float, Meta(ge=0, le=1.5)] = 0.2
     """Largest angle between a beam and a pane's normal at which the pane returns the beam."""
-
-    def __post_init__(self) -> None:
-        check_within(self, 0, 1, "glass_share", "mirror_share")
-        check_within(self, STRAIGHT_M, 1000, "stretch_m")
-        check_within(self, 0, 1.5, "echo_rad")
 
     @property
     def is_plain(self) -> bool:

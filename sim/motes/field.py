@@ -5,12 +5,15 @@ a source that renews what spreads. What leaves the floor on one side comes back 
 """
 
 import math
+from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.ranges import NotNegative, Positive
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.sim.maps.floor_plan import FloorPlan
 
@@ -21,31 +24,28 @@ OWN_SHARE = 0.5
 """A plume's own speed is up to so much of the wind's."""
 
 
-class Levels(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Levels(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Values of one quantity. Raises ValueError where the noise is negative."""
 
     base: float
     """Value away from all plumes."""
     plume: float
     """What is added at the centre of a plume."""
-    noise: float
+    noise: NotNegative
     """Standard deviation of one reading."""
 
-    def __post_init__(self) -> None:
-        check_not_negative(self, "noise")
 
-
-class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class FieldSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[field]`: the quantities that motes measure, and plumes that move over the floor.
 
     Raises ValueError where there are too many plumes, or a width or speed without sense.
     """
 
-    plumes: int = 3
+    plumes: Annotated[int, Meta(ge=0, le=MAX_PLUMES)] = 3
     """Number of plumes."""
-    width_m: float = 3.0
+    width_m: Positive = 3.0
     """Standard deviation of a plume's shape."""
-    wind_m_s: float = 0.05
+    wind_m_s: NotNegative = 0.05
     """Speed of the plumes; the direction is drawn from the seed."""
     temperature: Levels = Levels(base=20.0, plume=9.0, noise=0.1)
     """°C"""
@@ -53,11 +53,6 @@ class FieldSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """lux"""
     humidity: Levels = Levels(base=40.0, plume=25.0, noise=1.0)
     """% relative"""
-
-    def __post_init__(self) -> None:
-        check_within(self, 0, MAX_PLUMES, "plumes")
-        check_positive(self, "width_m")
-        check_not_negative(self, "wind_m_s")
 
     def levels(self, quantity: Quantity) -> Levels:
         """Those of one quantity."""

@@ -5,13 +5,14 @@ It is told when its radio hears a packet and gives packets to send; where packet
 
 import math
 from collections import deque
-from typing import Literal
+from typing import Annotated, Literal
 
-import msgspec
 import numpy as np
+from msgspec import Meta
 
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.ranges import NotNegative, Positive, Share
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
@@ -51,28 +52,28 @@ MAX_LOG = 30_000
 PPM = 1e-6
 
 
-class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class MoteSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the motes of a scenario are: its table `[motes]`. All defaults are chosen.
 
     Raises ValueError where it is built with a value without sense.
     """
 
-    period_s: float = 4.0
+    period_s: Annotated[float, Meta(ge=PERIOD_MIN_S, le=PERIOD_MAX_S)] = 4.0
     """Time between two readings, until a robot sets another."""
     jitter_s: float = 0.2
     """Random back-off before it sends: uniform from minus to plus this."""
-    listen_s: float = 0.2
+    listen_s: NotNegative = 0.2
     """Time for which it listens after each packet that it has sent."""
-    check_s: float = 0.0
+    check_s: NotNegative = 0.0
     """Low-power listening (B-MAC, Polastre et al., SenSys 2004): interval at which it checks the channel, and length of
     the preamble; 0 for never."""
-    drift_ppm: float = 30.0
+    drift_ppm: NotNegative = 30.0
     """Standard deviation of the clocks' rates, parts per million."""
-    log_readings: int = 1024
+    log_readings: Annotated[int, Meta(ge=1, le=MAX_LOG)] = 1024
     """Number of unacknowledged readings that are kept; beyond it the oldest is lost."""
-    capacity_mah: float = 2500.0
+    capacity_mah: Positive = 2500.0
     """Capacity of its batteries."""
-    used_at_start_max: float = 0.5
+    used_at_start_max: Share = 0.5
     """The used share of the batteries at the start is drawn between 0 and this."""
     quantities: tuple[Literal["temperature", "light", "humidity"], ...] = ("temperature",)
     """Quantities that the motes measure, in turn: the first mote the first of these."""
@@ -81,35 +82,26 @@ class MoteSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     gateways: tuple[str, ...] = ()
     """Motes beside which a gateway stands, with mains power and a radio of the team's network; and robots that are
     gateways. A gateway stores readings while it does not hear the coordinator."""
-    gateway_readings: int = 4096
+    gateway_readings: Annotated[int, Meta(ge=1, le=MAX_GATEWAY_READINGS)] = 4096
     """Number of readings that a gateway stores. When it is full, the oldest of the mote with the most is dropped."""
 
     def __post_init__(self) -> None:
-        check_within(self, PERIOD_MIN_S, PERIOD_MAX_S, "period_s")
+        super().__post_init__()
         if not 0 <= self.jitter_s < self.period_s:
             raise ValueError(f"expected jitter_s at least 0 and below period_s, got {self.jitter_s}")
-        check_not_negative(self, "listen_s", "check_s", "drift_ppm")
-        check_within(self, 1, MAX_LOG, "log_readings")
-        check_within(self, 1, MAX_GATEWAY_READINGS, "gateway_readings")
-        check_positive(self, "capacity_mah")
-        check_within(self, 0, 1, "used_at_start_max")
         if not self.quantities:
             raise ValueError("expected quantities to name at least one")
 
 
-class ArenaMote(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ArenaMote(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A mote to be simulated: its name, its number on the air, and where it lies in the arena frame.
 
     Raises ValueError where it is built with a number that does not fit 16 bits.
     """
 
     name: str
-    number: int
+    number: Annotated[int, Meta(ge=0, le=BROADCAST - 1)]
     place: Point2D
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.number <= BROADCAST - 1:
-            raise ValueError(f"expected {self.name}'s number from 0 to {BROADCAST - 1}, got {self.number}")
 
 
 class ReadingLog:

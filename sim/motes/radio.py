@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from robrain.algorithms.numeric.elementary_functions import log10
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import NotNegative, Positive, Share
 from robrain.sim.motes.mote_power import send_ma
 
 PACKET_BYTES = 45
@@ -39,7 +40,7 @@ WAVES = 64
 Floats = npt.NDArray[np.float64]
 
 
-class RadioModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
+class RadioModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
     """`[radio]`: path loss and shadowing between motes and base stations.
 
     Raises ValueError where an exponent or length is not above 0, a deviation is negative or a share not in 0 to 1.
@@ -49,22 +50,20 @@ class RadioModel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Power of motes and of base stations; one of the CC1000's levels, see `mote_power`."""
     loss_at_1_m_db: float = 40.0
     """Path loss at a distance of 1 m."""
-    exponent: float = 3.0
+    exponent: Positive = 3.0
     """Path-loss exponent."""
-    shadowing_db: float = 4.0
+    shadowing_db: NotNegative = 4.0
     """Standard deviation of the shadowing, over places and packets together."""
-    static_share: float = 0.7
+    static_share: Share = 0.7
     """Share of that variance which belongs to the place: walls and furniture. The rest is drawn for each packet."""
-    correlation_m: float = 3.0
+    correlation_m: Positive = 3.0
     """Distance at which the correlation of the static part has fallen to 1/e; indoors a few metres, chosen."""
     sensitivity_dbm: float = -90.0
     """Strength at which half of the packets arrive."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         send_ma(self.transmit_dbm)  # raises beyond what the radio can
-        check_positive(self, "exponent", "correlation_m")
-        check_not_negative(self, "shadowing_db")
-        check_within(self, 0, 1, "static_share")
 
     @property
     def static_db(self) -> float:

@@ -10,18 +10,19 @@ is the same whoever asks, and however often: its noise comes from the time and t
 import io
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 from PIL import Image
 
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.algorithms.numeric.elementary_functions import arctan2
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.ranges import NotNegative, Positive
 
 Rgb = tuple[int, int, int]
 
@@ -152,30 +153,20 @@ FADE_PER_M = 0.07
 """How much darker things get with distance."""
 
 
-class CameraSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class CameraSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[robot.camera]`: what a camera can do; all values are chosen. Raises ValueError for impossible values."""
 
-    width: int = 160
+    width: Annotated[int, Meta(ge=16, le=1024)] = 160
     """Width in pixels."""
-    height: int = 120
+    height: Annotated[int, Meta(ge=16, le=1024)] = 120
     """Height in pixels."""
-    view_rad: float = 1.2
+    view_rad: Annotated[float, Meta(ge=0.1, le=2.8)] = 1.2
     """Horizontal angle of view."""
-    height_m: float = 0.3
+    height_m: Annotated[float, Meta(gt=0, lt=WALL_HEIGHT_M)] = 0.3
     """Height above the floor."""
-    range_m: float = 20.0
-    noise_levels: float = 1.0
+    range_m: Positive = 20.0
+    noise_levels: NotNegative = 1.0
     """Standard deviation of a pixel's brightness, of 255."""
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            if not 16 <= getattr(self, name) <= 1024:
-                raise ValueError(f"expected {name} from 16 to 1024 pixels, got {getattr(self, name)}")
-        check_within(self, 0.1, 2.8, "view_rad")
-        if not 0 < self.height_m < WALL_HEIGHT_M:
-            raise ValueError(f"expected height_m above 0 and below {WALL_HEIGHT_M:g}, got {self.height_m}")
-        check_positive(self, "range_m")
-        check_not_negative(self, "noise_levels")
 
 
 class SeenRobot(NamedTuple):

@@ -2,16 +2,21 @@
 
 import math
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
 from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.ranges import (
+    NotNegative,
+    Positive,
+    PositiveInt,
+    Share,
+)
 from robrain.sim.firmware.lidar_line import LidarProtocol
 from robrain.sim.maps.surfaces import Surfaces
 
@@ -20,30 +25,25 @@ NEAREST_OUTLIER_M = 0.05
 """Least range of an outlier."""
 
 
-class LidarSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class LidarSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[robot.lidar]`: what a lidar can do. Raises ValueError for impossible values."""
 
-    rays: int = 180
+    rays: PositiveInt = 180
     """Beams per turn, spread evenly over the full circle; the first points backwards (−π in the robot's frame)."""
-    rate_hz: float = 5.0
+    rate_hz: Positive = 5.0
     """Turns per second."""
-    range_max_m: float = 6.0
+    range_max_m: Positive = 6.0
     """Greatest measured range."""
-    noise_m: float = 0.01
+    noise_m: NotNegative = 0.01
     """Standard deviation of a range."""
-    dropout: float = 0.0
+    dropout: Share = 0.0
     """Share of the beams, drawn at random, that return nothing: black or wet surfaces, or flat angles."""
     protocol: LidarProtocol = LidarProtocol.WIRE
     """What it speaks; the robot's file then has the plugin for that."""
-    outlier: float = 0.0
+    outlier: Share = 0.0
     """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
     mount: Mount = Mount()
     """How it is mounted on the robot; its turns are in its own frame. The robot's file knows of it."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "rays", "rate_hz", "range_max_m")
-        check_not_negative(self, "noise_m")
-        check_within(self, 0, 1, "dropout", "outlier")
 
     @property
     def is_imperfect(self) -> bool:

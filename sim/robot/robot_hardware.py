@@ -6,7 +6,9 @@ from typing import Any
 import msgspec
 
 from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.ranges import Positive
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.firmware.described_controller import Chassis, frames_of
 from robrain.sim.firmware.power_model import PowerModel
@@ -26,7 +28,7 @@ class Controller(StrEnum):
     """By lines of text on a serial line, as ROSArduinoBridge, for the plugin `serial_base`; two wheels."""
 
 
-class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RobotHardware(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[robot]`: hardware of every robot of the scenario.
 
     Raises ValueError if the radius is not above 0.
@@ -39,7 +41,7 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     omni or mecanum, with four wheels (`four_wheels.dbc`), or ackermann (`car.dbc`)."""
     controller: Controller = Controller.CAN
     """With `chassis`: how its motor controller is reached."""
-    radius_m: float = 0.2
+    radius_m: Positive = 0.2
     """Radius of the robot's footprint, a disc."""
     battery: BatterySpec = BatterySpec()
     power: PowerModel = PowerModel()
@@ -53,8 +55,7 @@ class RobotHardware(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Whether robots go on without a coordinator, and allocate open tasks among themselves."""
 
     def __post_init__(self) -> None:
-        if not self.radius_m > 0:
-            raise ValueError(f"expected radius_m > 0, got {self.radius_m}")
+        super().__post_init__()
         if self.chassis is not None:
             frames_of(self.chassis)
         if self.controller is Controller.LINES and not isinstance(self.chassis, Differential):
@@ -68,7 +69,7 @@ class ArenaRobot(RobotHardware, frozen=True, kw_only=True, forbid_unknown_fields
     start: Pose2D
     load: tuple[str, ...] | None = None
     """Its plugins; all stock ones if None."""
-    plugins: dict[str, dict[str, Any]] = {}
+    plugins: dict[str, dict[str, Any]] = msgspec.field(default_factory=dict)
     """Parameters of its plugins."""
     has_lidar: bool = True
 

@@ -8,43 +8,39 @@ omni wheels.
 
 import math
 from collections import deque
-from typing import Self
+from typing import Annotated, Self
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.model.ranges import check_within
 from robrain.sim.robot.body_kernels import axial_m, body_twist, slip_variance_m2, wheel_turn_rad
 
 DRAWS = 256
 """Random numbers drawn at a time; one by one they cost ten times as much."""
 
 
-class WheelSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class WheelSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[robot.wheels]`: errors of the wheels; the default is none.
 
     Raises ValueError for impossible values.
     """
 
-    radius_sigma: float = 0.0
+    radius_sigma: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
     """Relative error of each wheel's radius: standard deviation, drawn once for each wheel."""
-    base_sigma: float = 0.0
+    base_sigma: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
     """Relative error of the wheels' distance from the centre: standard deviation, drawn once for each robot."""
-    slip: float = 0.0
+    slip: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0
     """Share of each wheel's turn that does not move the robot."""
-    slip_sigma_m_per_sqrt_m: float = 0.0
+    slip_sigma_m_per_sqrt_m: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
     """Random slip along a wheel's tread: standard deviation of its way, in metres, after a metre of it."""
-    lateral_slip: float = 0.0
+    lateral_slip: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0
     """Way along the tread for each metre along the axle, by friction of the rollers."""
-    lateral_sigma_m_per_sqrt_m: float = 0.0
+    lateral_sigma_m_per_sqrt_m: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
     """Random slip along the tread while the wheel moves along its axle, after a metre of that."""
-
-    def __post_init__(self) -> None:
-        sigmas = ("radius_sigma", "base_sigma", "slip_sigma_m_per_sqrt_m", "lateral_sigma_m_per_sqrt_m")
-        check_within(self, 0, 0.2, *sigmas)
-        check_within(self, -0.5, 0.5, "slip", "lateral_slip")
 
     @property
     def is_exact(self) -> bool:

@@ -1,18 +1,19 @@
 """Scenario files: the TOML that describes a floor, a team and its motes."""
 
-import math
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import unknown_name
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.checked import Checked, convert
+from robrain.protocol.model.ranges import Count, Positive
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
@@ -38,27 +39,21 @@ ROBOTS = 4
 MAX_MOTES = 10000
 
 
-class ScenarioTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ScenarioTable(Checked, frozen=True, forbid_unknown_fields=True):
     """`[scenario]`: name and end of a run."""
 
     name: str
     """Name in results and recordings."""
     about: str = ""
     """What it shows, in one sentence; `robrain scenarios` prints it."""
-    seed: int = 1
+    seed: Count = 1
     """Seed of all random numbers."""
-    until_explored: float = 0.98
+    until_explored: Annotated[float, Meta(gt=0, le=1)] = 0.98
     """Share of the reachable floor at which the run ends."""
-    time_limit_s: float = 900.0
+    time_limit_s: Positive = 900.0
     """Simulated time at which the run ends at the latest."""
     fidelity: Fidelity = Fidelity.FULL
     """How exactly robots are simulated: `full`, or `points`, which is many times faster."""
-
-    def __post_init__(self) -> None:
-        check_not_negative(self, "seed")
-        if not 0 < self.until_explored <= 1:
-            raise ValueError(f"expected until_explored above 0 and at most 1, got {self.until_explored}")
-        check_positive(self, "time_limit_s")
 
 
 class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -68,10 +63,10 @@ class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """map.yaml, relative to the scenario file."""
 
 
-class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TeamTable(Checked, frozen=True, forbid_unknown_fields=True):
     """`[team]`: the robots and their starts."""
 
-    robots: int | None = None
+    robots: Annotated[int, Meta(ge=1, le=MAX_ROBOTS)] | None = None
     """Number of robots, named `r1`, `r2` …; as many as there are `[[robots]]` if absent, or 4."""
     near_m: tuple[float, float] | None = None
     """Point around which the robots start; if absent, where there is most room."""
@@ -84,25 +79,18 @@ class TeamTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Whether the team explores only if a task tells it to; it is then there for tasks, scripts and your hands."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.starts is Starts.SCATTERED and self.near_m is not None:
             raise ValueError("expected either near_m or scattered starts, got both")
-        if self.robots is not None:
-            check_within(self, 1, MAX_ROBOTS, "robots")
 
 
 class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[motes]`: number and kind of the sensor motes."""
 
-    count: int = 0
+    count: Annotated[int, Meta(ge=0, le=MAX_MOTES)] = 0
     """Number of motes, named `m1`, `m2` …; at least as many as there are `places_m`."""
     places_m: tuple[tuple[float, float], ...] = ()
     """Places of the first motes; those of the others are drawn from the seed."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_within(self, 0, MAX_MOTES, "count")
-        if not all(math.isfinite(number) for place in self.places_m for number in place):
-            raise ValueError("expected finite coordinates in places_m")
 
 
 class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -230,7 +218,7 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
     except BadToml as error:
         raise ScenarioError(f"{where}: {error}") from error
     try:
-        return msgspec.convert(document, ScenarioTables)
+        return convert(document, ScenarioTables)
     except msgspec.ValidationError as error:
         if unknown := unknown_name(document, ScenarioTables):
             raise ScenarioError(f"{where}: {unknown}") from error

@@ -3,31 +3,25 @@
 import math
 from collections.abc import Sequence
 
-import msgspec
-
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive
 from robrain.sim.robot.robot_body import Body
 
 STANDS_BELOW_M_S = 0.05
 """A robot that passes by is not charged; contacts must rest on each other."""
 
 
-class ChargerSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ChargerSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[chargers]]`: one charger. Raises ValueError for impossible values."""
 
     place_m: tuple[float, float]
     """Place of a docked robot's centre, arena frame."""
     yaw_rad: float | None = None
     """Direction that a docking robot should face; the contacts work in any direction."""
-    power_w: float = 40.0
+    power_w: Positive = 40.0
     """Greatest power, including the robot's own consumption. Chosen: an hour of charging lasts for two hours."""
-    reach_m: float = 0.25
+    reach_m: Positive = 0.25
     """Greatest distance from the place at which a robot touches the contacts."""
-
-    def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in (*self.place_m, self.yaw_rad or 0.0)):
-            raise ValueError(f"expected a finite place_m and yaw_rad, got {self.place_m} and {self.yaw_rad}")
-        check_positive(self, "power_w", "reach_m", below=math.inf)
 
 
 class Chargers:

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Iterable
+from typing import Annotated
 
-import msgspec
+from msgspec import Meta
 
 from robrain.protocol.links.radio_network import COORDINATOR
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.ranges import check_not_negative, check_positive, check_within
+from robrain.protocol.model.ranges import NotNegative, NotNegativeOrInfinite, Positive, PositiveOrInfinite
 from robrain.sim.errors import ScenarioError
 
 LOSS_MAX = 0.95
@@ -15,13 +17,13 @@ DELAY_MAX_S = 10.0
 LOSS_DB_MAX = 200.0
 
 
-class PartitionSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class PartitionSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[links.partitions]]`: a time in which parts of the team do not hear each other.
 
     Raises ValueError for a time that ends before it begins, and for a name in two groups.
     """
 
-    from_s: float = 0.0
+    from_s: NotNegative = 0.0
     """Simulated time at which it begins."""
     until_s: float | None = None
     """Simulated time at which it ends; absent for the rest of the run."""
@@ -29,7 +31,7 @@ class PartitionSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Robots, gateways beside motes and `coordinator` that still hear each other. Those in no group are one more."""
 
     def __post_init__(self) -> None:
-        check_not_negative(self, "from_s")
+        super().__post_init__()
         if self.until_s is not None and not self.until_s > self.from_s:
             raise ValueError(f"expected until_s above from_s, {self.from_s:g}, got {self.until_s:g}")
         names = [name for group in self.groups for name in group]
@@ -48,50 +50,39 @@ class PartitionSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         return next((number for number, group in enumerate(self.groups) if party in group), -1)
 
 
-class LinkSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class LinkSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[links]`: the radio between robots and coordinator; without the table, everybody hears everybody.
 
     In lockstep runs only, and only in those that no other process joins. Raises ValueError for impossible values.
     """
 
-    range_m: float = math.inf
+    range_m: PositiveOrInfinite = math.inf
     """Distance up to which two radios hear each other with a free line of sight."""
-    wall_db: float = 0.0
+    wall_db: Annotated[float, Meta(ge=0, le=LOSS_DB_MAX)] = 0.0
     """Attenuation of each wall between them."""
     walls_block: bool = False
     """Whether no radio hears another through a wall."""
-    exponent: float = 3.0
+    exponent: Positive = 3.0
     """Path-loss exponent, by which walls shorten the range: to `10 ** (-walls * wall_db / (10 * exponent))` of it."""
-    loss: float = 0.0
+    loss: Annotated[float, Meta(ge=0, le=LOSS_MAX)] = 0.0
     """Probability that a hop loses a message."""
-    delay_s: float = 0.0
+    delay_s: Annotated[float, Meta(ge=0, le=DELAY_MAX_S)] = 0.0
     """Time that each hop takes, besides that of sending."""
-    bandwidth_bytes_s: float = math.inf
+    bandwidth_bytes_s: PositiveOrInfinite = math.inf
     """Rate at which each radio sends its own messages and those that it relays, one after the other."""
-    queue_s: float = 1.0
+    queue_s: Positive = 1.0
     """A message that would wait for its radio for longer than this is dropped."""
     relays: bool | tuple[str, ...] = True
     """Who passes on messages of others: everybody, nobody, or those with these names (robots, or `coordinator`)."""
-    lost_after_s: float = 2.0
+    lost_after_s: NotNegative = 2.0
     """Time after which a party counts those that it no longer hears as absent, as by Zenoh's lease."""
-    return_after_s: float = 10.0
+    return_after_s: NotNegativeOrInfinite = 10.0
     """Time after which a robot with nothing to do drives back to its start, where it may be heard again; `inf` to
     stay where it is. Robots that do not know where they start stay."""
     coordinator_m: tuple[float, float] | None = None
     """Place of the coordinator's radio, arena frame; that of the first robot's start if absent."""
     partitions: tuple[PartitionSpec, ...] = ()
     """Times in which parts of the team do not hear each other."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "range_m", "bandwidth_bytes_s")
-        check_positive(self, "exponent", "queue_s", below=math.inf)
-        check_within(self, 0, LOSS_DB_MAX, "wall_db")
-        check_within(self, 0, LOSS_MAX, "loss")
-        check_within(self, 0, DELAY_MAX_S, "delay_s")
-        check_not_negative(self, "lost_after_s", finite=True)
-        check_not_negative(self, "return_after_s")
-        if self.coordinator_m is not None and not all(map(math.isfinite, self.coordinator_m)):
-            raise ValueError(f"expected finite coordinates for coordinator_m, got {list(self.coordinator_m)}")
 
     def check_names(self, robots: Iterable[str], where: str, gateways: Iterable[str] = ()) -> None:
         """Check that there are all robots, and gateways beside motes, that the table names.

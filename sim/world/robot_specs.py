@@ -14,6 +14,7 @@ from robrain.agent.host.agent_host import stock_place
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.agent.manifest import read_manifest
 from robrain.protocol.file_mistakes import unknown_name
+from robrain.protocol.model.checked import convert
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.maps.errors import PlacementError
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -142,7 +143,7 @@ class RobotSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """
         raw: dict[str, Any] = msgspec.to_builtins(team)
         try:
-            return msgspec.convert(merged(merged(raw, HARDWARE[self.type]), self.hardware), RobotHardware)
+            return convert(merged(merged(raw, HARDWARE[self.type]), self.hardware), RobotHardware)
         except msgspec.ValidationError as error:
             if unknown := unknown_name(self.hardware, RobotHardware, "hardware"):
                 raise ValueError(unknown) from error

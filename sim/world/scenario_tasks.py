@@ -1,6 +1,5 @@
 """Tasks of a scenario: the arena submits them to the coordinator at their times, by the query that clients use."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,7 +11,8 @@ from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
-from robrain.protocol.model.ranges import check_not_negative
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import NotNegative
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import TASK_EVENT, TASK_SUBMIT, TASK_WHY
 from robrain.protocol.wire.endpoint import Endpoint
@@ -26,7 +26,7 @@ ABOUT_ITSELF = frozenset({"kind", "name", "at_s", "place_m", "parameters", "earl
 """Keys that a submission has not, or has under another name."""
 
 
-class TaskSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class TaskSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[tasks]]`: a task that the scenario submits. Raises ValueError for fields that its kind does not have.
 
     The coordinator may refuse it, as it refuses those of clients; the run's result then says why.
@@ -38,7 +38,7 @@ class TaskSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """x and y in the arena frame."""
     name: str = ""
     """The task's id, and its name in `after`; `KIND-NUMBER`, counted over the file, if absent."""
-    at_s: float = 0.0
+    at_s: NotNegative = 0.0
     """Simulated time at which it is submitted."""
     priority: float = 1.0
     """Reward for doing it."""
@@ -54,13 +54,11 @@ class TaskSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """Names of tasks of this file that must be done before."""
     robots: int = 1
     """Number of robots that must work on it at the same time."""
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, Any] = msgspec.field(default_factory=dict)
     """What its kind needs besides, as for `robrain task add`."""
 
     def __post_init__(self) -> None:
-        check_not_negative(self, "at_s", finite=True)
-        if not all(map(math.isfinite, self.place_m)):
-            raise ValueError(f"expected a finite place_m, got {list(self.place_m)}")
+        super().__post_init__()
         try:
             self.submission(self.name or self.kind)
         except BadTask as error:

@@ -30,7 +30,7 @@ from robrain.protocol.can.frame_port import Frame, FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec
 from robrain.protocol.can.payload import EXTENDED, ID_MASK
 from robrain.protocol.clock import to_ns
-from robrain.protocol.model.ranges import check_finite, check_positive
+from robrain.protocol.model.checked import Checked
 
 SIGNALS_MAX = 8
 RECENT_NS = to_ns(5.0)
@@ -77,7 +77,7 @@ class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     signals: Annotated[dict[SignalName, PackValue], Meta(min_length=1, max_length=SIGNALS_MAX)]
 
 
-class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class BatteryMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of it, with what the frames have in common.
 
     Raises ValueError where a quantity is reported twice, or no voltage.
@@ -100,15 +100,14 @@ class BatteryMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """-1 if the battery reports a current that is positive while charging."""
     current_a: float = 1.0
     """Taken as drawn if no signal reports the current."""
-    soc_sd: float = 0.03
+    soc_sd: Annotated[float, Meta(gt=0, lt=1.0)] = 0.03
     """Standard deviation of the state of charge that the battery reports."""
     counter: str = "counter"
     """Name of the signal that counts a sender's frames, 8 bits; empty if there is none."""
     checksum: Checksum = Checksum.CRC8_J1850_ID
 
     def __post_init__(self) -> None:
-        check_positive(self, "soc_sd", below=1.0)
-        check_finite(self, "current_a")
+        super().__post_init__()
         fields = [quantity.field for one in self.frames for quantity in one.signals.values()]
         if len(fields) != len(set(fields)) or "voltage" not in fields:
             raise ValueError(f"frames: expected a voltage and each quantity once, got {', '.join(fields)}")

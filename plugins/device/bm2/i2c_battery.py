@@ -10,7 +10,7 @@ from smbus2 import SMBus
 from robrain.agent.plugin import external
 from robrain.plugins.device.bm2.interface import ASSUMED_C, BadReading, Reading, plausible
 from robrain.plugins.device.bm2.polled_battery import PolledBattery
-from robrain.protocol.model.ranges import check_finite, check_positive
+from robrain.protocol.model.checked import Checked
 
 CONFIGURATION, SHUNT, BUS = 0x00, 0x01, 0x02
 """Numbers of the registers; each holds 16 bits, the higher byte first."""
@@ -44,24 +44,19 @@ REGISTERS = {
 class InaBattery(PolledBattery):
     """Reads voltage and current from an INA219 or INA226."""
 
-    class Parameters(PolledBattery.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(PolledBattery.Parameters, Checked, frozen=True, forbid_unknown_fields=True):
         """Where it is, and its shunt."""
 
         chip: Chip = Chip.INA219
         bus: Annotated[int, Meta(ge=0, le=255)] = 1
         """Number of the I2C bus: 1 for /dev/i2c-1."""
         address: Annotated[int, Meta(ge=0x40, le=0x4F)] = 0x40
-        shunt_ohm: float = 0.1
+        shunt_ohm: Annotated[float, Meta(gt=0, lt=1000.0)] = 0.1
         """Of the resistor that the current flows through; 0.1 on the usual boards."""
         current_sign: Literal[1, -1] = 1
         """-1 if the shunt is connected the other way round: positive is discharging."""
         temperature_c: float = ASSUMED_C
         """Taken for the battery's, which is not measured."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_positive(self, "shunt_ohm", below=1000.0)
-            check_finite(self, "temperature_c")
 
     parameters: Parameters
 

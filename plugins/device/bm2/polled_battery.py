@@ -6,7 +6,6 @@ it takes.
 """
 
 import errno
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +23,8 @@ from robrain.plugins.device.bm2.interface import (
     plausible,
 )
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import NotNegative
 
 GAP_S = 2.0
 """A longer time between two readings is not counted."""
@@ -48,14 +48,11 @@ class ReadCounters(msgspec.Struct, frozen=True):
 class PolledBattery(Device):
     """Reads a battery again and again; subclasses open and read it."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """What all of them have in common."""
 
-        silent_s: float = 5.0
+        silent_s: Annotated[float, Meta(gt=0, lt=3600.0)] = 5.0
         """Time without a reading after which the battery counts as gone."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "silent_s", below=3600.0)
 
     interface = Bm2Interface
     period_s = 0.2
@@ -155,24 +152,18 @@ CHARGING, DISCHARGING, IDLE = "Charging", "Discharging", ("Full", "Not charging"
 class PowerSupply(PolledBattery):
     """Reads a battery of the kernel's power supply class."""
 
-    class Parameters(PolledBattery.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(PolledBattery.Parameters, Checked, frozen=True, forbid_unknown_fields=True):
         """Which battery, and what is taken for measured where it is not."""
 
         name: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.:-]*$|^$")] = ""
         """Of the folder, such as `BAT0`; empty: the first battery that supplies the computer."""
         folder: Annotated[str, Meta(min_length=1, max_length=4096)] = "/sys/class/power_supply"
-        current_a: float = 1.0
+        current_a: NotNegative = 1.0
         """Taken as drawn, or as charging, if the battery does not report its current."""
-        soc_sd: float = 0.05
+        soc_sd: Annotated[float, Meta(gt=0, lt=1.0)] = 0.05
         """Standard deviation of the state of charge that the kernel reports."""
         believes_soc: bool = True
         """Whether to use it: some drivers only guess it from the voltage, which the estimate does better."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_positive(self, "soc_sd", below=1.0)
-            if not 0 <= self.current_a < math.inf:
-                raise ValueError(f"expected a finite current_a >= 0, got {self.current_a}")
 
     parameters: Parameters
 

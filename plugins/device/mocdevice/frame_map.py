@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from robrain.protocol.can.frames import BadFrame, FrameCodec, crc8_j1850, database
 from robrain.protocol.can.payload import EXTENDED
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.checked import Checked
 
 SIGNALS_MAX = 8
 Sign = Literal[1, -1]
@@ -103,7 +103,7 @@ class StatusFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Values of `state` that say that the power stage has failed."""
 
 
-class FrameMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class FrameMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of it, with what the frames have in common."""
 
     dbc: Annotated[str, Meta(min_length=1, max_length=4096)] = "robertino"
@@ -122,11 +122,8 @@ class FrameMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     counter: str = "counter"
     """Name of the signal that counts a sender's frames, 8 bits; empty if there is none."""
     checksum: Checksum = Checksum.CRC8_J1850_ID
-    encoder_period_s: float = 0.02
+    encoder_period_s: Annotated[float, Meta(gt=0, lt=10.0)] = 0.02
     """Period of the encoder frames."""
-
-    def __post_init__(self) -> None:
-        check_positive(self, "encoder_period_s", below=10.0)
 
 
 DBC_BYTES_MAX = 4_000_000

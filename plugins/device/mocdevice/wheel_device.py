@@ -8,9 +8,10 @@ and the manifest's restart policy opens the bus again until it answers. The odom
 import itertools
 import logging
 from collections.abc import Sequence, Sized
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
+from msgspec import Meta
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
@@ -29,8 +30,8 @@ from robrain.plugins.device.mocdevice.interface import (
     WheelsInterface,
 )
 from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.ranges import check_positive
 
 logger = logging.getLogger(__name__)
 
@@ -232,20 +233,17 @@ class OpenLink(NamedTuple):
 class WheelDevice(Device):
     """Turns velocities into wheel commands and wheel counts into odometry; subclasses open the link."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """What all bases have in common."""
 
-        radius_m: float = 0.20
+        radius_m: Annotated[float, Meta(gt=0, lt=1000.0)] = 0.20
         """Radius of the round footprint."""
         base: WheelBase = OmniBase()
         """`type` is omni3 (three wheels at 120°), omni, mecanum, differential or ackermann."""
-        wheel_speed_max_rad_s: float = 32.0
+        wheel_speed_max_rad_s: Annotated[float, Meta(gt=0, lt=1000.0)] = 32.0
         """Fastest command of a wheel."""
-        silent_s: float = 0.4
+        silent_s: Annotated[float, Meta(gt=0, lt=1000.0)] = 0.4
         """Time without counts after which the controller counts as gone; those of the Robertino come every 20 ms."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "radius_m", "silent_s", "wheel_speed_max_rad_s", below=1000.0)
 
     interface = WheelsInterface
     period_s = 0.06  # and whenever somebody asks for the odometry

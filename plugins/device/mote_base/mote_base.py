@@ -3,10 +3,11 @@
 import socket
 from collections import deque
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 import msgspec
 import serial
+from msgspec import Meta
 
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
@@ -15,7 +16,8 @@ from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInte
 from robrain.protocol.backoff import Backoff
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Count, NotNegative, Positive, PositiveInt
 from robrain.protocol.serial.serial_line import write_at_once
 from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
@@ -392,33 +394,29 @@ class MoteBase(Device):
     line that is not there at the start: as with any fault, the host starts the plugin again, less and less often.
     """
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """The line, and how much may come over it. Raises ValueError where a value is without sense."""
 
         interface: Literal["zenoh", "sf", "serial"] = "zenoh"
         host: str = "127.0.0.1"
-        port: int = DEFAULT_PORT
+        port: PositiveInt = DEFAULT_PORT
         device: str = "/dev/ttyUSB0"
-        baud: int = 57_600
-        address: int = 0
+        baud: PositiveInt = 57_600
+        address: Annotated[int, Meta(ge=0, lt=65535)] = 0
         """Address of the base station on the air, the source of the robot's packets."""
-        inbox_packets: int = 256
-        flood_packets_s: int = 200
-        flood_fault_s: float = 5.0
-        ack_timeout_s: float = 0.3
-        resends: int = 3
-        connect_timeout_s: float = 2.0
-        reconnect_first_s: float = 0.5
+        inbox_packets: PositiveInt = 256
+        flood_packets_s: PositiveInt = 200
+        flood_fault_s: NotNegative = 5.0
+        ack_timeout_s: Positive = 0.3
+        resends: Count = 3
+        connect_timeout_s: Positive = 2.0
+        reconnect_first_s: Positive = 0.5
         reconnect_longest_s: float = 10.0
 
         def __post_init__(self) -> None:
-            names = ("inbox_packets", "flood_packets_s", "ack_timeout_s", "connect_timeout_s", "reconnect_first_s")
-            check_positive(self, *names, "baud", "port")
-            check_not_negative(self, "flood_fault_s", "resends")
+            super().__post_init__()
             if not self.reconnect_longest_s >= self.reconnect_first_s:
                 raise ValueError(f"expected reconnect_longest_s >= reconnect_first_s, got {self.reconnect_longest_s}")
-            if not 0 <= self.address < 0xFFFF:
-                raise ValueError(f"expected address from 0 to 65534, got {self.address}")
 
     interface = MoteBaseInterface
     period_s = POLL_S

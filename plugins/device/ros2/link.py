@@ -13,18 +13,19 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 import rclpy
 import rclpy.context
 import rclpy.executors
+from msgspec import Meta
 from rclpy.duration import Duration
 
 from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.model.ranges import check_within
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.wire.endpoint import Drive
 
 DOMAIN_MAX = 232
@@ -34,18 +35,18 @@ _NAMESPACE = re.compile(r"(/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?"
 _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
-class Ros2Parameters(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Ros2Parameters(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the robot's topics are."""
 
     namespace: str = ""
     """Namespace of the robot's topics, such as `/r7`; topics that begin with `/` are not in it."""
-    domain_id: int | None = None
+    domain_id: Annotated[int, Meta(ge=0, le=DOMAIN_MAX)] | None = None
     """ROS domain; absent: `$ROS_DOMAIN_ID`, else 0."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not _NAMESPACE.fullmatch(self.namespace):
             raise ValueError(f"expected namespace as in /r7, got {self.namespace!r}")
-        check_within(self, 0, DOMAIN_MAX, "domain_id")
 
     def topic(self, name: str) -> str:
         """The full name of a topic.

@@ -33,7 +33,7 @@ from robrain.plugins.device.ros2.odometry_message import ToldOdometry, read_odom
 from robrain.plugins.device.ros2.topic_device import CheckedTopic
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 
 logger = logging.getLogger(__name__)
 
@@ -201,19 +201,18 @@ class Ros2Base(Device):
         """Whether the base can drive sideways."""
         turn_radius_min_m: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0
         """Radius of the tightest turn, of a car; 0 for a base that turns on the spot."""
-        radius_m: float = 0.20
+        radius_m: Positive = 0.20
         """Radius of the round footprint."""
-        speed_m_s: float = 1.0
+        speed_m_s: Positive = 1.0
         """Greatest speed; faster commands are slowed down, faster odometry has jumped."""
-        turn_rate_rad_s: float = 3.0
+        turn_rate_rad_s: Positive = 3.0
         """Greatest turn rate; likewise."""
-        silent_s: float = 0.5
+        silent_s: Positive = 0.5
         """Time without odometry after which the robot counts as gone."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
             check_topics(self, "cmd_vel", "odom")
-            check_positive(self, "radius_m", "speed_m_s", "turn_rate_rad_s", "silent_s")
             if self.holonomic and self.turn_radius_min_m:
                 raise ValueError("expected turn_radius_min_m = 0 for a holonomic base")
 

@@ -12,7 +12,7 @@ from robrain.plugins.device.ros2.link import Ros2Parameters, check_topics, open_
 from robrain.plugins.device.ros2.odometry_message import Header
 from robrain.plugins.device.ros2.topic_device import CheckedTopic, TopicDevice
 from robrain.protocol.clock import NS_PER_S
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 
 CHARGING, DISCHARGING = 1, 2
 """POWER_SUPPLY_STATUS of sensor_msgs/BatteryState; they decide the sign of the current."""
@@ -73,15 +73,12 @@ class Ros2Battery(TopicDevice):
         """Current of a robot that does not measure it, positive while discharging."""
         temperature_c: float = 25.0
         """Temperature of a battery that does not measure it."""
-        gap_s: float = 5.0
+        gap_s: Positive = 5.0
         """A longer time between two measurements is not counted."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
             check_topics(self, "battery")
-            check_positive(self, "gap_s")
-            if not math.isfinite(self.current_a or 0.0) or not math.isfinite(self.temperature_c):
-                raise ValueError("expected current_a and temperature_c to be finite")
 
     interface = Bm2Interface
     period_s = 0.2

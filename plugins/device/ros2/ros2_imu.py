@@ -24,7 +24,7 @@ from robrain.plugins.device.ros2.link import Ros2Parameters, check_topics, open_
 from robrain.plugins.device.ros2.odometry_message import Header
 from robrain.plugins.device.ros2.topic_device import CheckedTopic, TopicDevice
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.model.ranges import check_finite, check_positive
+from robrain.protocol.model.ranges import Positive
 
 logger = logging.getLogger(__name__)
 
@@ -98,14 +98,12 @@ class Ros2Imu(TopicDevice):
         upside_down: bool = False
         mounted_yaw_rad: float = 0.0
         """Direction of the unit's x axis, robot's frame; for the accelerations alone."""
-        silent_s: float = 1.0
+        silent_s: Positive = 1.0
         """Time without a measurement, after the first, after which the unit counts as gone."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
             check_topics(self, "imu")
-            check_positive(self, "silent_s")
-            check_finite(self, "mounted_yaw_rad")
 
     interface = ImuInterface
     period_s = 0.02

@@ -1,9 +1,10 @@
 """The lidar of a ROS 2 robot, with the interface of the stock one."""
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan as LaserScanMessage
@@ -14,7 +15,7 @@ from robrain.plugins.device.ros2.topic_device import CheckedTopic, TopicDevice
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, LidarFault, Mount
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import NotNegative, Positive
 
 MM_PER_M = 1000.0
 
@@ -170,21 +171,16 @@ class Ros2Scan(TopicDevice, LidarDevice):
         scan: str = "scan"
         """Topic of the turns, sensor_msgs/LaserScan."""
         mount: Mount = Mount()
-        beams: int = 360
+        beams: Annotated[int, Meta(ge=0, le=10000)] = 360
         """Directions around the robot that turns are resampled to; 0 gives the lidar's own beams."""
-        range_max_m: float = 0.0
+        range_max_m: NotNegative = 0.0
         """Greatest range that is used; 0: that which the lidar reports, or 10 m if that is infinite."""
-        silent_s: float = 1.0
+        silent_s: Positive = 1.0
         """Time without a turn after which the lidar faults."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
             check_topics(self, "scan")
-            check_positive(self, "silent_s")
-            if not 0.0 <= self.range_max_m < math.inf:
-                raise ValueError(f"expected range_max_m >= 0, got {self.range_max_m}")
-            if not 0 <= self.beams <= 10_000:
-                raise ValueError(f"expected beams from 0 to 10000, got {self.beams}")
             if not self.beams and (self.mount.x_m or self.mount.y_m):
                 raise ValueError("expected beams > 0 for a lidar that is not at the robot's centre, got 0")
 

@@ -1,14 +1,13 @@
 """Lidar whose scans come over the wire, as those of the simulator do."""
 
-import msgspec
-
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, Mount, ScanMaker
 from robrain.protocol.lidar.points import Point
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.table.topics import ARENA_SCAN
 
 MM_PER_M = 1000.0
@@ -19,16 +18,13 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 class ScanDevice(LidarDevice):
     """Passes on each turn of the lidar."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """When the lidar counts as gone, and how it is mounted."""
 
-        silent_s: float = 3.0
+        silent_s: Positive = 3.0
         """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
         mount: Mount = Mount()
         """Where and how it sits on the robot, if its turns come in its own frame."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "silent_s")
 
     parameters: Parameters
     period_s = 0.2  # and as soon as a turn arrives

@@ -1,6 +1,8 @@
 """A lidar on a serial line: LD06, LD19 and RPLIDAR differ by their decoder."""
 
-import msgspec
+from typing import Annotated
+
+from msgspec import Meta
 
 from robrain.agent.plugin import external
 from robrain.algorithms.localization.odometry import PoseTrack
@@ -9,8 +11,8 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.lidar.ld19 import Ld19Decoder
 from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
 from robrain.protocol.lidar.rplidar import RplidarDecoder
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.ranges import check_positive
 from robrain.protocol.serial.serial_line import SerialLine
 
 POLL_S = 0.02
@@ -33,25 +35,20 @@ class SerialLidar(LidarDevice):
     turns a second they would be up to 0.12 m off, and while it turns at 1.5 rad/s, 17°.
     """
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """The line, and how the lidar is mounted."""
 
         port: str = "/dev/lidar"
         """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:lidar` is the simulator's."""
-        baud: int = 230_400
-        silent_s: float = 1.0
+        baud: Annotated[int, Meta(gt=0, lt=10000000)] = 230_400
+        silent_s: Annotated[float, Meta(gt=0, lt=10000000)] = 1.0
         """Time without a turn after which the lidar faults."""
-        range_max_m: float = 8.0
+        range_max_m: Annotated[float, Meta(gt=0, lt=10000000)] = 8.0
         """Points beyond it count as nothing."""
-        beams: int = 240
+        beams: Annotated[int, Meta(gt=0, le=4000)] = 240
         """Of a scan, all around."""
         mount: Mount = Mount()
         """Where and how it sits on the robot."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "silent_s", "range_max_m", "beams", "baud", below=10_000_000)
-            if self.beams > 4_000:
-                raise ValueError(f"expected beams <= 4000, got {self.beams}")
 
     period_s = POLL_S
     parameters: Parameters

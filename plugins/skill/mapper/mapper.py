@@ -26,10 +26,11 @@ from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.map_messages import Closures
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.model.ranges import check_positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.table.topics import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 
 logger = logging.getLogger(__name__)
@@ -94,19 +95,16 @@ NOBODY = np.empty((0, 3))
 class Mapper(Skill):
     """Maps the lidar's scans, publishes changes, and merges those of other robots."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """The team's grid; each robot of a team must have the same."""
 
-        resolution_m: float = 0.1
+        resolution_m: Positive = 0.1
         origin_x_m: float = -20.0
         origin_y_m: float = -20.0
-        width_m: float = 40.0
-        height_m: float = 40.0
-        sigma_max_m: float = 2.0
+        width_m: Positive = 40.0
+        height_m: Positive = 40.0
+        sigma_max_m: Positive = 2.0
         """Standard deviation of the place on the robot's own map, metres, above which scans are not mapped."""
-
-        def __post_init__(self) -> None:
-            check_positive(self, "resolution_m", "width_m", "height_m", "sigma_max_m")
 
         submap: SubmapSpec = SubmapSpec()
         graph: GraphSpec = GraphSpec()

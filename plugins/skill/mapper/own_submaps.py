@@ -3,7 +3,6 @@
 import math
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,9 +13,11 @@ from robrain.algorithms.numeric.elementary_functions import arctan2
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.submap import PARTS, SURFACE, SURFACES_MAX, VIEW_PARTS
 from robrain.algorithms.slam.submap_graph import SubmapGraph
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA
+from robrain.protocol.model.ranges import PositiveInt
 
 GRID_REACH_M = 20.0
 """Distance from the frame's origin, metres, at which its yaw must not shift cells."""
@@ -27,19 +28,15 @@ TURN_M_PER_RAD = 0.3
 """Metres of path that a turn by one radian counts as: it shows new surroundings too."""
 
 
-class SubmapSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SubmapSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """When a submap ends, and how far the robot's own map extends."""
 
     way_m: float = 5.0
     """Length of the path on which one submap is made, metres; turns count too. Drift on it is less than a cell."""
     margin_m: float = 3.0
     """Metres by which the robot's own map extends beyond the team's grid, because it may be shifted."""
-    misses_min: int = 4
+    misses_min: PositiveInt = 4
     """So many neighbouring beams without a return mean that the way is free; 1 for a lidar that misses no wall."""
-
-    def __post_init__(self) -> None:
-        if self.misses_min < 1:
-            raise ValueError(f"expected misses_min of at least 1, got {self.misses_min}")
 
 
 class OwnPatch(NamedTuple):

@@ -12,7 +12,6 @@ import math
 from operator import attrgetter
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta
 
 from robrain.agent.action import Action, ActionDesk
@@ -31,8 +30,9 @@ from robrain.protocol.answers.hand_control import HandLease
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
-from robrain.protocol.model.ranges import Count, Metres, Name, Radians, Speed, check_positive
+from robrain.protocol.model.ranges import Count, Metres, Name, Positive, Radians, Speed
 
 PERIOD_S = 0.06
 HAND_PERIOD_S = PERIOD_S / 3
@@ -58,33 +58,30 @@ TOO_NARROW = "the path has been too narrow"
 class Driver(OnBase):
     """Follows paths; slows down before corners, obstacles and the end."""
 
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Limits of the motion. Values are chosen for a robot in the style of the Robertino."""
 
-        speed_m_s: float = 0.6
+        speed_m_s: Positive = 0.6
         """Greatest speed."""
-        turn_rate_rad_s: float = 1.5
+        turn_rate_rad_s: Positive = 1.5
         """Greatest turn rate."""
-        acceleration_m_s2: float = 0.8
-        jerk_m_s3: float = 4.0
-        turn_acceleration_rad_s2: float = 3.0
-        turn_jerk_rad_s3: float = 20.0
-        braking_m_s2: float = 1.2
+        acceleration_m_s2: Positive = 0.8
+        jerk_m_s3: Positive = 4.0
+        turn_acceleration_rad_s2: Positive = 3.0
+        turn_jerk_rad_s3: Positive = 20.0
+        braking_m_s2: Positive = 1.2
         """Braking for obstacles too near for a smooth stop; the wheels' grip allows a little more."""
-        stop_distance_m: float = 0.12
+        stop_distance_m: Positive = 0.12
         """The robot's edge stays this far from what it sees ahead."""
-        patience_s: float = 10.0
+        patience_s: Positive = 10.0
         """Time behind an obstacle after which an action fails."""
-        hand_lease_s: float = 0.1
+        hand_lease_s: Positive = 0.1
         """Driven by hand, the wheels are stopped this long after the last command; at most 2 s."""
-        hand_speed_m_s: float = 0.25  # with `hand_lease_s`, the robot stands 0.3 s after the last command
-        hand_turn_rate_rad_s: float = 1.0
+        hand_speed_m_s: Positive = 0.25  # with `hand_lease_s`, the robot stands 0.3 s after the last command
+        hand_turn_rate_rad_s: Positive = 1.0
         odometry: OdometryNoise = OdometryNoise(
             sigma_m_per_sqrt_m=0.01, sigma_rad_per_sqrt_m=0.005, sigma_rad_per_sqrt_rad=0.01
         )
-
-        def __post_init__(self) -> None:
-            check_positive(self, *(name for name in self.__struct_fields__ if name != "odometry"))
 
     interface = DriverInterface
     period_s = PERIOD_S

@@ -27,7 +27,7 @@ from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
-from robrain.protocol.model.ranges import Metres, Radians, check_positive
+from robrain.protocol.model.ranges import Metres, Positive, Radians
 
 ENDS_MAX = 64
 CANCEL_S = 0.5
@@ -191,12 +191,12 @@ class Ros2Navigator(OnBase):
         """Name of the action nav2_msgs/NavigateToPose."""
         frame: str = "odom"
         """Frame of the odometry that `ros2_base` hears."""
-        goal_step_m: float = 0.15
+        goal_step_m: Positive = 0.15
         """A goal nearer than this to the one before, and within `goal_step_rad`, is not sent."""
-        goal_step_rad: float = 0.5
-        retry_s: float = 1.0
+        goal_step_rad: Positive = 0.5
+        retry_s: Positive = 1.0
         """Time after which a goal that has failed is sent again."""
-        patience_s: float = 10.0
+        patience_s: Positive = 10.0
         """Time of failed attempts after which an action fails."""
         odometry: OdometryNoise = OdometryNoise(
             sigma_m_per_sqrt_m=0.01, sigma_rad_per_sqrt_m=0.005, sigma_rad_per_sqrt_rad=0.01
@@ -205,7 +205,6 @@ class Ros2Navigator(OnBase):
         def __post_init__(self) -> None:
             super().__post_init__()
             check_topics(self, "action")
-            check_positive(self, "goal_step_m", "goal_step_rad", "retry_s", "patience_s")
 
     interface = DriverInterface
     period_s = 0.1  # and when a goal has ended

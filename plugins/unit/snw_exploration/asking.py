@@ -7,10 +7,10 @@ request is said several times, and when a mote was not heard at its time it is a
 
 from collections.abc import Callable
 
-import msgspec
-
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
 from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive, PositiveInt
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
     DECI,
@@ -171,19 +171,19 @@ SEEK_MOTES = 3
 """So many are asked unheard: others need the air as well."""
 
 
-class AskingParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class AskingParameters(Checked, frozen=True, forbid_unknown_fields=True):
     """How eagerly motes are asked; a base for the plugin's own."""
 
     request_span: int = 16
-    request_patience_s: float = 1.5
-    repeat_after_s: float = 0.12
-    listens_s: float = 0.2
+    request_patience_s: Positive = 1.5
+    repeat_after_s: Positive = 0.12
+    listens_s: Positive = 0.2
     """Time for which a mote listens after a packet."""
-    answer_gap_s: float = 0.04
+    answer_gap_s: Positive = 0.04
     """Time between two packets of an answer."""
     weak_dbm: float = -82.0
     """Signal strength below which a link counts as weak."""
-    weak_copies: int = 3
+    weak_copies: PositiveInt = 3
     """Copies of a request on a weak link."""
 
 

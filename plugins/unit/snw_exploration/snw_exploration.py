@@ -1,9 +1,10 @@
 """SNwExploration: the robot is the relay between the mote network and the global one."""
 
 from collections.abc import Iterable
+from typing import Annotated
 
 import msgspec
-from msgspec import UNSET
+from msgspec import UNSET, Meta
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
@@ -18,7 +19,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLinks
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import check_not_negative, check_positive
+from robrain.protocol.model.ranges import Count, Positive, PositiveInt
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
@@ -189,27 +190,21 @@ class SNwExploration(Unit):
         """How eagerly motes are asked. Raises ValueError where a value is without sense."""
 
         collect: bool = True
-        max_motes: int = 4096
-        window: int = 4096
-        acknowledge_every: int = 8
-        duty_tries: int = 20
-        beacon_s: float = 1.0
+        max_motes: PositiveInt = 4096
+        window: Annotated[int, Meta(ge=1, le=1 << 15)] = 4096
+        acknowledge_every: PositiveInt = 8
+        duty_tries: PositiveInt = 20
+        beacon_s: Positive = 1.0
         """Time between two beacons; with every second one the robot publishes which motes and robots it hears."""
-        link_fresh_s: float = 5.0
+        link_fresh_s: Positive = 5.0
         """Time of silence, or three periods of a mote, after which a link is no longer published."""
-        store_readings: int = 0
+        store_readings: Count = 0
         """Readings that it stores while there is no coordinator, and forwards later; 0: it tells them at once."""
 
         def __post_init__(self) -> None:
-            check_positive(
-                self,
-                *(name for name in self.__struct_fields__ if name not in ("collect", "weak_dbm", "store_readings")),
-            )
-            check_not_negative(self, "store_readings")
+            super().__post_init__()
             if self.request_span > REQUEST_SPAN:
                 raise ValueError(f"expected request_span of at most {REQUEST_SPAN}, got {self.request_span}")
-            if self.window > 1 << 15:
-                raise ValueError(f"expected window of at most {1 << 15}, half of the numbers, got {self.window}")
 
     interface = SnwInterface
     period_s = 0.05

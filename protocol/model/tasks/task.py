@@ -11,8 +11,9 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Duration, Name, Priority, Stamp
+from robrain.protocol.model.ranges import NAME_MAX, STAMP_MAX, Duration, Name, Priority, Stamp
 
 Needs = Annotated[tuple[Name, ...], Meta(max_length=64)]
 After = Annotated[tuple[Name, ...], Meta(max_length=1000)]
@@ -53,17 +54,17 @@ ENDED = frozenset((TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED))
 """The states that nothing follows."""
 
 
-class Task(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class Task(Checked, frozen=True, kw_only=True, omit_defaults=True):
     """Something to do at one place. Raises ValueError if built with values that make no sense."""
 
-    id: Name
-    kind: Name
+    id: Annotated[str, Meta(min_length=1, max_length=NAME_MAX)]
+    kind: Annotated[str, Meta(min_length=1, max_length=NAME_MAX)]
     """Kind of task, as its behavior declares it, such as `visit`."""
     place: Point2D
     """Arena frame."""
     priority: Priority = 1.0
     """Reward for doing it: a task of priority 2 is worth two of priority 1."""
-    earliest_ns: Stamp = 0
+    earliest_ns: Annotated[int, Meta(ge=0, le=STAMP_MAX)] = 0
     """It must not begin before this stamp of the run's clock."""
     deadline_ns: Stamp | None = None
     """It must be done by this stamp; None for no deadline."""
@@ -75,18 +76,13 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Ids of the tasks that must be done before."""
     robots: Team = 1
     """Number of robots that must work on it at the same time."""
-    parameters: Parameters = {}
+    parameters: Parameters = msgspec.field(default_factory=dict)
     """What its kind needs besides, as JSON."""
 
     def __post_init__(self) -> None:
-        for name in ("id", "kind"):
-            if not getattr(self, name):
-                raise ValueError(f"expected a task to have {name}, got an empty one")
-        check_numbers(self, above=("priority",), not_below=("earliest_ns", "service_s"))
+        super().__post_init__()
         if self.deadline_ns is not None and self.deadline_ns <= self.earliest_ns:
             raise ValueError(f"expected deadline_ns after earliest_ns {self.earliest_ns}, got {self.deadline_ns}")
-        if self.robots < 1:
-            raise ValueError(f"expected robots >= 1, got {self.robots}")
         if not (math.isfinite(self.place.x_m) and math.isfinite(self.place.y_m)):
             raise ValueError(f"expected a finite place, got {self.place}")
 
@@ -146,15 +142,3 @@ def parameters_of(task: Task, type_: type[P]) -> P:
             why = f"a task to {task.kind} has no such parameter, but {names}"
             raise BadParameters(task.kind, unknown.strip("`"), why) from error
         raise BadParameters(task.kind, field, why) from error
-
-
-def check_numbers(task: msgspec.Struct, *, above: tuple[str, ...] = (), not_below: tuple[str, ...] = ()) -> None:
-    """Raise ValueError, naming the field, unless these are finite and above 0, or not below 0."""
-    for name in (*above, *not_below):
-        value = getattr(task, name)
-        if not math.isfinite(value):
-            raise ValueError(f"expected a finite {name}, got {value}")
-        if name in above and not value > 0:
-            raise ValueError(f"expected {name} > 0, got {value}")
-        if name in not_below and not value >= 0:
-            raise ValueError(f"expected {name} >= 0, got {value}")

@@ -100,5 +100,5 @@ def test_a_curve_of_one_cell_is_that_of_all_cells() -> None:
 
 @pytest.mark.parametrize("cells", [0, -1, 201])
 def test_a_pack_has_one_to_two_hundred_cells(cells: int) -> None:
-    with pytest.raises(ValueError, match="expected 1 to 200 cells"):
+    with pytest.raises(ValueError, match="expected cells"):
         PackModel(cells=cells)

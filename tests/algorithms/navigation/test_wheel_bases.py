@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
+from robrain.protocol.model.checked import convert
 from robrain.protocol.model.geometry import Twist2D
 
 SIZES = st.floats(0.02, 0.5)
@@ -85,7 +86,7 @@ def test_a_car_is_told_a_speed_and_a_steering_angle() -> None:
 @pytest.mark.parametrize(
     ("raw", "why"),
     [
-        ({"type": "differential", **PLAIN, "track_m": 0.0}, "expected track_m > 0, got 0.0"),
+        ({"type": "differential", **PLAIN, "track_m": 0.0}, "expected track_m > 0, got 0"),
         ({"type": "mecanum", **PLAIN, "track_m": 1.0, "wheelbase_m": -1.0}, "expected wheelbase_m > 0"),
         ({"type": "omni", **PLAIN, "wheel_distance_m": 1.0, "wheel_angles_deg": [0.0, 90.0]}, "length >= 3"),
         ({"type": "omni", **PLAIN, "wheel_distance_m": 1.0, "wheel_angles_deg": [0.0, 0.0, 0.0]}, "all directions"),
@@ -96,7 +97,7 @@ def test_a_car_is_told_a_speed_and_a_steering_angle() -> None:
 )
 def test_what_makes_no_base_is_refused_in_words(raw: dict[str, Any], why: str) -> None:
     with pytest.raises(msgspec.ValidationError, match=why):
-        msgspec.convert(raw, WheelBase)
+        convert(raw, WheelBase)
 
 
 @given(st.one_of(OMNIS, MECANUMS), SPEEDS, SPEEDS, SPEEDS)

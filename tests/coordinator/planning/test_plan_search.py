@@ -18,12 +18,20 @@ from robrain.protocol.table.topics import TASK_SUBMIT, TASK_WHY
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.plain_reason import Plain
 
+PLACE = Point2D(2.0, 3.0)
 HUGE = {"priority": 1e308, "service_s": 1e308}
 
 
+def task_with(name, place=PLACE, after=(), **out_of_range):
+    """A task, with numbers that no border lets pass."""
+    task = Task(id=name, kind="visit", place=place, after=after)
+    for field, value in out_of_range.items():
+        msgspec.structs.force_setattr(task, field, value)
+    return task
+
+
 def queued(name, **fields):
-    place = fields.pop("place", Point2D(2.0, 3.0))
-    return TaskRecord(task=Task(id=name, kind="visit", place=place, **fields), state=TaskState.QUEUED)
+    return TaskRecord(task=task_with(name, **fields), state=TaskState.QUEUED)
 
 
 def with_tasks(*records, tasks=3):
@@ -137,7 +145,7 @@ def test_a_task_with_absurd_numbers_is_refused_with_a_message_on_submission(team
     with pytest.raises(CallError, match=rf"at `\$.task.{field}`"):
         team.ask(
             TASK_SUBMIT,
-            TaskSubmission(task=Task(id="bad", kind="visit", place=Point2D(6.0, 4.0), **{field: HUGE[field]})),
+            TaskSubmission(task=task_with("bad", Point2D(6.0, 4.0), **{field: HUGE[field]})),
         )
     assert team.states() == {}
 

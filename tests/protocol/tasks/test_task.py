@@ -142,8 +142,8 @@ def test_a_task_of_a_kind_that_nobody_knows_decodes():
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
-        ({"id": ""}, "to have id"),
-        ({"kind": ""}, "to have kind"),
+        ({"id": ""}, "id of length at least 1"),
+        ({"kind": ""}, "kind of length at least 1"),
         ({"place": Point2D(float("nan"), 0.0)}, "a finite place"),
         ({"priority": 0.0}, "priority > 0, got 0.0"),
         ({"service_s": -1.0}, "service_s >= 0, got -1.0"),

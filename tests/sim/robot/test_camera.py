@@ -170,10 +170,10 @@ def test_a_camera_within_a_wall_still_gives_a_picture():
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"width": 0}, "width from 16 to 1024 pixels, got 0"),
-        ({"height": 5000}, "height from 16 to 1024 pixels"),
-        ({"view_rad": 3.2}, "view_rad from 0.1 to 2.8"),
-        ({"height_m": 3.0}, "height_m above 0 and below 2.5"),
+        ({"width": 0}, "expected width"),
+        ({"height": 5000}, "expected height"),
+        ({"view_rad": 3.2}, "expected view_rad"),
+        ({"height_m": 3.0}, "expected height_m < 2.5"),
         ({"range_m": 0.0}, "range_m > 0"),
         ({"noise_levels": -1.0}, "noise_levels >= 0"),
     ],

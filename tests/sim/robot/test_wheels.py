@@ -139,10 +139,10 @@ def test_a_scenario_s_wheels_are_drawn_for_each_robot_from_its_seed():
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"radius_sigma": -0.01}, "expected radius_sigma from 0 to 0.2"),
-        ({"base_sigma": 0.5}, "expected base_sigma from 0 to 0.2"),
+        ({"radius_sigma": -0.01}, "expected radius_sigma"),
+        ({"base_sigma": 0.5}, "expected base_sigma"),
         ({"slip_sigma_m_per_sqrt_m": float("nan")}, "expected slip_sigma_m_per_sqrt_m"),
-        ({"slip": 1.0}, "expected slip from -0.5 to 0.5"),
+        ({"slip": 1.0}, "expected slip"),
     ],
 )
 def test_wheels_without_sense_are_refused(values, sentence):
