@@ -15,7 +15,7 @@ from robrain.protocol.errors import BadName, BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.keys import check_name
 from robrain.protocol.model.checked import Checked, convert
-from robrain.protocol.model.ranges import Count, Positive
+from robrain.protocol.model.ranges import NotNegativeInt, Positive
 from robrain.protocol.toml_text import parse_toml, read_toml_text
 
 ANYBODY = "*"
@@ -48,7 +48,7 @@ class TagTable(Checked, frozen=True, forbid_unknown_fields=True):
     """False: one user at a time."""
     restart: Literal["no", "on-failure"] = "no"
     """What happens after a fault."""
-    restart_limit: Count = 5
+    restart_limit: NotNegativeInt = 5
     """Number of consecutive restarts after which the plugin stays faulted."""
     backoff_s: Positive = 0.5
     """Time before the first restart; it doubles with each one."""

@@ -5,7 +5,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import Count, NotNegative, Positive
+from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive
 
 
 class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -20,13 +20,13 @@ class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
     """Age of a mote's newest reading at which a robot is to collect; 0: never."""
     collect_timeout_s: Positive = 20.0
     """Longest wait at a mote; at least three of its periods."""
-    stand_ins: Count = 0
+    stand_ins: NotNegativeInt = 0
     """Number of robots that may stand in for motes at the same time."""
     stand_in_s: Positive = 120.0
     """Duration of such a task."""
     replace_before_s: NotNegative = 60.0
     """Time before a mote's predicted end at which a robot may stand in for it."""
-    relays: Count = 0
+    relays: NotNegativeInt = 0
     """Number of robots that may be relays for cut-off motes at the same time."""
     relay_s: Positive = 120.0
     """Duration of such a task."""

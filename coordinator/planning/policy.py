@@ -13,7 +13,7 @@ from robrain.algorithms.exploration.strategies import NEAREST as NEAREST_STRATEG
 from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import Count, NotNegative, Positive, PositiveInt, Text
+from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, Text
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import IN_FILE, UnknownEntry, absolute_name
 
@@ -50,7 +50,7 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     keeps its goal, as one alone always does."""
     passes: tuple[Text, ...] = STOCK_PASSES
     """Names of the refinement passes, in order: stock, entry points `robrain.plan_passes`, or `FILE.py:NAME`."""
-    seed: Count = 0
+    seed: NotNegativeInt = 0
     """Seed of the searches."""
     prize_j: Positive = 1e6
     """Value of a task of priority 1 in joules; priority p is worth p times that. It is more than a robot's battery
@@ -73,9 +73,9 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Time after which a plan is made again without a change, because robots deviate from their plans."""
     deadline_s: Positive = 1.0
     """Time limit of a search in live; the auction's plan is used until then."""
-    rounds: Count = 1
+    rounds: NotNegativeInt = 1
     """Searches per plan in lockstep."""
-    iterations: Count = 50
+    iterations: NotNegativeInt = 50
     """Iterations per search; reduced for many tasks, to keep a search short."""
     tasks_max: PositiveInt = 1000
     """Limit of tasks in one plan, the most urgent first."""

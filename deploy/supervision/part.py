@@ -15,7 +15,7 @@ from msgspec import Meta
 from robrain.deploy.processes.children import STOP_TIMEOUT_S
 from robrain.protocol.backoff import backoff_s
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import Count, Positive
+from robrain.protocol.model.ranges import NotNegativeInt, Positive
 
 LONGEST_LOOK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
@@ -34,7 +34,7 @@ class RestartPolicy(Checked, frozen=True, kw_only=True):
     factor: Annotated[float, Meta(ge=1)] = 2.0
     """Of the delay, for each further failure within `within_s`."""
     longest_delay_s: Positive = 10.0
-    limit: Count = 5
+    limit: NotNegativeInt = 5
     """Failures within `within_s` after which a process is started again; with one more it is given up."""
     within_s: Positive = 60.0
     hang_s: Positive = 5.0

@@ -51,7 +51,7 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
     """Of the team: every key on the wire begins with it."""
     scenario: str = ""
     """What is simulated: a built-in name, or a file relative to this one; empty for real robots."""
-    port: Annotated[int, Meta(gt=0, lt=65536)] = PORT
+    port: Annotated[int, Meta(ge=1, le=65_535)] = PORT
     """Of the hub, at the address of its host."""
     journal: str = ""
     """The coordinator's file, relative to this one; default: NAME.journal beside it."""
@@ -61,7 +61,7 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
     """The coordinator's rules file, relative to this one; a scenario has its own."""
     record: str = ""
     """The recorder's file, relative to this one; default: runs/NAME-N.mcap with the first free number."""
-    dashboard_port: Annotated[int, Meta(ge=0, lt=65536)] | None = None
+    dashboard_port: Annotated[int, Meta(ge=0, le=65_535)] | None = None
     """Of the page, on loopback of its host; 8080 if absent, or a free one if that is taken."""
     pki: str = ""
     """Folder of the certificates of a secured team, relative to this file; empty for a plain one. With the CA's key in

@@ -190,7 +190,7 @@ class SerialBase(WheelDevice):
 
         base: WheelBase = Differential(wheel_radius_m=0.033, track_m=0.16, encoder_ticks_per_turn=1440)
         port: str = "/dev/base"
-        baud: Annotated[int, Meta(gt=0, lt=10000000)] = 57_600
+        baud: Annotated[int, Meta(ge=1, le=9_999_999)] = 57_600
         period_s: Annotated[float, Meta(gt=0, lt=1.0)] = 0.05
         """Period of the counts: how often they are asked for, or come."""
         start_s: Annotated[float, Meta(gt=0, lt=60.0)] = 3.0

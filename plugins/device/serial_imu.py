@@ -204,7 +204,7 @@ class SerialImu(Device):
 
         port: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/imu"
         """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:imu` is the simulator's."""
-        baud: Annotated[int, Meta(gt=0, lt=10000000.0)] = 9600
+        baud: Annotated[int, Meta(ge=1, le=9_999_999)] = 9600
         protocol: ImuProtocol = ImuProtocol.WITMOTION
         lines: LineFormat = LineFormat()
         """For the protocol `lines`."""

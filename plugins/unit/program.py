@@ -35,7 +35,7 @@ from robrain.protocol.backoff import backoff_s
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import Count, Positive, PositiveInt
+from robrain.protocol.model.ranges import NotNegativeInt, Positive, PositiveInt
 from robrain.protocol.wire.endpoint import Drive
 
 WAITING_LINES = 256
@@ -342,7 +342,7 @@ class Program(Unit):
         """A program that takes longer to answer is killed: its next line would be taken for the wrong answer."""
         restart: Literal["no", "on-failure"] = "no"
         """After an exit status other than 0, a signal or a late answer; else the plugin is faulted."""
-        restart_limit: Count = 5
+        restart_limit: NotNegativeInt = 5
         """After so many restarts in a row the plugin is faulted."""
         folder: str = ""
         """Where it runs; relative to where the robot's agent runs, which is the default."""

@@ -13,7 +13,7 @@ from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.checked import Checked, convert
-from robrain.protocol.model.ranges import Count, Positive
+from robrain.protocol.model.ranges import NotNegativeInt, Positive
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
@@ -46,7 +46,7 @@ class ScenarioTable(Checked, frozen=True, forbid_unknown_fields=True):
     """Name in results and recordings."""
     about: str = ""
     """What it shows, in one sentence; `robrain scenarios` prints it."""
-    seed: Count = 1
+    seed: NotNegativeInt = 1
     """Seed of all random numbers."""
     until_explored: Annotated[float, Meta(gt=0, le=1)] = 0.98
     """Share of the reachable floor at which the run ends."""

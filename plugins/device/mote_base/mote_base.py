@@ -17,7 +17,7 @@ from robrain.protocol.backoff import Backoff
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import Count, NotNegative, Positive, PositiveInt
+from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt
 from robrain.protocol.serial.serial_line import write_at_once
 from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
@@ -402,13 +402,13 @@ class MoteBase(Device):
         port: PositiveInt = DEFAULT_PORT
         device: str = "/dev/ttyUSB0"
         baud: PositiveInt = 57_600
-        address: Annotated[int, Meta(ge=0, lt=65535)] = 0
+        address: Annotated[int, Meta(ge=0, le=65_534)] = 0
         """Address of the base station on the air, the source of the robot's packets."""
         inbox_packets: PositiveInt = 256
         flood_packets_s: PositiveInt = 200
         flood_fault_s: NotNegative = 5.0
         ack_timeout_s: Positive = 0.3
-        resends: Count = 3
+        resends: NotNegativeInt = 3
         connect_timeout_s: Positive = 2.0
         reconnect_first_s: Positive = 0.5
         reconnect_longest_s: float = 10.0

@@ -40,12 +40,12 @@ class SerialLidar(LidarDevice):
 
         port: str = "/dev/lidar"
         """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:lidar` is the simulator's."""
-        baud: Annotated[int, Meta(gt=0, lt=10000000)] = 230_400
+        baud: Annotated[int, Meta(ge=1, le=9_999_999)] = 230_400
         silent_s: Annotated[float, Meta(gt=0, lt=10000000)] = 1.0
         """Time without a turn after which the lidar faults."""
         range_max_m: Annotated[float, Meta(gt=0, lt=10000000)] = 8.0
         """Points beyond it count as nothing."""
-        beams: Annotated[int, Meta(gt=0, le=4000)] = 240
+        beams: Annotated[int, Meta(ge=1, le=4000)] = 240
         """Of a scan, all around."""
         mount: Mount = Mount()
         """Where and how it sits on the robot."""

@@ -19,7 +19,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLinks
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Count, Positive, PositiveInt
+from robrain.protocol.model.ranges import NotNegativeInt, Positive, PositiveInt
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
@@ -198,7 +198,7 @@ class SNwExploration(Unit):
         """Time between two beacons; with every second one the robot publishes which motes and robots it hears."""
         link_fresh_s: Positive = 5.0
         """Time of silence, or three periods of a mote, after which a link is no longer published."""
-        store_readings: Count = 0
+        store_readings: NotNegativeInt = 0
         """Readings that it stores while there is no coordinator, and forwards later; 0: it tells them at once."""
 
         def __post_init__(self) -> None:

@@ -55,5 +55,5 @@ def test_a_turn_of_the_wheel_has_as_many_ticks_as_it_is_said():
 @pytest.mark.parametrize("name", ["wheel_radius_m", "wheel_distance_m", "encoder_ticks_per_turn"])
 @pytest.mark.parametrize("size", [0, -1])
 def test_a_base_has_sizes_above_zero(name, size):
-    with pytest.raises(ValueError, match=f"expected {name} > 0, got {size}"):
+    with pytest.raises(ValueError, match=f"expected {name} >=? [01], got {size}"):
         OmniBase(**{name: size})

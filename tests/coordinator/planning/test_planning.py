@@ -298,7 +298,7 @@ def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
         ({"prize_j": 0.0}, "prize_j > 0"),
         ({"confidence": 1.0}, "confidence < 1"),
         ({"reserve_share": 1.0}, "reserve_share < 1"),
-        ({"tasks_max": 0}, "tasks_max > 0"),
+        ({"tasks_max": 0}, "tasks_max >= 1"),
         ({"seed": -1}, "seed >= 0"),
     ],
 )

@@ -73,5 +73,5 @@ def test_a_home_that_cannot_be_reached_keeps_nobody_busy(errands):
 @pytest.mark.parametrize("home", [[1.0], [1.0, 2.0, 3.0], [float("nan"), 1.0]])
 def test_a_home_that_is_no_place_is_refused(home):
     run = Errands("idle", parameters={"idle": {"home": home}})
-    assert "expected home to be empty or two finite numbers" in run.why_not_running()["idle"]
+    assert "home" in run.why_not_running()["idle"]
     run.close()

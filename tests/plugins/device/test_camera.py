@@ -61,7 +61,7 @@ def test_one_file_is_the_picture_whenever_it_is_asked_for(tmp_path):
         ({"interface": "file", "channel": "/no/such/folder"}, "a PNG or a folder with some"),
         ({"interface": "v4l", "channel": "7"}, "OpenCV|no video device 7"),
         ({"timeout_s": 0.0}, "timeout_s > 0"),
-        ({"view_rad": 4.0}, "view_rad above 0 and below 3.1"),
+        ({"view_rad": 4.0}, "view_rad < 3.1"),
     ],
 )
 def test_a_camera_that_is_not_there_is_left_out_with_the_reason(parameters, why):

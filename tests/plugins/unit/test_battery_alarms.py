@@ -205,11 +205,11 @@ def test_doubt_is_told_once_for_each_time(robot):
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"soc_at_start": -0.01}, "expected soc_at_start from 0 to 1"),
-        ({"soc_at_start": 1.01}, "expected soc_at_start from 0 to 1"),
-        ({"low_soc": 1.01}, "expected low_soc from 0 to 1"),
-        ({"cut_off_soc": -0.01}, "expected cut_off_soc from 0 to 1"),
-        ({"hysteresis_soc": -0.01}, "expected hysteresis_soc from 0 to 1"),
+        ({"soc_at_start": -0.01}, "expected soc_at_start [<>]= [01]"),
+        ({"soc_at_start": 1.01}, "expected soc_at_start [<>]= [01]"),
+        ({"low_soc": 1.01}, "expected low_soc [<>]= [01]"),
+        ({"cut_off_soc": -0.01}, "expected cut_off_soc [<>]= [01]"),
+        ({"hysteresis_soc": -0.01}, "expected hysteresis_soc [<>]= [01]"),
         ({"capacity_wh": 0.0}, "expected capacity_wh > 0"),
     ],
 )

@@ -20,6 +20,7 @@ from robrain.plugins.unit import program
 from robrain.plugins.unit.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.model.checked import convert
 from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
@@ -36,7 +37,7 @@ class Bench:
         self.mailbox = Mailbox(100_000)
         self.told = []
         env = SimpleNamespace(plugin="tool", wire=SimpleNamespace(drive=drive))
-        self.plugin = Program(env, msgspec.convert(parameters, Program.Parameters))
+        self.plugin = Program(env, convert(parameters, Program.Parameters))
         self.plugin.said.add(self.told.append, self.mailbox)
 
     def start(self):
@@ -246,7 +247,7 @@ def test_in_lockstep_it_says_that_it_keeps_no_step():
     [
         ({"command": []}, "expected command"),
         ({"command": ["cat"], "time_limit_s": 0}, "expected time_limit_s > 0, got 0"),
-        ({"command": ["cat"], "max_line_bytes": -1}, "expected max_line_bytes > 0, got -1"),
+        ({"command": ["cat"], "max_line_bytes": -1}, "expected max_line_bytes >= 1, got -1"),
         ({"command": ["cat"], "restart_limit": -1}, "expected restart_limit >= 0, got -1"),
         ({"command": ["cat"], "input": "xml"}, "Invalid enum value 'xml'"),
         ({}, "missing required field `command`"),
@@ -254,7 +255,7 @@ def test_in_lockstep_it_says_that_it_keeps_no_step():
 )
 def test_bad_parameters_are_named(parameters, text):
     with pytest.raises(msgspec.ValidationError, match=text):
-        msgspec.convert(parameters, Program.Parameters)
+        convert(parameters, Program.Parameters)
 
 
 def test_runs_leave_no_thread_and_no_descriptor(start):

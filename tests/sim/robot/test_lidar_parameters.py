@@ -16,5 +16,5 @@ def test_a_robot_believes_single_beams_only_of_a_lidar_without_dropouts(dropout:
 
 
 def test_the_least_number_of_beams_is_one() -> None:
-    with pytest.raises(ValueError, match="expected misses_min > 0, got 0"):
+    with pytest.raises(ValueError, match="expected misses_min >= 1, got 0"):
         SubmapSpec(misses_min=0)

@@ -389,7 +389,7 @@ def test_in_live_the_same_arena_follows_its_commands():
         (lambda: ArenaRobot(name="r1", start=Pose2D(1.0, 1.0, 0.0), radius_m=0.0), "expected radius_m > 0"),
         (lambda: ArenaRobot(name="r1", start=Pose2D(1.0, 1.0, 0.0), radius_m=-1.0), "expected radius_m > 0"),
         (lambda: ArenaMote(name="m1", number=70000, place=Point2D(0.0, 0.0)), "expected number <= 65534"),
-        (lambda: LidarSpec(rays=0), "expected rays > 0"),
+        (lambda: LidarSpec(rays=0), "expected rays >= 1"),
         (lambda: LidarSpec(noise_m=-0.1), "expected noise_m >= 0"),
     ],
 )
