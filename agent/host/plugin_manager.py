@@ -120,13 +120,15 @@ class FaultHandler:
                 self._later(partial(self._restart, case, now_ns))
             elif case.started_ns and now_ns - case.started_ns > to_ns(STEADY_S):
                 case.attempts = 0
-        if now_ns - self._checked_hung_ns >= HUNG_PERIOD_NS:
+        has_one_thread = self._registry.has_one_thread  # then nobody is in a plugin now
+        if not has_one_thread and now_ns - self._checked_hung_ns >= HUNG_PERIOD_NS:
             self._checked_hung_ns = now_ns
             self._check_hung(now_ns)
         if now_ns - self._checked_ns >= NS_PER_S:
             self._check_floods(now_ns)
+        next_ns = self._checked_ns + NS_PER_S if has_one_thread else self._checked_hung_ns + HUNG_PERIOD_NS
         restarts_ns = [case.again_ns for case in self._cases.values() if case.again_ns is not None]
-        self.check_ns = min([self._checked_hung_ns + HUNG_PERIOD_NS, *restarts_ns])
+        self.check_ns = min([next_ns, *restarts_ns])
 
     def _restart(self, case: _Case, now_ns: int) -> None:
         plugin = case.plugin

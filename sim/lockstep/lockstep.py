@@ -108,7 +108,7 @@ class LockstepRun:
         self.wall_overlap_m = 0.0
         self.tick_s = world.tick_s
         """Duration of a tick."""
-        self._watch_ticks = round(WATCH_S / self.tick_s)
+        self._watch_ticks = max(1, round(WATCH_S / self.tick_s))
         self._ticks = 0
         self._endpoints: list[Endpoint] = []
         self._planning = planning

@@ -181,7 +181,7 @@ class World:
         load = None if robot.load is None else [*robot.load, *([IMU_PLUGIN] if robot.imu is not None else [])]
         parameters, roles, places = merged(of_world, robot.plugins), _roles(robot), list[str]()
         if self.fidelity is Fidelity.POINTS:
-            load, roles, places = point_load(load), ROLES, [str(PLACE)]
+            load, roles, places = point_load(load, has_motes=bool(self.motes)), ROLES, [str(PLACE)]
             parameters = {name: values for name, values in parameters.items() if name in load}
         return RobotFile(
             robot=RobotTable(robot.name, team, places=places, load=load, roles=roles, consensus=robot.consensus),
@@ -226,14 +226,15 @@ class World:
         return buffer.getvalue()
 
 
-def point_load(load: Sequence[str] | None) -> list[str]:
+def point_load(load: Sequence[str] | None, *, has_motes: bool) -> list[str]:
     """Plugins of a robot that is a point: those that need no hardware that points lack.
 
     Args:
         load: the plugins that it would have with hardware; all stock ones if None.
+        has_motes: whether there are motes; a base station that has none to talk to would only cost time.
 
     """
-    able = with_all(HARDWARE_PLUGINS, free=ROLES)
+    able = with_all(HARDWARE_PLUGINS if has_motes else (*HARDWARE_PLUGINS, "mote_base"), free=ROLES)
     return able if load is None else [name for name in able if name in load]
 
 

@@ -66,6 +66,7 @@ class Robot:
         self.plugins = {tag.name: tag for tag in tags}
         self.users: dict[str, list[Tag]] = {}
         self.halted = False
+        self.has_one_thread = False
         self.begun: list[str] = []
         self.cannot_begin: set[str] = set()
         self.noted: list[str] = []
