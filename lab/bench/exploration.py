@@ -19,7 +19,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.command_line.terminal import new_console, print_line, say
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.kernels import prepare_kernels
-from robrain.lab.bench.figure import Figure, are_kept, at_most, deterministic, show_figures, write_json
+from robrain.lab.bench.figure import Figure, at_most, deterministic, show_figures, write_json
 from robrain.lab.bench.mapping_plan import (
     SHARED_MAPS,
     all_runs,
@@ -327,15 +327,6 @@ class ExplorationPlan(msgspec.Struct, frozen=True, kw_only=True):
     """Default maps that are not on this computer."""
 
 
-class ExplorationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Contents of the file of `--json`."""
-
-    bench: str
-    runs: list[ExplorationRun]
-    figures: list[Figure]
-    all_kept: bool
-
-
 class Group(NamedTuple):
     """Runs that differ by their seed alone."""
 
@@ -408,7 +399,7 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path |
         UsageError: `json_file` or `page` cannot be written.
 
     """
-    _write(json_file, [])
+    write_json(json_file, "exploration", [], [])
     for name in plan.absent:
         say(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
     prepare_kernels()
@@ -421,7 +412,7 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path |
         if is_last:
             made = [one for one in runs if _group_of(one) == _group_of(run) and not one.why_not]
             print_line(f"{_text_of(_group_of(run))}: {_percents(made)}")
-            _write(json_file, runs)
+            write_json(json_file, "exploration", runs, figures(runs))
             if page is not None:
                 write_page(page, runs)
     console = new_console(width=WIDTH)
@@ -552,9 +543,3 @@ def _mean(values: Sequence[float | None], decimals: int = 1) -> str:
     known = [value for value in values if value is not None]
     of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
     return f"{sum(known) / len(known):.{decimals}f}{of}" if known else "–"
-
-
-def _write(path: Path | None, runs: list[ExplorationRun]) -> None:
-    if path is not None:
-        found = list(figures(runs))
-        write_json(path, ExplorationReport(bench="exploration", runs=runs, figures=found, all_kept=are_kept(found)))

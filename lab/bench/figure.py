@@ -5,17 +5,16 @@ stores the same figures in docs/figures/bench.json.
 """
 
 import math
-import sys
 from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from robrain.deploy.command_line.terminal import new_console
-
+Run = TypeVar("Run")
 WIDTH = 110
 HEADINGS = ("figure", "measured", "bound", "kept", "beside")
 KEPT_WORDS = {True: "yes", False: "no", None: "–"}
@@ -92,14 +91,6 @@ class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         return "–" if self.bound is None else self.bound.words(self.unit)
 
 
-class SectionResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Output of one benchmark with `--json`."""
-
-    bench: str
-    figures: list[Figure]
-    all_kept: bool
-
-
 def deterministic(name: str, value: float, unit: str = "", bound: Bound | None = None, beside: str = "") -> Figure:
     """A figure that is equal on every machine."""
     return Figure(name=name, value=float(value), unit=unit, bound=bound, kind=FigureKind.DETERMINISTIC, beside=beside)
@@ -148,12 +139,6 @@ def with_unit(value: float, unit: str) -> str:
     return f"{number} {unit}" if unit else number
 
 
-def measured(bench: str, figures: Iterable[Figure]) -> SectionResult:
-    """The figures of one benchmark, put together."""
-    found = list(figures)
-    return SectionResult(bench=bench, figures=found, all_kept=are_kept(found))
-
-
 def are_kept(figures: Iterable[Figure]) -> bool:
     """Whether no figure is beyond its bound."""
     return all(figure.kept is not False for figure in figures)
@@ -170,21 +155,22 @@ def show_figures(title: str, figures: Iterable[Figure], console: Console) -> Non
     console.print(table)
 
 
-def write_json(path: Path, report: msgspec.Struct) -> None:
-    """Write what `--json FILE` asks for."""
+class BenchReport(msgspec.Struct, Generic[Run], frozen=True, kw_only=True):
+    """Contents of the file of `--json`."""
+
+    bench: str
+    runs: list[Run]
+    figures: list[Figure]
+    all_kept: bool
+
+
+def write_json(path: Path | None, bench: str, runs: list[Run], figures: Iterable[Figure]) -> None:
+    """Write what `--json FILE` asks for, if it does."""
+    if path is not None:
+        found = list(figures)
+        write_report(path, BenchReport(bench=bench, runs=runs, figures=found, all_kept=are_kept(found)))
+
+
+def write_report(path: Path, report: msgspec.Struct) -> None:
+    """Write a report as JSON that people can read."""
     path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=1) + b"\n")
-
-
-def report(bench: str, figures: Iterable[Figure], *, as_json: bool) -> None:
-    """Print what a benchmark measures, to stdout: a table, or one JSON object."""
-    console = new_console(stderr=True)
-    found = []
-    with console.status(f"{bench}: measuring", spinner="line"):
-        for figure in figures:
-            found.append(figure)
-            if not as_json and console.is_terminal:
-                console.print(f"{figure.name}: {figure.value_text()}", highlight=False)
-    if as_json:
-        sys.stdout.write(msgspec.json.encode(measured(bench, found)).decode() + "\n")
-    else:
-        show_figures(f"{bench}, each figure beside the bound that it is to keep", found, new_console(width=WIDTH))

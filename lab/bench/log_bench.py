@@ -33,7 +33,7 @@ from robrain.lab.bench.carmen_log import (
     numbered_lines,
     read_carmen_log,
 )
-from robrain.lab.bench.figure import WIDTH, write_json
+from robrain.lab.bench.figure import WIDTH, write_report
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.device.scan.scan import ScanDevice
 from robrain.plugins.skill.mapper.mapper import MapperCounters
@@ -465,7 +465,7 @@ def run_bench(
     report = made_report(log, played, relations, matching)
     _show(report)
     if json_file is not None:
-        write_json(json_file, report)
+        write_report(json_file, report)
     if map_file is not None:
         _write_map(map_file, played)
 

@@ -19,7 +19,6 @@ from robrain.lab.bench.figure import (
     WIDTH,
     Bound,
     Figure,
-    are_kept,
     at_least,
     at_most,
     below,
@@ -91,15 +90,6 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-class MappingReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Contents of the file of `--json`."""
-
-    bench: str
-    runs: list[MappedRun]
-    figures: list[Figure]
-    all_kept: bool
-
-
 def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
     """Make all runs; prints a line for each, and the figures at the end.
 
@@ -111,7 +101,7 @@ def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
         UsageError: `json_file` cannot be written.
 
     """
-    _write(json_file, [], [])
+    write_json(json_file, "mapping", [], [])
     for name in plan.absent:
         say(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
     prepare_kernels()
@@ -122,7 +112,7 @@ def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
             raise KeyboardInterrupt
         runs.append(run)
         print_line(run.line())
-        _write(json_file, runs, list(figures(runs)))
+        write_json(json_file, "mapping", runs, figures(runs))
     title = "mapping, each figure beside the bound that it is to keep"
     show_figures(title, figures(runs), new_console(width=WIDTH))
 
@@ -221,8 +211,3 @@ def _worst(name: str, values: dict[str, float], unit: str, bound: Bound | None =
 
 def _name(run: MappedRun) -> str:
     return f"{run.case.map}, {run.case.robots} robots, seed {run.case.seed}"
-
-
-def _write(path: Path | None, runs: list[MappedRun], found: list[Figure]) -> None:
-    if path is not None:
-        write_json(path, MappingReport(bench="mapping", runs=runs, figures=found, all_kept=are_kept(found)))

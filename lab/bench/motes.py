@@ -14,7 +14,7 @@ from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy
 from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.figure import Figure, are_kept, at_least, deterministic, show_figures, write_json
+from robrain.lab.bench.figure import Figure, at_least, deterministic, show_figures, write_json
 from robrain.lab.bench.mapping_plan import all_runs, names_of, numbers_of
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.protocol.model.geometry import Point2D
@@ -167,15 +167,6 @@ class MotePlan(msgspec.Struct, frozen=True, kw_only=True):
     jobs: int
 
 
-class MoteReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Contents of the file of `--json`."""
-
-    bench: str
-    runs: list[MoteFieldRun]
-    figures: list[Figure]
-    all_kept: bool
-
-
 def choose(ways: str | None, seeds: str, motes: int, tours_per_day: float, goal_days: float, jobs: int) -> MotePlan:
     """Make a plan from the options.
 
@@ -207,14 +198,14 @@ def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
         UsageError: there is no such field, or `json_file` cannot be written.
 
     """
-    _write(json_file, [])
+    write_json(json_file, "motes", [], [])
     runs: list[MoteFieldRun] = []
     for run in all_runs(run_case, plan.cases, plan.jobs):
         runs.append(run)
         made = [one for one in runs if one.case.way == run.case.way]
         if len(runs) == len(plan.cases) or plan.cases[len(runs)].way != run.case.way:
             print_line(f"{run.case.way}: first dead mote after {_interval([one.first_days for one in made])} days")
-            _write(json_file, runs)
+            write_json(json_file, "motes", runs, figures(runs))
     console = new_console(width=WIDTH)
     console.print(table(runs))
     found = list(figures(runs))
@@ -301,9 +292,3 @@ def _percent(value: float | None) -> str:
 def _interval(values: Sequence[float]) -> str:
     found = mean_interval(values)
     return "–" if found is None else found.words(0)
-
-
-def _write(path: Path | None, runs: list[MoteFieldRun]) -> None:
-    if path is not None:
-        found = list(figures(runs))
-        write_json(path, MoteReport(bench="motes", runs=runs, figures=found, all_kept=are_kept(found)))

@@ -10,12 +10,12 @@ from robrain.lab.bench.figure import (
     Figure,
     FigureKind,
     above,
+    are_kept,
     at_least,
     at_most,
     below,
     between,
     deterministic,
-    measured,
     timing,
     with_unit,
 )
@@ -46,11 +46,11 @@ def test_missing_value_keeps_no_bound(value: float) -> None:
 
 def test_figure_without_a_bound_is_neither_kept_nor_missed() -> None:
     assert timing("way", 3.0, "m").kept is None
-    assert measured("bench", [timing("way", 3.0, "m")]).all_kept
+    assert are_kept([timing("way", 3.0, "m")])
 
 
 def test_one_missed_bound_is_told_of_the_whole() -> None:
-    assert not measured("bench", [timing("a", 1, "", at_most(1)), timing("b", 2, "", at_most(1))]).all_kept
+    assert not are_kept([timing("a", 1, "", at_most(1)), timing("b", 2, "", at_most(1))])
 
 
 def test_kept_follows_from_value_and_bound_whatever_a_file_says() -> None:

@@ -8,7 +8,8 @@ import pytest
 
 from robrain import Scenario
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.mapping import HEADINGS, MappedRun, MappingReport, figures, mapped, run_bench, run_case
+from robrain.lab.bench.figure import BenchReport
+from robrain.lab.bench.mapping import HEADINGS, MappedRun, figures, mapped, run_bench, run_case
 from robrain.lab.bench.mapping_plan import OWN_MAPS, Case, MappingPlan, choose
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.lockstep.result import RunResult
@@ -194,11 +195,11 @@ def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_pa
     assert [line.split()[3] for line in printed.splitlines()[:3]] == ["wheels", "exact", "slipping"]
     assert "occupied cells off" in printed
     assert "attic: left out" in said
-    alone = msgspec.json.decode(file.read_bytes(), type=MappingReport)
+    alone = msgspec.json.decode(file.read_bytes(), type=BenchReport[MappedRun])
     assert [run.case for run in alone.runs] == plan.cases
     assert alone.all_kept == all(figure["kept"] is not False for figure in json.loads(file.read_bytes())["figures"])
     run_bench(msgspec.structs.replace(plan, jobs=2), file)
-    beside = msgspec.json.decode(file.read_bytes(), type=MappingReport)
+    beside = msgspec.json.decode(file.read_bytes(), type=BenchReport[MappedRun])
     for run, other in zip(alone.runs, beside.runs, strict=True):
         assert msgspec.structs.replace(run, wall_time_s=0.0) == msgspec.structs.replace(other, wall_time_s=0.0)
     assert alone.runs[0].rmse_m > 0
