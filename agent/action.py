@@ -41,7 +41,7 @@ NS_PER_MS = 1_000_000
 
 
 class Action:
-    """One action; made by `ActionDesk.start`. What is called after its end does nothing."""
+    """One action; made by `ActionDesk.start`. Calls after its end do nothing."""
 
     def __init__(self, desk: "ActionDesk", action_id: ActionId, now_ns: int) -> None:
         self.id = action_id

@@ -16,9 +16,9 @@ if TYPE_CHECKING:  # a robot that does not navigate has no arrays
 T = TypeVar("T")
 
 IDLE = "idle"
-"""What a robot does that does nothing."""
+"""Behavior name of an idle robot."""
 HALTED = "halted"
-"""What a halted robot does; its host writes it."""
+"""Behavior name of a halted robot; its host writes it."""
 
 
 class Board:
@@ -73,7 +73,7 @@ class Board:
         self.chargers: tuple[Point2D, ...] = ()
         """Places of the chargers that the robot knows, arena frame; home writes it."""
         self.behavior = ""
-        """What the robot does; the behavior that drives writes it."""
+        """Name of the robot's behavior; the behavior that drives writes it."""
         self._shared: dict[type, Any] = {}
 
     def shared(self, kind: type[T]) -> T:

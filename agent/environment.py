@@ -1,4 +1,4 @@
-"""What a plugin is given: its name, time, randomness, wire, bus, and the way to other plugins."""
+"""A plugin's environment: its name, time, randomness, wire, bus, and access to other plugins."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -97,7 +97,7 @@ class Environment:
         self.seeds = seeds
         """Of the plugin's own generator."""
         self.board = board
-        """What the robot reports of itself; see RobotState."""
+        """Facts that the robot reports; see RobotState."""
         self.tasks = tasks
         self.outside = outside
         """The door that outside callers come in by; for the plugin `command`."""

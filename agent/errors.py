@@ -1,4 +1,4 @@
-"""What can go wrong in the plugin host.
+"""Errors of the plugin host.
 
 RobrainError
 ├── PluginError               carries `.plugin`

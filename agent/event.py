@@ -132,7 +132,7 @@ class Event(Generic[T]):
 
 
 class ObservableEvent(Generic[T]):
-    """What a handle gives out in place of another plugin's event: it can be observed, and nothing else."""
+    """Another plugin's event as a handle returns it: it can only be observed."""
 
     __slots__ = ("__event",)
 

@@ -47,7 +47,7 @@ class TagTable(Checked, frozen=True, forbid_unknown_fields=True):
     shared: bool = True
     """False: one user at a time."""
     restart: Literal["no", "on-failure"] = "no"
-    """What happens after a fault."""
+    """Restart policy after a fault."""
     restart_limit: NotNegativeInt = 5
     """Number of consecutive restarts after which the plugin stays faulted."""
     backoff_s: Positive = 0.5
@@ -61,7 +61,7 @@ class TagTable(Checked, frozen=True, forbid_unknown_fields=True):
     essential: bool = False
     """Whether the robot is halted, and stays so, while this does not run."""
     isolation: Literal["none", "process"] = "none"
-    """`process`: run it in a process of its own, in live."""
+    """`process`: run it in a separate process, in live."""
 
 
 class ManifestTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

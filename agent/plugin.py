@@ -1,4 +1,4 @@
-"""What a plugin is: four lifecycle functions, a level, and a step if it is active.
+"""The base of plugins: four lifecycle functions, a level, and a step if the plugin is active.
 
 class Blinker(Unit):
     period_s = 0.5
@@ -113,7 +113,7 @@ class Skill(Plugin):
 
 
 class Behavior(Plugin):
-    """What the robot is seen to do."""
+    """The robot's visible behavior."""
 
     level = Level.BEHAVIOR
     kind: ClassVar[str] = ""

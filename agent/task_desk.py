@@ -34,7 +34,7 @@ Accept = Callable[[Any], TaskAnswer]
 """Takes a task of the kind that it was registered for."""
 LetGo = Callable[[str], None]
 TaskWork = Callable[[Task], Work]
-"""What a task takes at its place; the way there is not counted."""
+"""Work of a task at its place; the path to it is not counted."""
 
 RESULT_BYTES_MAX, RESULT_FIELDS_MAX = 1024, 64
 """Results are part of every state message: publish pictures and lists on a key of their own and put that key here."""
@@ -49,7 +49,7 @@ date (chosen)."""
 DONE_TOLD_S = 5.0
 """An offer of a task that the robot has done no longer ago was made before its report arrived (chosen)."""
 DONE_KEPT = 8
-"""So many tasks that were done last are kept for it."""
+"""Number of done tasks that are kept for it."""
 
 
 class _Executor(NamedTuple):
@@ -88,7 +88,7 @@ class _Held(NamedTuple):
 
 
 class _Own(NamedTuple):
-    """What a behavior does by itself."""
+    """An activity that a behavior began by itself."""
 
     name: str
     firm: str
@@ -133,7 +133,7 @@ class TaskDesk:
 
     @property
     def facts(self) -> TaskSituation:
-        """How all tasks stand; for the host's own thread. What differs from the last is worth telling at once."""
+        """How all tasks stand; for the host's own thread. A difference from the last is published at once."""
         return TaskSituation(self.status, self.held.status if self.held is not None else None, self._before)
 
     def differs_from(self, told: TaskSituation) -> bool:
@@ -364,7 +364,7 @@ class TaskDesk:
         return answer
 
     def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
-        """Answer the coordinator's wish to have a task back. What is held is begun if it was the one before."""
+        """Answer the coordinator's wish to have a task back. If the running task is withdrawn, the held one begins."""
         held = self.held
         is_held = held is not None and held.offer.task.id == withdrawal.id
         newest = held.offer.epoch if held is not None and is_held else self._epoch

@@ -263,7 +263,7 @@ def kind_name(hint: Any) -> str:
 
 
 def shown(value: Any) -> str:
-    """What somebody gave, as a message shows it; cut if it is long."""
+    """A given value as a message shows it; cut if it is long."""
     text = value if isinstance(value, str) else str(value)
     return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…")
 

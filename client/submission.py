@@ -20,7 +20,7 @@ TaskName = str | TaskRecord
 
 
 class TaskFields(TypedDict, total=False):
-    """What a task has besides its kind, as people and scripts give it; each form of a task is made of this.
+    """Fields of a task besides its kind, as people and scripts give them; each form of a task is made of this.
 
     Parameters of the kind, named as in the messages, such as `{"look_at": (5, 1)}`, are in `parameters`.
     """

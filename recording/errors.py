@@ -1,4 +1,4 @@
-"""What can go wrong with recordings.
+"""Errors of recordings.
 
 RobrainError
 └── RecordingError            a recording cannot be written, read or replayed; carries `.path`

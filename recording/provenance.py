@@ -42,7 +42,7 @@ MANIFESTS_MAX = 64 * 1024 * 1024
 
 
 class RunSetup(msgspec.Struct, frozen=True, kw_only=True):
-    """What it takes to make a lockstep run again."""
+    """The inputs by which a lockstep run can be repeated."""
 
     toml: str
     """The scenario as it was run, as a scenario file with every key; its map file, if it has one, is `map.yaml`."""
@@ -55,7 +55,7 @@ class RunSetup(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """What a run was started with."""
+    """The inputs of a run."""
 
     scenario: str
     """Name of the scenario; empty for a team without one."""
@@ -69,7 +69,7 @@ class Provenance(msgspec.Struct, frozen=True):
     manifests: dict[str, str] = {}
     """Files of the robots and of their plugins, as text, by a path for each."""
     setup: RunSetup | None = None
-    """What it takes to make the run again; None for a live one."""
+    """The inputs by which the run can be repeated; None for a live one."""
 
     def run_metadata(self) -> dict[str, str]:
         """The fields that are short enough for a metadata record."""

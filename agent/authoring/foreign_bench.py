@@ -70,7 +70,7 @@ class ForeignBench:
         self._open.close()
 
     def info(self) -> PluginInfo:
-        """What the process tells of its plugin."""
+        """The plugin as its process describes it."""
         return next(info for info in self._plugins.infos() if info.name == self.plugin)
 
     def call(self, function: str, arguments: object = None) -> Any:

@@ -180,7 +180,7 @@ class PluginFinding(msgspec.Struct, frozen=True):
 
 
 def check_plugins(folder: Path) -> list[PluginFinding]:
-    """What is wrong with the plugins of a folder, in the order of their files.
+    """The mistakes in the plugins of a folder, in the order of their files.
 
     The plugins are imported, but not created. What they require is looked for in the folder, among the stock plugins
     and in installed distributions.

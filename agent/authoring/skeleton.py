@@ -20,13 +20,13 @@ TAKEN_CLASS_NAMES = {
 
 
 class Example(NamedTuple):
-    """What a plugin of one level does, as an example; its class is in `templates/LEVEL.py.txt`."""
+    """An example plugin of one level; its class is in `templates/LEVEL.py.txt`."""
 
     requires: tuple[str, ...]
     called: str
     """External function that the test calls; empty if it looks at the task's kind."""
     result: str
-    """What the test expects: operator and value."""
+    """The test's expectation: operator and value."""
 
 
 EXAMPLES = {

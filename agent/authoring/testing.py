@@ -37,7 +37,7 @@ WATCH_S = 0.25
 
 
 class HostBench:
-    """Robots' hosts in lockstep, moved tick by tick. What tests of one plugin need is `PluginBench`.
+    """Robots' hosts in lockstep, moved tick by tick. For tests of one plugin use `PluginBench`.
 
     Args:
         session: of all of them; not closed by the bench.
@@ -71,7 +71,7 @@ class HostBench:
         return msgspec.json.decode(self.wire.ask(ROBOT_CALL, asked, robot=robot, plugin=plugin, function=function))
 
     def infos(self, robot: str = ROBOT) -> dict[str, PluginInfo]:
-        """What a robot reports of its plugins over the wire, by name."""
+        """The plugins that a robot reports over the wire, by name."""
         return {info.name: info for info in self.wire.ask(ROBOT_PLUGINS, robot=robot)}
 
     def close(self) -> None:
@@ -82,7 +82,7 @@ class HostBench:
 
 
 class PluginBench:
-    """One robot on a session of its own, which reaches nobody else.
+    """One robot on a separate session, which reaches no other process.
 
     Args:
         folders: places with the plugins under test; the stock plugins are there as well.
@@ -160,7 +160,7 @@ class PluginBench:
             return self._bench.call(plugin, function, *arguments)
 
     def info(self, plugin: str) -> PluginInfo:
-        """What the robot reports of a plugin: its state, and why.
+        """A plugin as the robot reports it: its state, and why.
 
         Raises:
             KeyError: the robot has no such plugin.

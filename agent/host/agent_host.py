@@ -206,7 +206,7 @@ class AgentHost:
         self._team = robot_file.robot.team
         self._wires: list[Endpoint] = []
         self.refusals = Refusals(clock)
-        """What all its wires have refused, and failures of parts of the host."""
+        """Messages that its wires have refused, and failures of parts of the host."""
         self._guard = RecordGuard(self.refusals)
         bytes_per_s = robot_file.zenoh.telemetry_bytes_per_s
         self.thinning = None if not bytes_per_s else Thinning(bytes_per_s, clock)
@@ -250,7 +250,7 @@ class AgentHost:
         self._parameters = robot_file.parameters
         self._connect = list(robot_file.zenoh.connect)
         self.extensions: dict[str, HostExtension] = {}
-        """What the host does beyond running plugins, by name."""
+        """Host extensions by name."""
         self.extensions = make_extensions(self, extensions)
         self._steps = [
             (name, extension.step)
@@ -300,7 +300,7 @@ class AgentHost:
         wire.token(ROBOT_ALIVE, robot=robot)
 
     def step(self) -> None:
-        """What the host itself does, and in lockstep the steps of all plugins that are due."""
+        """Do the host's own work, and in lockstep the steps of all plugins that are due."""
         now_ns = self.clock.now_ns()
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:

@@ -170,7 +170,7 @@ def visible_to_command(plugins: Iterable[PluginInfo]) -> list[PluginInfo]:
 
 
 def answer_question(question: Question, plugins: list[PluginInfo]) -> str:
-    """What `list` and `help` say, of the plugins that are open to the outside.
+    """The replies of `list` and `help` for plugins that are open to the outside.
 
     Raises:
         CallError: `unknown_plugin`, naming those that there are.

@@ -1,6 +1,6 @@
 """The verbs of a robot's host, `robot/R/host/VERB`: a registry of them, and what each does.
 
-A distribution brings a verb of its own by an entry point in the group `robrain.host_verbs`:
+A distribution adds a verb by an entry point in the group `robrain.host_verbs`:
 
     BLINK = host_query("blink", BlinkRequest, int, "Blink the lamp: replies how often")
     blink = HostVerb(BLINK, lambda host, request: lamp.blink(request.asked.times))
@@ -34,7 +34,7 @@ Infos = list[PluginInfo]
 
 
 class VerbHost(Protocol):
-    """What a verb may use of its robot's host."""
+    """The part of a robot's host that a verb may use."""
 
     name: str
     manager: PluginManager

@@ -23,7 +23,7 @@ SWITCH_INTERVAL_S = 0.0002
 
 
 class DrivenPlugin:
-    """What the threads know of one plugin.
+    """One plugin as the threads see it.
 
     Args:
         plugin: the plugin, in the generation that it has now.
@@ -126,7 +126,7 @@ class PluginThreads:
 
     def _want(self, member: DrivenPlugin) -> None:
         if member.is_wanted:
-            return  # whoever comes to it next sees to this as well
+            return  # the thread that serves it next handles this as well
         with self._changed:
             member.is_wanted = True
             if not member.is_busy:

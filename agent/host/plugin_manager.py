@@ -222,7 +222,7 @@ class PluginManager:
 
         Args:
             places: folders.
-            wanted: names to take; all if None. What these require is taken as well.
+            wanted: names to take; all if None. Required plugins are loaded as well.
             known: files of folders that were looked at before, to which others are added.
             roles: by plugin: whose manifest takes its place.
 

@@ -144,7 +144,7 @@ class RobotHalts:
             return self._answer()
 
     def guard(self, plugin: str, why_not: Callable[[], str]) -> None:
-        """Have a plugin asked before a halt ends, for as long as there is a plugin of that name."""
+        """Have a plugin asked before a halt ends, while there is a plugin of that name."""
         with self._acting:
             self._guards[plugin] = why_not
 

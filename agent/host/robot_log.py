@@ -57,7 +57,7 @@ class RobotLog:
 
     @contextmanager
     def plugin_output(self) -> Iterator[PluginOutput]:
-        """Add what plugins print and log, as long as the block runs; the process prints it as well."""
+        """Add the output and logs of plugins while the block runs; the process prints them as well."""
         output = PluginOutput(self.put, plugin_here, self._clock)
         root, logs, streams = logging.getLogger(), PluginLogs(output), (sys.stdout, sys.stderr)
         logs.addFilter(lambda record: hasattr(record, "plugin") or not is_of_host(record.pathname))

@@ -1,1 +1,1 @@
-"""Plugins in processes of their own: `isolation = "process"` in a manifest, and foreign plugins in any language."""
+"""Plugins in separate processes: `isolation = "process"` in a manifest, and foreign plugins in any language."""

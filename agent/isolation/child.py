@@ -148,7 +148,7 @@ class RemoteBoard(Board):
 class ChildEnvironment(Environment):
     """The environment of an isolated plugin, in its own process.
 
-    `wire` opens a session of its own when it is first used. What an isolated plugin cannot have raises PluginError.
+    `wire` opens a session when it is first used. Functions that an isolated plugin lacks raise PluginError.
     """
 
     def __init__(self, begin: Begin, parent: Parent, turn: threading.RLock) -> None:

@@ -220,7 +220,7 @@ class Contract:
 
 
 def contract_of(plugin_class: type[Plugin]) -> Contract:
-    """What a plugin offers: its interface, its external functions and its events.
+    """The contract of a plugin: its interface, its external functions and its events.
 
     Raises:
         Exception: whatever get_type_hints and msgspec raise for hints that are of no use between processes.

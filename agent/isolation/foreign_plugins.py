@@ -1,4 +1,4 @@
-"""Foreign plugins: processes of their own, in any language, that announce themselves to a robot.
+"""Foreign plugins: separate processes, in any language, that announce themselves to a robot.
 
 Such a process declares the liveliness token `robot/R/foreign/NAME`, answers `…/info` with a PluginInfo, and answers
 `…/call/FUNCTION`. It does not answer under the robot's `call/` keys itself: the host answers those for all plugins, its
@@ -84,7 +84,7 @@ class ForeignPlugins:
         return came
 
     def infos(self) -> list[PluginInfo]:
-        """What is here, ordered by name."""
+        """The present plugins, ordered by name."""
         return [info for _, info in sorted(self._infos.items())]
 
     def __contains__(self, name: str) -> bool:
@@ -264,7 +264,7 @@ def _over_the_wire(
 
 
 def _value_of(text: str, schema: dict[str, Any]) -> Any:
-    """What a word of the text form stands for; the foreign plugin itself checks whether it fits."""
+    """The value of a word of the text form; the foreign plugin itself checks whether it fits."""
     try:
         value = msgspec.json.decode(text)
     except msgspec.DecodeError:

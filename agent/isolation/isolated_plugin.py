@@ -1,4 +1,4 @@
-"""The isolated plugin: stands in the robot's process for a plugin that runs in one of its own.
+"""The isolated plugin: represents a plugin of another process in the robot's process.
 
 It is made by `isolated_class` in place of the real class, and its host need not know: it has the same level, interface,
 parameters, period and external functions, and steps, calls and notifications reach it in the same turns.
@@ -185,10 +185,10 @@ def limits_of(manifest: Manifest) -> Limits:
 
 
 class IsolatedPlugin(Plugin):
-    """Runs its plugin in a process of its own from `init` to `deactivate`; made by `isolated_class`.
+    """Runs its plugin in a separate process from `init` to `deactivate`; made by `isolated_class`.
 
     Whatever becomes of that process, this one raises PluginCrashed and goes on: the process is killed if a call does
-    not come back in time, and does not outlive the robot's. What the plugin remembers goes with `deactivate`.
+    not come back in time, and does not outlive the robot's. The plugin's state ends with `deactivate`.
     """
 
     _manifest: ClassVar[Manifest]
@@ -420,7 +420,7 @@ def _what(request: Request) -> str:
 
 
 def try_import(module: str, file: Path | None, limit_s: float) -> str:
-    """Import a module in a process of its own.
+    """Import a module in a separate process.
 
     Args:
         module: its name, if it is installed.

@@ -1,4 +1,4 @@
-"""What passes between a robot's process and that of an isolated plugin. MessagePack, never pickle."""
+"""Messages between a robot's process and that of an isolated plugin. MessagePack, never pickle."""
 
 from typing import Any
 
@@ -109,13 +109,13 @@ class Log(PipeMessage, frozen=True):
 
 
 class CallReply(PipeMessage, frozen=True):
-    """What was asked for."""
+    """The result of a request."""
 
     value: bytes = b""
 
 
 class CallFailure(PipeMessage, frozen=True):
-    """What was asked for has raised."""
+    """The request has raised."""
 
     kind: str
     """Name of the exception's class."""

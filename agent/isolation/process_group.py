@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 class ProcessGroup:
-    """A process in a session of its own.
+    """A process in a separate session.
 
     Args:
         command: program and arguments.

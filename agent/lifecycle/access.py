@@ -46,7 +46,7 @@ class AccessiblePlugin(Protocol):
     callable: Plugin | None
     """The instance while it may be called, else None."""
     environment: Environment | None
-    """What its instance was given, the one that is there or is being made."""
+    """The environment of its instance, the present one or the one that is being made."""
 
     @property
     def plugin_class(self) -> type[Plugin]:
@@ -159,7 +159,7 @@ class ExternalLeases:
             self._leases.pop(plugin, None)
 
     def holder(self, plugin: str) -> str:
-        """Who outside holds a plugin now; empty if nobody does."""
+        """The outside holder of a plugin; empty if there is none."""
         with self._lock:
             found = self._valid(plugin)
             return found.holder if found is not None else ""
@@ -185,18 +185,18 @@ class ExclusiveUse:
 
     def __init__(self, plugin: str, leases: ExternalLeases) -> None:
         self.inside = ""
-        """Who in the robot has it; nobody if empty."""
+        """The plugin that holds it; empty if none does."""
         self._plugin = plugin
         self._leases = leases
         self._deciding = threading.Lock()
 
     @property
     def by(self) -> str:
-        """Who has it, inside or outside; nobody if empty."""
+        """The holder, inside or outside; empty if there is none."""
         return self.inside or self._leases.holder(self._plugin)
 
     def rival_of(self, by: str) -> str:
-        """Who keeps somebody outside from calling the plugin; empty if nobody does."""
+        """The holder that keeps an outside caller from the plugin; empty if there is none."""
         outside = self._leases.holder(self._plugin)
         return self.inside or (outside if outside != by else "")
 

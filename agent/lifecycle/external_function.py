@@ -38,7 +38,7 @@ class Fit(NamedTuple):
 
     @property
     def loss(self) -> tuple[int, int]:
-        """What the best fit has least of."""
+        """The key by which fits are compared; the best fit has the least."""
         return self.converted, self.defaults
 
 
@@ -215,12 +215,12 @@ class ExternalFunction:
 
     @property
     def infos(self) -> list[FunctionInfo]:
-        """What the host tells of each signature."""
+        """The description of each signature."""
         return [signature.info for signature in self.signatures]
 
     @property
     def info(self) -> FunctionInfo:
-        """What the host tells of the only signature, or the first."""
+        """The description of the only signature, or the first."""
         return self.signatures[0].info
 
     def call(self, plugin: Plugin, payload: bytes) -> Any:

@@ -19,7 +19,7 @@ MakeEnvironment = Callable[[PluginRequests], Environment]
 
 
 class RobotContext:
-    """What each plugin of one robot uses of it.
+    """The part of a robot that its plugins use.
 
     Args:
         robot: its name.
@@ -63,7 +63,7 @@ class RobotContext:
         return self.starters is not None
 
     def parameters_of(self, name: str) -> Mapping[str, Any]:
-        """What the robot's own file says of a plugin's parameters."""
+        """Parameters of a plugin in the robot's own file."""
         return self._parameters.get(name, {})
 
     def request(self, caller: AccessiblePlugin, name: str, interface: type) -> object:

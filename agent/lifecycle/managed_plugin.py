@@ -79,9 +79,9 @@ class ManagedPlugin:
         """Where the plugin's code raised what has led to the state."""
         self._context = context
         self.turn = self._new_turn()
-        """Who is in the plugin at the moment: its lock."""
+        """The plugin's lock."""
         self.exclusive = ExclusiveUse(self.name, context.leases)
-        """Who holds the plugin, if it is not shared."""
+        """The plugin's exclusive use, if it is not shared."""
         self.overruns = self.restarts = 0
         self.generation = 0
         """Grows when an instance is abandoned in which somebody is stuck."""
@@ -90,7 +90,7 @@ class ManagedPlugin:
         self.due_ns = NEVER_NS
         """When its next step is due, in lockstep."""
         self.environment: Environment | None = None
-        """What the instance was given that is there, or is being made."""
+        """The environment of the instance, the present one or the one that is being made."""
         self.holdings = Holdings(self.name, context)
         self._code: PluginCode | None = None
         self.instance: Instance | None = None

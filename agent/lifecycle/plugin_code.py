@@ -1,4 +1,4 @@
-"""What a plugin is made of: its class, its external functions and events, and its checked parameters."""
+"""The code of a plugin: its class, its external functions and events, and its checked parameters."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -66,7 +66,7 @@ class PluginRegistry(RobotContext):
         self.plugins = {name: other for name, other in self.plugins.items() if other is not plugin}
 
     def requirements(self) -> dict[str, list[str]]:
-        """What each plugin requires, by name."""
+        """Requirements of each plugin, by name."""
         return {name: plugin.manifest.tag.requires for name, plugin in self.plugins.items()}
 
     def users_of(self, name: str) -> list[ManagedPlugin]:
@@ -144,7 +144,7 @@ class PluginRegistry(RobotContext):
             self.new_faults.append(plugin)
 
     def is_foreign(self, name: str) -> bool:
-        """Whether it is a process of its own that goes by this name."""
+        """Whether a foreign process has this name."""
         return self.foreign is not None and name not in self.plugins and name in self.foreign
 
     def foreign_infos(self) -> list[PluginInfo]:

@@ -1,6 +1,6 @@
 """The states of a plugin, what may happen to it in each, and what is done then: one table.
 
-What is not in the table is refused. `ManagedPlugin.apply` is the only code that changes a state.
+Pairs that are not in the table are refused. `ManagedPlugin.apply` is the only code that changes a state.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,7 +13,7 @@ from robrain.protocol.errors import ErrorCode
 
 
 class Trigger(Enum):
-    """What happens to a plugin."""
+    """An event in the life of a plugin."""
 
     INITIALISED = "initialised"
     ACTIVATED = "activated"
@@ -42,7 +42,7 @@ class Trigger(Enum):
 
 
 class Effect(Enum):
-    """What is done in a transition; in the order of a row."""
+    """A step of a transition; in the order of a row."""
 
     ASK = auto()
     """Call the plugin's `deactivate`, with its lock; what it raises is raised, after all other steps."""
@@ -127,7 +127,7 @@ TRANSITIONS: Mapping[tuple[PluginState, Trigger], Transition] = {
 
 
 def transition(plugin: str, state: PluginState, trigger: Trigger) -> Transition:
-    """What follows when that happens to a plugin in that state.
+    """The transition of a plugin in a state.
 
     Raises:
         TransitionRefused: it cannot happen then.

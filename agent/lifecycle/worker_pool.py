@@ -42,7 +42,7 @@ class WorkerPool:
         self._threads: list[threading.Thread] = []
 
     def stand_by(self, count: int) -> None:
-        """Have at least so many threads that are free."""
+        """Have at least `count` free threads."""
         with self._counting:
             self._start(count - self._free)
 

@@ -213,7 +213,7 @@ def field_html(view: ShownTeam) -> str:
 
 
 def rules_html(view: ShownTeam) -> str:
-    """What each rule waits for and what it has made; empty without rules."""
+    """Condition and tasks of each rule; empty without rules."""
     team = view.team
     if team is None or not isinstance(team.rules, list) or not team.rules:
         return ""

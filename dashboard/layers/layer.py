@@ -32,7 +32,7 @@ SLOWER = 3.0
 
 
 class Layer(ABC):
-    """Draws one aspect of the team below a node of its own, which hides with its checkbox.
+    """Draws one aspect of the team below one node, which its checkbox hides.
 
     A layer gives its `name` (of the node), its `label` (for people), its `period_s` and whether it is shown at first,
     and draws in `_draw`.

@@ -144,7 +144,7 @@ class MoteLayer(MeshLayer):
 
 
 class ScanLayer(OwnLayer):
-    """What the lidar of the selected robot sees, in the robot's colour."""
+    """Hits of the selected robot's lidar, in the robot's colour."""
 
     name, label, period_s = "scans", "Lidar", 0.2
 

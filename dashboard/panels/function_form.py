@@ -185,7 +185,7 @@ NOT_GIVEN = "(not given)"
 
 
 class FormPanel:
-    """The inputs of one form, in a folder of their own inside `slot`."""
+    """The inputs of one form, in a folder inside `slot`."""
 
     def __init__(self, gui: viser.GuiApi, slot: viser.GuiFolderHandle) -> None:
         self._gui = gui

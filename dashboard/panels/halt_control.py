@@ -110,7 +110,7 @@ class HaltControl(Panel):
 
 
 def acknowledgements_html(view: ShownTeam, beat: int) -> str:
-    """Who has obeyed the halt, or that nothing is halted."""
+    """Robots that have obeyed the halt, or a note that none is halted."""
     stopped, missing = acknowledgements(view)
     return render(
         "controls",

@@ -76,7 +76,7 @@ class Inquiries:
             self._asker.ask(TASK_KINDS, None, self._handle_kinds)
 
     def plugins_of(self, robot: str) -> PluginsOf:
-        """What is known of a robot's plugins."""
+        """The known plugins of a robot."""
         return self._plugins.get(robot, PluginsOf())
 
     def ask_again(self, robot: str) -> None:
@@ -107,7 +107,7 @@ class Inquiries:
 
 @dataclass
 class PageContext:
-    """What the pages of all browsers share."""
+    """State that the pages of all browsers share."""
 
     view: ShownTeam
     scene: Scene
@@ -119,7 +119,7 @@ class PageContext:
     """The team's; None for a recording."""
 
     def pilot(self, robot: str, browser: int) -> HandPilot | None:
-        """What drives a robot by hand for one browser, started; None for a recording."""
+        """A started pilot that drives a robot by hand for one browser; None for a recording."""
         if self.team is None:
             return None
         by = f"dashboard-{str(self.team.session.zid())[:8]}-{browser}"
@@ -211,7 +211,7 @@ class Tab:
 
 @dataclass
 class PanelContext:
-    """What panels are made from."""
+    """The inputs of panels."""
 
     server: viser.ViserServer
     team: Endpoint | None

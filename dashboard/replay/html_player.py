@@ -28,7 +28,7 @@ def write_html(
         recording: an MCAP file.
         path: a file that does not exist yet.
         on_progress: told the share that is done, 0 to 1.
-        frames_max: so many frames at the most.
+        frames_max: maximum number of frames.
 
     Raises:
         RecordingError: the recording cannot be read, or the page exists or cannot be written.

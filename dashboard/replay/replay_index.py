@@ -96,7 +96,7 @@ class ReplayIndex:
 
     @property
     def robots(self) -> list[str]:
-        """Names of the robots that the recording tells of."""
+        """Names of the robots in the recording."""
         return list(self._all.robots)
 
     def apply_events(self, view: ShownTeam, time_s: float) -> None:

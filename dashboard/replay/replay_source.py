@@ -63,7 +63,7 @@ class ReplaySource:
 
     @property
     def robots(self) -> list[str]:
-        """Names of the robots that the recording tells of."""
+        """Names of the robots in the recording."""
         return self._index.robots
 
     def receive(self, now_s: float) -> None:

@@ -103,7 +103,7 @@ class FloorPicture:
 
 
 class Labels:
-    """Texts in the scene, each under a key of its own, above or below its place."""
+    """Texts in the scene by key, each above or below its place."""
 
     def __init__(self, scene: viser.SceneApi, name: str, size: float = 1.0, *, below: bool = False) -> None:
         self._scene = scene
@@ -166,7 +166,7 @@ def colors(values: list[tuple[int, int, int]]) -> Colors:
 def dashed(path: Sequence[Point2D], dash_m: float, z_m: float, most: int) -> Rows:
     """A path as at most `most` dashes of equal length, float32 (N, 2, 3), metres; unbroken if `dash_m` is 0.
 
-    What is longer than these dashes reach is cut off.
+    The rest of a longer path is cut off.
     """
     if len(path) < 2:
         return np.empty((0, 2, 3), np.float32)

@@ -1,4 +1,4 @@
-"""Renews the lease of a robot that a browser drives by hand, on a thread of its own.
+"""Renews the lease of a robot that a browser drives by hand, on a separate thread.
 
 A page is drawn ten times a second at best, and a lease lapses after 0.1 s. The thread exists only while a page has
 driving armed.
@@ -26,7 +26,7 @@ CALL_TIMEOUT_S = 0.3
 
 @dataclass(frozen=True)
 class Velocity:
-    """What a button asks for, body frame."""
+    """The velocity that a button requests, body frame."""
 
     forward_m_s: float = 0.0
     left_m_s: float = 0.0
@@ -52,7 +52,7 @@ class HandPilot:
 
     Args:
         control: drives the robot.
-        robot: its name, for what is told.
+        robot: its name, for reports.
 
     """
 
@@ -72,7 +72,7 @@ class HandPilot:
         threading.Thread(target=self._run, name=f"hand-{self.robot}", daemon=True).start()
 
     def press(self, button: str, velocity: Velocity, now_s: float) -> None:
-        """A button is held; said again and again for as long as it is.
+        """A button is held; called repeatedly while it is.
 
         Args:
             button: which one.

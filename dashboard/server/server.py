@@ -183,7 +183,7 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
 
 
 def page_head(*, has_halt: bool) -> str:
-    """What is added to the head of viser's page: a style, and a script that makes keys and rows of tables work.
+    """HTML for the head of viser's page: a style, and a script that makes keys and rows of tables work.
 
     viser's own elements report neither a click on a row nor a held key; `page.js` turns both into what they report.
 

@@ -1,1 +1,1 @@
-"""What the dashboard knows of the team; no browser."""
+"""The state of the team as the dashboard knows it; no browser."""

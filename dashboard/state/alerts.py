@@ -1,4 +1,4 @@
-"""What an operator should look at, worst first."""
+"""Alerts for the operator, worst first."""
 
 from enum import StrEnum
 from typing import NamedTuple

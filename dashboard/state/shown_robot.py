@@ -209,7 +209,7 @@ class ShownRecorder:
 
     @property
     def lost_text(self) -> str:
-        """What is not in the recording, in words; empty if nothing."""
+        """Lost messages in words; empty if there are none."""
         lost = self.state.lost if self.state is not None else []
         total = sum(entry.messages for entry in lost)
         if not total:

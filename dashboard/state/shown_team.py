@@ -101,7 +101,7 @@ class ShownTeam:
         self.map = ComposedMap()
         self.team: TeamState | None = None
         self.left: ExplorationLeft | None = None
-        """What exploration has left, as last published; None until it has ended once."""
+        """Regions that exploration has left, as last published; None until it has ended once."""
         self.truth: ArenaTruth | None = None
         self.preparation: ArenaPreparation | None = None
         """Set while a lockstep run waits for its navigation to be compiled; None once it has begun."""
@@ -198,7 +198,7 @@ class ShownTeam:
 
     @property
     def floor_version(self) -> FloorVersion:
-        """What the drawn floor shows."""
+        """Version of the drawn floor."""
         return FloorVersion(self.runs, self.map.version, self._plan is not None)
 
     @property

@@ -1,1 +1,1 @@
-"""What dashboard and reports draw alike: map, colours, a robot's history."""
+"""Drawing that dashboard and reports share: map, colours, a robot's history."""

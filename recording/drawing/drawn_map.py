@@ -68,7 +68,7 @@ def cover_with_boxes(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 FAR_M = 1e6
-"""What lies farther out than this is refused: it cannot be drawn, and would hide what can."""
+"""Places farther out than this are refused, because they cannot be drawn."""
 _DECODER = msgspec.json.Decoder(MapPatch)
 
 

@@ -109,7 +109,7 @@ def _restored(kept: _Kept) -> SubmapAtlas:
 
 
 class KnownMap:
-    """Merges the recorded patches when somebody asks, or when many wait. What does not decode or fit is left out."""
+    """Merges recorded patches on request, or when many wait. Patches that do not decode or fit are skipped."""
 
     def __init__(self) -> None:
         self._view = ComposedMap()

@@ -52,7 +52,7 @@ MOTE_COLORS: tuple[Rgb, ...] = (GOOD, WARNING, BAD, LOST)
 
 
 class RobotStyle(NamedTuple):
-    """How a robot is told from others."""
+    """Colour and shape of a robot."""
 
     color: Rgb
     shape: str

@@ -28,7 +28,7 @@ class HistorySample(NamedTuple):
     soc_percent: float
     power_w: float
     model_power_w: float
-    """What the robot's own model says that its motion takes."""
+    """Power of its motion by the robot's own model."""
     measured_j: float
     """Since the beginning of the history, at the battery's terminals."""
     predicted_j: float
@@ -40,7 +40,7 @@ class HistorySample(NamedTuple):
 
 
 class RobotHistory:
-    """Samples a robot's states once a second of its own clock; ten minutes are kept."""
+    """Samples a robot's states once a second of the robot's clock; ten minutes are kept."""
 
     def __init__(self) -> None:
         self.samples: deque[HistorySample] = deque(maxlen=POINTS)
@@ -99,7 +99,7 @@ class RobotHistory:
 
 
 def model_power_w(model: EnergyModel, velocity: Twist2D) -> float:
-    """What the robot's model says that moving so takes, without speeding up.
+    """Power of a steady motion by the robot's model.
 
     The terms are those of `protocol.model.energy_model`.
     """

@@ -60,7 +60,7 @@ class Recording:
 
     @property
     def provenance(self) -> Provenance:
-        """What the run was started with (RecordingError if robrain did not make it)."""
+        """The inputs of the run (RecordingError if robrain did not make it)."""
         return read_provenance(self.path)
 
     def messages(self, topic: str, **names: str) -> Iterator[LoadedMessage]:

@@ -18,7 +18,7 @@ from robrain.recording.reader.reading import RecordedMessage
 
 
 class Cell(StrEnum):
-    """What a column holds; all but `t_s` may be missing."""
+    """The type of a column; values of all but `t_s` may be missing."""
 
     INT = "int"
     FLOAT = "float"

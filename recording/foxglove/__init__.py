@@ -1,1 +1,1 @@
-"""What Foxglove draws."""
+"""Channels for Foxglove."""

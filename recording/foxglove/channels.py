@@ -1,4 +1,4 @@
-"""What Foxglove, Lichtblick and Rerun draw, derived from the recorded topics and from nothing else.
+"""Channels for Foxglove, Lichtblick and Rerun, derived from the recorded topics and from nothing else.
 
 `handle` is given each recorded message, and only keeps it; `due` makes messages at rates that keep files small, of the
 latest that was kept. The same messages in the same order give the same channels, at the recording or later.
@@ -59,7 +59,7 @@ MARKS_NS = to_ns(1.0)
 TRAILS_NS = to_ns(5.0)
 MAP_NS = to_ns(2.0)
 CELLS_A_SECOND = 100_000
-"""A large map comes less often: so many cells a second on average."""
+"""A large map comes less often: this number of cells a second on average."""
 WALLS_NS = to_ns(10.0)
 TRAIL_STEP_M = 0.25
 TRAIL_POINTS = 200
@@ -265,7 +265,7 @@ class FoxgloveChannels:
         self._tasks_changed = bool(self._open_tasks)
 
     def due(self, now_ns: int) -> Iterator[VisualMessage]:
-        """What is to be drawn at `now_ns` of the recorder's clock."""
+        """The messages that are due at `now_ns` of the recorder's clock."""
         if self._lines:
             yield from self._received_lines(now_ns)
         if self._is_due("transforms", TRANSFORMS_NS, now_ns) and self._states:

@@ -62,7 +62,7 @@ def _type_of(schema: Mapping[str, Any]) -> str:
 
 
 def _items(schema: Mapping[str, Any], definitions: Mapping[str, Schema], depth: int) -> Schema:
-    """What is in a list; of a tuple, what its places have in common."""
+    """The schema of the items of a list; of a tuple, the common schema of its places."""
     reported = schema.get("prefixItems") or [schema.get("items")]
     items = _joined([_plain(item, definitions, depth - 1) for item in reported])
     return _unknown() if items["type"] == "array" else items

@@ -1,4 +1,4 @@
-"""What Foxglove draws of a live team, served on a WebSocket by Foxglove's own SDK; no log-in, so loopback only."""
+"""Channels of a live team for Foxglove, served on a WebSocket by Foxglove's own SDK; no log-in, so loopback only."""
 
 import foxglove
 

@@ -13,7 +13,7 @@ from robrain.recording.invariants import findings as found
 
 
 class Invariant(StrEnum):
-    """What must hold in every run."""
+    """A condition that every run must satisfy."""
 
     TASK_KEPT = "task_kept"
     """No accepted task is lost."""
@@ -65,7 +65,7 @@ class MissingEvidence(StrEnum):
 
 
 class Violation(msgspec.Struct, frozen=True, kw_only=True, tag_field="code"):
-    """What breaks an invariant."""
+    """A breach of an invariant."""
 
 
 class TasksForgotten(Violation, frozen=True, kw_only=True, tag="tasks_forgotten"):
@@ -117,7 +117,7 @@ class Reopened(Violation, frozen=True, kw_only=True, tag="reopened"):
     task: str
     ended: TaskState
     state: TaskState
-    """What follows the end."""
+    """State after the end."""
 
 
 class StillAtDone(Violation, frozen=True, kw_only=True, tag="still_at_done"):
@@ -170,7 +170,7 @@ class HaltIgnored(Violation, frozen=True, kw_only=True, tag="halt_ignored"):
 
     robot: str
     by: str
-    """Who halted the team."""
+    """Name of the client that halted the team."""
     for_s: float
     """Time since the robot could know."""
 
@@ -203,7 +203,7 @@ class ChargeRose(Violation, frozen=True, kw_only=True, tag="charge_rose"):
 
 
 class Unbalanced(Violation, frozen=True, kw_only=True, tag="unbalanced"):
-    """What a battery has delivered and what the robot's estimate has lost differ."""
+    """The energy that a battery has delivered differs from the loss of the robot's estimate."""
 
     robot: str
     delivered_j: float
@@ -271,7 +271,7 @@ INVARIANTS = {
     Invariant.HALTS: "halts are obeyed",
     Invariant.ENERGY: "energy balances",
 }
-"""What each says."""
+"""Each invariant in words."""
 
 CASES = {
     Invariant.TASK_KEPT: ("task", "tasks"),
@@ -282,7 +282,7 @@ CASES = {
     Invariant.HALTS: ("halt", "halts"),
     Invariant.ENERGY: ("robot", "robots"),
 }
-"""What each was judged of: one, several."""
+"""The cases of each invariant: one, several."""
 
 _MISSING = {
     MissingEvidence.BATTERIES: "no robot reports a battery",

@@ -25,7 +25,7 @@ OWN_MOVED_M = 0.5
 HEEDED_NS = to_ns(2.0)
 """A robot in contact hears of a halt within this, from the coordinator's summary at the latest (chosen)."""
 SILENT_NS = to_ns(1.0)
-"""What a robot said longer ago does not count."""
+"""Older messages of a robot do not count."""
 GOES_ON_NS = to_ns(0.25)
 """After this a robot that was resumed has published a pose of its own again."""
 CARRIED_M_S = 3.0
@@ -71,7 +71,7 @@ class Halts(InvariantJudge):
         self._summary_ns: int | None = None
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         return {
             Halt: self._handle_halt,
             TeamState: self._handle_summary,
@@ -80,7 +80,7 @@ class Halts(InvariantJudge):
         }
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked."""
+        """Evidence that is missing."""
         return None if self._robots else MissingEvidence.ROBOTS
 
     def _handle_halt(self, halt: Halt, time_ns: int) -> None:

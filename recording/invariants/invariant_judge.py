@@ -1,4 +1,4 @@
-"""What every judge of an invariant shares: what it is told, and how it rules."""
+"""The base of all judges of invariants: their input and their rulings."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -33,7 +33,7 @@ class FloorCharger(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What the messages of a run do not tell of the place where it happens."""
+    """Facts about the place of a run that its messages do not contain."""
 
     clearance_m: Callable[[float, float], float] | None = None
     """Distance from a place (x, y), arena frame, to the nearest wall, 0 inside one; None if the floor is not known."""
@@ -69,19 +69,19 @@ class InvariantJudge:
     def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
         self.surroundings = surroundings
         self.cases = 0
-        """What was judged so far."""
+        """Number of cases judged so far."""
         self.missing: MissingEvidence | None = None
-        """What keeps it from being judged in full."""
+        """Evidence without which it cannot be judged in full."""
         self._start_ns = start_ns
         self._broken = 0
         self._breaches: list[Breach] = []
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         raise NotImplementedError
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked, at the end of the run; None if it could be judged."""
+        """Evidence that is missing at the end of the run; None if the invariant could be judged."""
         return self.missing
 
     def ruling(self) -> Ruling:

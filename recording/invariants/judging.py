@@ -90,11 +90,11 @@ class EnergyBalance(InvariantJudge):
         self._robots: dict[str, _RobotEnergy] = {}
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         return {RobotState: self._handle_state, ArenaTruth: self._handle_truth}
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked."""
+        """Evidence that is missing."""
         return None if self.cases else MissingEvidence.BATTERIES
 
     def _robot(self, name: str) -> _RobotEnergy:
@@ -200,11 +200,11 @@ class TaskKept(InvariantJudge):
         self._received_ns: dict[str, int] = {}
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         return {TaskEvent: self._handle_event, RobotState: self._handle_state, TeamState: self._handle_summary}
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked."""
+        """Evidence that is missing."""
         changes = self._changes
         if self._summary_ns is None:
             return MissingEvidence.SUMMARIES
@@ -329,11 +329,11 @@ class NotStranded(InvariantJudge):
         self._has_truth = False
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         return {RobotState: self._handle_state, ArenaTruth: self._handle_truth}
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked."""
+        """Evidence that is missing."""
         return None if self.cases else MissingEvidence.BATTERIES
 
     def _handle_state(self, state: RobotState, time_ns: int) -> None:
@@ -409,11 +409,11 @@ class Walls(InvariantJudge):
         self._has_truth = False
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         return {RobotState: self._handle_state, ArenaTruth: self._handle_truth}
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked."""
+        """Evidence that is missing."""
         if not self._has_truth:
             return MissingEvidence.TRUTH
         if self.surroundings.clearance_m is None:
@@ -496,7 +496,7 @@ class Judging:
             handler(message, time_ns)
 
     def receive(self, heard: Sequence[tuple[Topic[Any], str, bytes, int, int]], now_ns: int) -> None:
-        """What a recorder has heard: for `LockstepRun.follow`."""
+        """Receive recorded messages: for `LockstepRun.follow`."""
         handlers = self._handlers
         for topic, _, payload, _, _ in heard:
             if topic.message in handlers:

@@ -25,7 +25,7 @@ ENDED_KEPT = 100_000
 
 
 class ChangeKind(Enum):
-    """What an event is."""
+    """The kind of an event."""
 
     NEWS = auto()
     """A change of a task that has not ended, or is new."""
@@ -56,7 +56,7 @@ class TaskChanges:
 
     @property
     def tasks(self) -> int:
-        """Tasks heard of."""
+        """Number of tasks in the messages."""
         return self._tasks
 
     def handle(self, event: TaskEvent, time_ns: int) -> ChangeKind:
@@ -136,11 +136,11 @@ class TaskOnce(InvariantJudge):
         self._reopened: set[str] = set()
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         return {TaskEvent: self._handle_event, RobotState: self._handle_state}
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked."""
+        """Evidence that is missing."""
         if self._changes.has_gap:
             return MissingEvidence.EVENTS
         return None if self._has_received or self._changes.tasks else MissingEvidence.TASKS
@@ -210,11 +210,11 @@ class TaskAtOne(InvariantJudge):
         self._has_received = False
 
     def handlers(self) -> Mapping[type, Handler]:
-        """What is to be called with each type of message."""
+        """Handlers by type of message."""
         return {RobotState: self._handle_state}
 
     def lacks(self) -> MissingEvidence | None:
-        """What the messages lacked."""
+        """Evidence that is missing."""
         return None if self._has_received else MissingEvidence.ROBOTS
 
     def _handle_state(self, state: RobotState, time_ns: int) -> None:

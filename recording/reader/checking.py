@@ -24,7 +24,7 @@ from robrain.recording.reader.contents import has_numbers, several_senders
 from robrain.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
 
 LISTED_OF_A_KIND = 5
-"""Findings of one kind and key that are told one by one; the rest is counted."""
+"""Findings of one kind and key that are listed one by one; the rest is counted."""
 
 
 class Severity(StrEnum):
@@ -41,7 +41,7 @@ JUMP_S = 60.0
 
 
 class CheckKind(StrEnum):
-    """What was found."""
+    """The kind of a finding."""
 
     TRUNCATED = "truncated"
     MALFORMED = "malformed"
@@ -57,7 +57,7 @@ class CheckKind(StrEnum):
     RESTART = "restart"
     """A sender's numbers began again."""
     COUNT = "count"
-    """What the file says of itself is not what is in it."""
+    """The file's own counts differ from its content."""
     LOST = "lost"
     """The recorder says that it could not write everything."""
     UNKNOWN_KEY = "unknown_key"

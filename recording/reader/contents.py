@@ -1,4 +1,4 @@
-"""What is in a recording: rates, gaps and bytes per key, and where it comes from. Reads all of it once."""
+"""The content of a recording: rates, gaps and bytes per key, and its origin. Reads all of it once."""
 
 from array import array
 from collections.abc import Callable
@@ -50,7 +50,7 @@ class KeyContents(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RecordingContents(msgspec.Struct, frozen=True, kw_only=True):
-    """All that is told of a recording."""
+    """The content of a recording."""
 
     info: RecordingInfo
     keys: list[KeyContents]
@@ -61,7 +61,7 @@ class RecordingContents(msgspec.Struct, frozen=True, kw_only=True):
     host: dict[str, str]
     """The machine that recorded."""
     summary: dict[str, str]
-    """What its recorder said at the end; empty when the end is missing."""
+    """Summary of its recorder at the end; empty when the end is missing."""
     attachments: dict[str, int]
     """Bytes of each."""
     manifests: list[str]

@@ -75,7 +75,7 @@ def recorded_message(channel: Channel, message: Message) -> RecordedMessage:
 
 
 class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """What a recording holds."""
+    """Size, duration and counts of a recording."""
 
     path: Path
     size_bytes: int
@@ -94,7 +94,7 @@ class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
     digest: str
     """Digest of the run; empty when the end is missing."""
     summary: dict[str, str] = {}
-    """What its recorder said at the end; empty when the end is missing."""
+    """Summary of its recorder at the end; empty when the end is missing."""
 
 
 def read_messages(path: Path, on_progress: Callable[[float], None] | None = None) -> Iterator[RecordedMessage]:
@@ -114,7 +114,7 @@ def read_messages(path: Path, on_progress: Callable[[float], None] | None = None
 
 
 def read_provenance(path: Path) -> Provenance:
-    """What the recorded run was started with.
+    """Read the inputs of the recorded run.
 
     Raises:
         RecordingError: there is no such file, it is no recording, or robrain did not make it.

@@ -225,7 +225,7 @@ class RecordingCopy:
 
 
 class Recovery(msgspec.Struct, frozen=True, kw_only=True):
-    """What was saved of a recording."""
+    """The result of a recovery."""
 
     source: Path
     path: Path

@@ -1,4 +1,4 @@
-"""What a report tells of one run: its messages, read once and gathered by robot, mote and task."""
+"""The data of one run for reports: its messages, read once and gathered by robot, mote and task."""
 
 from array import array
 from collections.abc import Callable
@@ -169,9 +169,9 @@ class TaskRun:
     ended_s: float | None = None
     why: str = ""
     predicted_j: float | None = None
-    """What the plan said that it would take the robot that did it."""
+    """Energy that the plan predicted for the robot that did it."""
     measured_j: float | None = None
-    """What it took, as that robot told."""
+    """Energy that it took, as that robot reported."""
     spans: list[tuple[str, float, float | None]] = field(default_factory=list)
     """Robot, beginning and end of each time that somebody was at it."""
 
@@ -204,7 +204,7 @@ class RunData:
     mote_field: MoteFieldState | None = None
     """How the motes were doing at the end, as the coordinator told; None if it did nothing for them by itself."""
     left: ExplorationLeft | None = None
-    """What exploration had left, as the coordinator published last; None if it never did."""
+    """Regions that exploration left, as last published by the coordinator; None if it never did."""
     map_accuracy: list[tuple[float, MapAccuracy]] = field(default_factory=list)
     """Time and accuracy of the team's map by the ground truth; one entry for each change."""
     robots: dict[str, RobotRun] = field(default_factory=dict)
@@ -340,7 +340,7 @@ class _Gather:
     def _handle_patch(self, patch: MapPatch, _t_s: float) -> None:
         try:
             self.run.map.merge(patch)
-        except ValueError:  # it fits no map; whoever listened left it out as well
+        except ValueError:  # it fits no map; its receivers refused it as well
             return
 
     def _handle_reading(self, reading: MoteReading, t_s: float) -> None:

@@ -17,7 +17,7 @@ from robrain.recording.reader.reading import RecordedMessage, read_messages, top
 from robrain.recording.reader.run_data import OWN_KINDS, RunData, TaskRun, read_run
 
 SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)
-"""Explored shares whose times are told."""
+"""Explored shares whose times are compared."""
 
 
 class ComparedTask(msgspec.Struct, frozen=True, kw_only=True):
@@ -28,7 +28,7 @@ class ComparedTask(msgspec.Struct, frozen=True, kw_only=True):
     state: str
     """The last one: `done`, `failed`, `cancelled`, or what it was when the run ended."""
     robot: str
-    """Who did it, or was at it last; empty if nobody was."""
+    """The robot that did it, or worked on it last; empty if none did."""
     started_s: float | None
     ended_s: float | None
     why: str = ""
@@ -49,7 +49,7 @@ class RobotOutcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ComparedRun(msgspec.Struct, frozen=True, kw_only=True):
-    """What came out of one run."""
+    """The outcome of one run."""
 
     recording: Path
     duration_s: float
@@ -132,7 +132,7 @@ def compare_runs(one: Path | str, two: Path | str, on_progress: Callable[[float]
 
 
 def outcome_of(run: RunData) -> ComparedRun:
-    """What came out of a run."""
+    """The outcome of a run."""
     done = [task for task in run.tasks.values() if task.state == "done"]
     reached: dict[str, float] = {}
     for share in SHARES:
@@ -252,7 +252,7 @@ def _sum(values: list[float | None] | list[int | None]) -> float | None:
 
 
 VALUE_SHOWN = 200
-"""Characters of a value that are told."""
+"""Characters of a value that are shown."""
 ENDED = "(the recording has ended)"
 
 

@@ -189,7 +189,7 @@ class Player:
         self._played_from = None
 
     def step(self, now_ns: int) -> list[RecordedMessage]:
-        """What has become due by the caller's clock since the step before; nothing while it is paused.
+        """Return the messages that are due by the caller's clock; none while it is paused.
 
         Raises:
             RecordingError: the file is damaged from here on.
@@ -214,7 +214,7 @@ class Player:
         return list(self._advance_to(min(self._position_ns + to_ns(duration_s), self._file.end_ns)))
 
     def close(self) -> None:
-        """Let go of what is held in memory; there is no file to close."""
+        """Release the messages in memory; there is no file to close."""
         self.pause()
         self._held.clear()
 

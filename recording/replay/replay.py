@@ -18,7 +18,7 @@ from robrain.recording.replay.player import Player
 class Replay:
     """Puts the messages of a recording on the wire, byte for byte and in order, in the endpoint's team.
 
-    Robots and coordinator of the recording are shown as being there for as long as the endpoint is open. Keys
+    Robots and coordinator of the recording appear as present while the endpoint is open. Keys
     that are not of a recorded topic are left out. A recorded halt, and its end, is said again like all else: never
     replay into a team that has robots of its own.
 
@@ -86,7 +86,7 @@ class Replay:
         return self._put(self.player.seek(t_s))
 
     def close(self) -> None:
-        """Let go of the file; `done` from then on."""
+        """Release the file; `done` from then on."""
         self._closed = True
         self.player.close()
 

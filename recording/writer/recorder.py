@@ -112,7 +112,7 @@ class RecorderReports:
             self._watch.begin()
 
     def end(self, lost: int) -> None:
-        """It has written, and so many messages are lost in all."""
+        """It has written; `lost` is the total number of lost messages."""
         if self._watch is not None:
             self._watch.end()
         now_ns = self._clock.now_ns()
@@ -148,7 +148,7 @@ class SlowStepTimer:
 
     Args:
         tell: called on the watch's own thread.
-        period_s: how long a step may last before it is told.
+        period_s: how long a step may last before it is reported.
     """
 
     def __init__(self, tell: Callable[[float], None], period_s: float) -> None:
@@ -193,7 +193,7 @@ OnRecorded = Callable[[Sequence[tuple[Topic[Any], str, bytes, int, int]], int], 
 
 
 class RecordingSummary(msgspec.Struct, frozen=True):
-    """What a recorder did."""
+    """The result of a recording."""
 
     messages: int
     """Messages heard, all of them in the digest."""
@@ -424,7 +424,7 @@ class Recorder:
         return dict(written + self._inbox.dropped_by_topic.copy())  # others count there meanwhile
 
     def _said(self) -> dict[str, str]:
-        """What stands in the metadata at the end of a file."""
+        """The metadata at the end of a file."""
         message_text = {
             "messages": str(self._messages),
             "digest": self.digest,

@@ -59,7 +59,9 @@ StampedMessage = tuple[Topic[Any], str, bytes, int, int]
 
 
 class RecordingFile:
-    """Writes messages to an MCAP file. A disk that fails in mid-run is told once; the run goes on without the file.
+    """Writes messages to an MCAP file.
+
+    A disk that fails during the run is reported once; the run continues without the file.
 
     Args:
         path: file to write; an older recording of that name is replaced.
@@ -79,7 +81,7 @@ class RecordingFile:
         self.lost_by_topic: Counter[str] = Counter()
         """Messages of the wire that could not be written, by the topic's name."""
         self.why = ""
-        """Why it failed; empty as long as it has not."""
+        """Why it failed; empty if it has not."""
         self.has_messages = False
         """Whether any message is on the disk."""
         self._failed = False

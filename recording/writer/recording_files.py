@@ -97,7 +97,7 @@ class RecordingFiles:
 
     @property
     def why(self) -> str:
-        """Why nothing is written now; empty as long as it is."""
+        """Why nothing is written now; empty while messages are written."""
         return self._file.why
 
     def write(self, told: Iterable["StampedMessage"], log_time_ns: int) -> None:

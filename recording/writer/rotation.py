@@ -131,13 +131,13 @@ class Rotation:
         return ""
 
     def _warn(self, text: str) -> None:
-        if text != self._warned:  # once in the log, for as long as it is the same
+        if text != self._warned:  # each text once in the log
             self._warned = text
             logger.warning("%s", text)
 
 
 def own_recordings(path: Path, *, is_given: bool) -> re.Pattern[str]:
-    """Names of the recordings that a recorder may remove: of its own series, and no others.
+    """Names of the recordings that a recorder may remove: those of its series only.
 
     Args:
         path: of its recording.
