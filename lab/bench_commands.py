@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from robrain.deploy.command_line.options import JsonOption, NearOption
+from robrain.deploy.command_line.output import print_json, print_result
 
 BENCHES = {
     "allocation": "task allocation: gap to the best known solution of a public routing instance",
@@ -60,8 +61,6 @@ def allocation(
     """Solve a public instance by the optimal allocator."""
     import time
 
-    import msgspec
-
     from robrain.algorithms.allocation.optimal import OptimalAllocator
     from robrain.algorithms.allocation.problem import Objective
     from robrain.algorithms.allocation.warm_up import warm_up
@@ -78,13 +77,13 @@ def allocation(
     allocator = OptimalAllocator(Objective.ENERGY, time.process_time)
     result = solve_public(public, allocator, known, deadline_s=seconds, seed=seed)
     if as_json:
-        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
+        print_json(result)
         return
-    sys.stdout.write(f"{result.instance}: {result.customers} customers, {result.vehicles} vehicles used\n")
-    sys.stdout.write(f"value {result.value:g}, best known {'–' if known is None else f'{known:g}'}")
-    sys.stdout.write("\n" if result.gap is None else f", gap {100 * result.gap:.2f} %\n")
+    gap = "" if result.gap is None else f", gap {100 * result.gap:.2f} %"
+    print_result(f"{result.instance}: {result.customers} customers, {result.vehicles} vehicles used")
+    print_result(f"value {result.value:g}, best known {'–' if known is None else f'{known:g}'}{gap}")
     if result.note:
-        sys.stdout.write(f"note: {result.note}\n")
+        print_result(f"note: {result.note}")
 
 
 @bench_app.command(help=BENCHES["mapping"])

@@ -7,11 +7,11 @@ import msgspec
 from robrain.agent.host.command_door import TextCall, parse_call
 from robrain.agent.text_form import parse_argument, parse_value, print_value
 from robrain.client.team import Team
+from robrain.deploy.command_line.output import print_json
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.action_messages import Outcome
-from robrain.protocol.safe_text import safe_json
 
 EXIT_NOT_DONE = 1
 
@@ -61,7 +61,7 @@ def call_command(
             said = "" if result is None else print_value(result)
         if not isinstance(result, str) or not _starts_action(client, robot, plugin, function):
             if as_json:
-                print_line(safe_json(msgspec.json.encode(result)))
+                print_json(result)
             elif said:
                 print_line(said)
             return 0
@@ -69,7 +69,7 @@ def call_command(
             print_line(said)
         end = ends.end_of(result)
     if as_json:
-        print_line(safe_json(msgspec.json.encode(end)))
+        print_json(end)
     else:
         print_line(end.words if end.result is None else f"{end.words}: {print_value(end.result)}")
     return 0 if end.outcome is Outcome.DONE else EXIT_NOT_DONE

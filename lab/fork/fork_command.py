@@ -1,14 +1,12 @@
 """`robrain fork`: what if, from a moment of a recorded run on."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 
 from robrain.deploy.command_line.options import JsonOption
-from robrain.protocol.safe_text import safe_json
+from robrain.deploy.command_line.output import print_json
 
 if TYPE_CHECKING:
     from robrain.sim.scenarios.driving import Progress
@@ -86,7 +84,7 @@ def fork(
             )
     runs = compare_runs(recording, path) if result.same_whole is not True else None
     if as_json:
-        _print({"fork": result, "runs": runs})
+        print_json({"fork": result, "runs": runs})
     else:
         show_fork(result, runs)
     if result.ended == "interrupted":
@@ -96,9 +94,4 @@ def fork(
 
 
 def _print_progress(now: "Progress") -> None:
-    _print({"progress": {"now_s": now.sim_time_s}})
-
-
-def _print(value: object) -> None:
-    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
-    sys.stdout.flush()
+    print_json({"progress": {"now_s": now.sim_time_s}})

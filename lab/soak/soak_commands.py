@@ -1,14 +1,12 @@
 """`robrain soak`. It reads its options and calls the code that does the work."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
 from robrain.deploy.command_line.options import JsonOption
-from robrain.protocol.safe_text import safe_json
+from robrain.deploy.command_line.output import print_json
 
 soak_app = typer.Typer(rich_markup_mode=None)
 
@@ -80,7 +78,7 @@ def _soak(
     with soak_display(runs, quiet=as_json) as show:
         result = soak(options, show)
     if as_json:
-        _print_json(result)
+        print_json(result)
     else:
         show_soak(result)
     if result.interrupted:
@@ -99,7 +97,7 @@ def _repeat(file: Path, *, as_json: bool) -> None:
     prepare_kernels(quiet=as_json)
     verdict = run_script(script)
     if as_json:
-        _print_json(verdict)
+        print_json(verdict)
     else:
         show_script(script, verdict)
     if verdict.broken:
@@ -112,7 +110,7 @@ def _planted(seed: int, runs: int | None, jobs: int | None, *, as_json: bool) ->
 
     finds = find_planted(known_bugs(), range(seed, seed + (runs or 200)), _jobs(jobs))
     if as_json:
-        _print_json(finds)
+        print_json(finds)
     else:
         show_planted(finds)
     if any(find.seed is None for find in finds):
@@ -123,8 +121,3 @@ def _jobs(jobs: int | None) -> int:
     from robrain.lab.sweep.sweep import cores
 
     return jobs if jobs is not None else cores()
-
-
-def _print_json(value: object) -> None:
-    sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
-    sys.stdout.flush()

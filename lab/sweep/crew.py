@@ -12,13 +12,12 @@ from multiprocessing.context import BaseContext
 from typing import Generic, Protocol, TypeVar
 
 from robrain.deploy.errors import UsageError
+from robrain.deploy.processes.process_setup import ONE_THREAD
 from robrain.lab.sweep.run_outcome import RunRecord
 from robrain.lab.sweep.worker import STOP, RunTask, run_task, start_worker
 from robrain.recording.provenance import software_versions
 
 CONNECT_S = 10.0
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Variables that give each process one thread for arithmetic: the runs themselves use the cores."""
 
 
 T = TypeVar("T")

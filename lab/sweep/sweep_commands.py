@@ -4,7 +4,6 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
 from robrain.deploy.command_line.options import (
@@ -16,7 +15,7 @@ from robrain.deploy.command_line.options import (
     TimeLimitOption,
     UntilOption,
 )
-from robrain.protocol.safe_text import safe_json
+from robrain.deploy.command_line.output import print_json
 
 sweep_app = typer.Typer(rich_markup_mode=None)
 
@@ -77,7 +76,7 @@ def sweep(
     with sweep_display(plan, quiet=as_json) as show:
         result = run_sweep(plan, options, show)
     if as_json:
-        sys.stdout.write(safe_json(msgspec.json.encode(result, enc_hook=str)) + "\n")
+        print_json(result)
         sys.stdout.flush()
     else:
         show_sweep(result)
