@@ -76,7 +76,7 @@ def test_faults_and_robots_are_read_and_kept_in_the_recording() -> None:
         ({"policy": ["nowhere.toml"]}, "--policy nowhere.toml: there is no such file"),
         ({"policy": ["colour=red"]}, "colour"),
         ({"policy": ["rounds=many"]}, "--policy rounds=many: Expected `int`"),
-        ({"policy": ["confidence=2"]}, "expected confidence"),
+        ({"policy": ["confidence=2"]}, "confidence=2: "),
         ({"policy": ["exploration=dance"]}, "--policy exploration=dance: "),
         ({"faults": ["r1"]}, "expected ROBOT:KIND"),
         ({"faults": ["r1:sings"]}, "kinds are can_cut"),
