@@ -4,7 +4,7 @@ RobrainError
 ├── ScenarioError             a scenario cannot be run; names file and key
 └── RunFailed                 a strategy, allocator or other replaceable part failed during a run
 
-MapError (a ValueError, in `sim/maps/errors.py`) becomes a ScenarioError where a scenario is read.
+MapError (a ValueError, in `sim/maps/floor_plan.py`) becomes a ScenarioError where a scenario is read.
 """
 
 from robrain.protocol.errors import RobrainError

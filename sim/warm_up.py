@@ -5,8 +5,8 @@ import pymunk
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Pose2D
-from robrain.sim.firmware.load_kernel import LOAD, add_motion
-from robrain.sim.firmware.wheel_encoders import WheelEncoders
+from robrain.sim.firmware.motor_controller import WheelEncoders
+from robrain.sim.firmware.power_model import LOAD, add_motion
 from robrain.sim.robot.robot_body import RobotBodies, RobotBody
 from robrain.sim.robot.wheels import Wheels, WheelSpec
 

@@ -23,8 +23,8 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import is_loopback, listening_at
+from robrain.sim.firmware.described_controller import BASE_LINE
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
-from robrain.sim.firmware.line_controller import BASE_LINE
 from robrain.sim.firmware.wit_imu import IMU_LINE
 from robrain.sim.motes.serial_forwarder import SerialForwarder
 from robrain.sim.peripherals.line_plug import LinePlug

@@ -1,5 +1,6 @@
 """Faults: of a robot's hardware, of processes, of the wire and of the journal's disk; `[[faults]]` of a scenario."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Annotated
 
@@ -7,6 +8,7 @@ from msgspec import Meta
 
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative, Share
+from robrain.sim.errors import ScenarioError
 
 COORDINATOR = "coordinator"
 """Names the coordinator where a fault may be of a robot or of the coordinator."""
@@ -158,3 +160,27 @@ class FaultSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, 
             raise ValueError(f"expected no until_s for {self.kind}: the robot stays where it is put down")
         if self.until_s is not None and not self.until_s > self.at_s:
             raise ValueError(f"expected until_s > at_s = {self.at_s:g}, got {self.until_s}")
+
+
+def check_faults_alone(where: str, *, is_alone: bool) -> None:
+    """Check that no other process joins a run with such faults: it could not be cut off from anybody.
+
+    Raises:
+        ScenarioError: one may; names `where`.
+
+    """
+    if not is_alone:
+        raise ScenarioError(
+            f"{where}: faults: expected a run that no other process can join, got one with a dashboard or a port to "
+            "listen on: run it without them and look at its recording, or leave out faults that are not of hardware"
+        )
+
+
+def faults_refusal(faults: Sequence[FaultSpec], robots: Sequence[str]) -> str:
+    """Why a run cannot have these faults, in one sentence; empty if it can."""
+    for fault in faults:
+        for name in (fault.robot, *fault.side):
+            if name not in (*robots, COORDINATOR):
+                there = f"r1 to r{len(robots)}"
+                return f"no robot {name!r}; there are {there if fault.kind in OF_ROBOTS else f'{COORDINATOR}, {there}'}"
+    return ""

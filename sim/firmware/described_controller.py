@@ -4,7 +4,8 @@ The simulated hull moves by three omni wheels; this controller turns them so tha
 move it, and counts how far those would have turned.
 """
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Sequence, Sized
 
 import can
 
@@ -21,6 +22,7 @@ from robrain.plugins.device.mocdevice.frame_map import (
 )
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Twist2D
 from robrain.sim.firmware.motor_controller import MotorController, MotorState
 
@@ -181,3 +183,97 @@ class FrameController(DescribedController):
         self.has_news = False
         data = self._state_frame.encode(0, self.state, int(self.has_failed))
         self._described.send_data(self._state_frame.arbitration_id, data)
+
+
+BASE_LINE = "base"
+"""Name of the line."""
+CYCLES_PER_S = 30.0
+LINE_BYTES_MAX = 64
+"""Length of the controller's buffer; a longer line is none."""
+COMMAND = re.compile(rb"m (-?\d{1,6}) (-?\d{1,6})")
+OBEYED, UNKNOWN = b"OK\r\n", b"Invalid Command\r\n"
+
+
+class SerialPort(Sized):
+    """The controller's end of the line: what has arrived, and what it sends.
+
+    Args:
+        inbox: of the bytes that the robot sends.
+        put: sends bytes to the robot.
+
+    """
+
+    def __init__(self, inbox: Inbox, put: Callable[[bytes], None]) -> None:
+        self.put = put
+        self._inbox = inbox
+
+    def __len__(self) -> int:
+        return int(self._inbox.has_some)
+
+    def read(self) -> bytes:
+        """What has arrived since the last call."""
+        return b"".join(data for _, _, data in self._inbox.drain_raw())
+
+
+class LineController(DescribedController):
+    """See DescribedController; a base of two wheels.
+
+    Args:
+        port: its serial line.
+        bus: of the robot's other nodes.
+        base: the wheels.
+        hull: the wheels by which the simulated body moves.
+        tick_s: how long a tick is.
+
+    """
+
+    def __init__(self, port: SerialPort, bus: can.BusABC, base: Differential, hull: OmniBase, tick_s: float) -> None:
+        super().__init__(bus, base, hull, tick_s, lambda: 0)
+        self._line = port
+        self._rad_s = CYCLES_PER_S * base.rad_per_tick
+        """Speed of a wheel that turns by a count in a cycle."""
+        self._left = b""
+
+    def receive(self, tick: int | None = None) -> None:
+        """As MotorController."""
+        self._received_tick = tick = self._received_tick + 1 if tick is None else tick
+        if self.has_failed:
+            self._stand(MotorState.ERROR)
+        elif self.state is MotorState.ERROR:
+            self._stand(MotorState.WATCHDOG)
+        *lines, self._left = (self._left + self._line.read()).split(b"\r")
+        for line in lines:
+            if answer := self._answer(line.strip()) if len(line) <= LINE_BYTES_MAX else UNKNOWN:
+                self._line.put(answer)
+        if len(self._left) > LINE_BYTES_MAX:
+            self._left = b""
+            self.rejected_frames += 1
+        if tick >= self.due_tick:
+            self._stand(MotorState.WATCHDOG)
+
+    def forget(self) -> None:
+        """Drop what has arrived."""
+        self._line.read()
+        self._left = b""
+
+    def tell(self) -> None:
+        """It has no status."""
+        self.has_news = False
+
+    def _answer(self, line: bytes) -> bytes:
+        if not line:
+            return b""
+        if line == b"e":
+            return b"%d %d\r\n" % tuple(self._counts)
+        if line == b"r":
+            self._turns_rad = [0.0] * self._base.wheels
+            return OBEYED
+        if (found := COMMAND.fullmatch(line)) is None:
+            self.rejected_frames += 1
+            return UNKNOWN
+        counts = [int(group) for group in found.groups()]
+        if not any(counts):
+            self._stand(MotorState.WATCHDOG)
+        elif not self.has_failed:
+            self._turn([count * self._rad_s for count in counts])
+        return OBEYED

@@ -41,7 +41,7 @@ from robrain.protocol.wire.session import listening_at, open_lockstep_session
 from robrain.recording.provenance import Provenance, RunSetup
 from robrain.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
 from robrain.sim.errors import RunFailed
-from robrain.sim.faults.fault_checks import check_faults_alone
+from robrain.sim.faults.fault_spec import check_faults_alone
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
 from robrain.sim.firmware.disturbance import Disturbance

@@ -9,8 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.floor_plan import MAX_CELLS, FloorPlan, size_refusal
+from robrain.sim.maps.floor_plan import MAX_CELLS, FloorPlan, MapError, size_refusal
 
 BOUNDARY_THICKNESS_M = 0.1
 

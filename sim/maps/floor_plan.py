@@ -7,6 +7,7 @@ covers x from origin_x_m + col · resolution_m to one resolution_m more, y likew
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,28 @@ from scipy import ndimage
 
 from robrain.protocol.messages.maps.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.maps.errors import MapError
+
+
+class MapError(ValueError):
+    """A map, a drawing or a floor plan that cannot be used, told in one sentence.
+
+    `path` is the file at fault and `key` the key in it; each is None where there is none.
+    """
+
+    def __init__(self, message: str, *, path: Path | None = None, key: str | None = None) -> None:
+        super().__init__(message)
+        self.path = path
+        self.key = key
+
+
+class PlacementError(MapError):
+    """A floor plan has no room: `asked` places were wanted, `found` were found."""
+
+    def __init__(self, message: str, *, asked: int, found: int) -> None:
+        super().__init__(message)
+        self.asked = asked
+        self.found = found
+
 
 TEAM_RESOLUTION_M = 0.1
 """Pitch of the team's grid on a simulated floor."""

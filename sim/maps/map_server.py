@@ -21,8 +21,7 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, size_refusal
+from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, MapError, size_refusal
 
 REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 OPTIONAL_KEYS = ("mode",)

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
-from robrain.sim.maps.errors import PlacementError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 
 SPAWN_MARGIN_M = 0.05
 USUAL_TEAM = 4

@@ -22,8 +22,7 @@ from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import DECI, READING_TYPE, STORED_TYPE, ReadingPayload
 from robrain.protocol.tinyos.routed import RoutedPayload
-from robrain.sim.motes.mesh_spec import MeshSpec
-from robrain.sim.motes.mote import LOG_S, SENSE_S, SimulatedMote
+from robrain.sim.motes.mote import LOG_S, SENSE_S, MeshSpec, SimulatedMote
 from robrain.sim.motes.mote_power import (
     CPU_ACTIVE_MA,
     CPU_IDLE_MA,

@@ -11,8 +11,8 @@ from robrain.algorithms.mapping.ray_cast import SOLID
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.firmware.disturbance import Disturbance
-from robrain.sim.firmware.load_kernel import LOAD, add_motion
-from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
+from robrain.sim.firmware.motor_controller import ENCODER_IDENTIFIER, WheelEncoders
+from robrain.sim.firmware.power_model import LOAD, add_motion
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.maps.wall_shapes import add_walls

@@ -16,13 +16,18 @@ from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.table.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.firmware.battery import SimulatedBattery
-from robrain.sim.firmware.battery_manager import BatteryManager
+from robrain.sim.firmware.battery import BatteryManager, SimulatedBattery
 from robrain.sim.firmware.bus_line import BusLine, FrameStamps, LineFault
-from robrain.sim.firmware.described_controller import DescribedController, FrameController, obeyed
+from robrain.sim.firmware.described_controller import (
+    BASE_LINE,
+    DescribedController,
+    FrameController,
+    LineController,
+    SerialPort,
+    obeyed,
+)
 from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
-from robrain.sim.firmware.line_controller import BASE_LINE, LineController, SerialPort
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
 from robrain.sim.firmware.wit_imu import IMU_LINE, WitImu

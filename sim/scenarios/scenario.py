@@ -24,15 +24,13 @@ from robrain.protocol.links.radio_network import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError
-from robrain.sim.faults.fault_checks import faults_refusal
-from robrain.sim.faults.fault_spec import FaultSpec
+from robrain.sim.faults.fault_spec import FaultSpec, faults_refusal
 from robrain.sim.firmware.disturbance import DisturbanceSpec
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.lockstep.result import RobotResult, RunResult
 from robrain.sim.maps.drawing import FloorDrawing, rasterise
-from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, MapError
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec

@@ -21,7 +21,7 @@ from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.firmware.battery_manager import STATUS_PERIOD_S
+from robrain.sim.firmware.battery import STATUS_PERIOD_S
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.maps.floor_plan import FloorPlan

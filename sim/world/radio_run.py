@@ -18,7 +18,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.table.topics import ARENA_LINKS
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.faults.fault_spec import FaultSpec
-from robrain.sim.faults.wire_faults import WireFaults
+from robrain.sim.faults.faulty_exchange import WireFaults
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.gateway import gateway_motes
 from robrain.sim.robot.robot_body import Body

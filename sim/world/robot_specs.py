@@ -16,8 +16,7 @@ from robrain.agent.manifest import read_manifest
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.checked import convert
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.sim.maps.errors import PlacementError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 from robrain.sim.maps.placement import Starts, scatter_poses, spawn_poses
 from robrain.sim.robot.robot_hardware import RobotHardware
 

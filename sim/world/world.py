@@ -24,13 +24,11 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.provenance import MAP_ATTACHMENT
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
-from robrain.sim.firmware.described_controller import frames_of
+from robrain.sim.firmware.described_controller import BASE_LINE, CYCLES_PER_S, frames_of
 from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
-from robrain.sim.firmware.line_controller import BASE_LINE, CYCLES_PER_S
 from robrain.sim.firmware.wit_imu import IMU_LINE
-from robrain.sim.maps.errors import PlacementError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 from robrain.sim.maps.placement import Starts, scatter_points
 from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
 from robrain.sim.motes.mote import ArenaMote

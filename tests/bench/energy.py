@@ -23,8 +23,7 @@ from robrain.algorithms.energy.consumption import Consumption, Drawn, PowerPrior
 from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.lab.bench.figure import Figure, at_least, at_most, between, deterministic
 from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
-from robrain.sim.firmware.battery import BatterySpec, SimulatedBattery
-from robrain.sim.firmware.battery_manager import Gauge, Load
+from robrain.sim.firmware.battery import BatterySpec, Gauge, Load, SimulatedBattery
 from robrain.sim.firmware.power_model import PowerModel
 from robrain.sim.robot.robot_body import MASS_KG
 from tests.bench.side_by_side import side_by_side

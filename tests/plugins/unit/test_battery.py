@@ -4,8 +4,7 @@ import pytest
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
-from robrain.sim.firmware.battery import BatterySpec, GaugeSpec, SimulatedBattery
-from robrain.sim.firmware.battery_manager import Gauge
+from robrain.sim.firmware.battery import BatterySpec, Gauge, GaugeSpec, SimulatedBattery
 
 WH_J = 3600.0
 

@@ -9,8 +9,15 @@ from hypothesis import strategies as st
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.firmware.battery import BatterySpec, GaugeSpec, SimulatedBattery, open_circuit_v
-from robrain.sim.firmware.battery_manager import BatteryManager, Gauge, Load
+from robrain.sim.firmware.battery import (
+    BatteryManager,
+    BatterySpec,
+    Gauge,
+    GaugeSpec,
+    Load,
+    SimulatedBattery,
+    open_circuit_v,
+)
 from robrain.sim.firmware.power_model import PowerModel
 
 TICK_S = 0.02

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.topics import ARENA_SERIAL_TX
-from robrain.sim.firmware.line_controller import LineController, SerialPort
+from robrain.sim.firmware.described_controller import LineController, SerialPort
 from robrain.sim.firmware.motor_controller import WATCHDOG_S, MotorState
 
 TICK_S = 0.02

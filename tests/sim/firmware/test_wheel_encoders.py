@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.can.frames import codec
-from robrain.sim.firmware.wheel_encoders import ENCODER_IDENTIFIER, WheelEncoders
+from robrain.sim.firmware.motor_controller import ENCODER_IDENTIFIER, WheelEncoders
 
 TURNS = st.lists(st.tuples(*[st.floats(-1e5, 1e5)] * 3), min_size=1, max_size=4)
 

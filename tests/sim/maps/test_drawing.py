@@ -10,8 +10,7 @@ from scipy import ndimage
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
-from robrain.sim.maps.errors import MapError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, MapError
 
 
 def _built_in(name: str) -> FloorPlan:

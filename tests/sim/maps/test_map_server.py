@@ -9,7 +9,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from robrain.sim.maps.errors import MapError
+from robrain.sim.maps.floor_plan import MapError
 from robrain.sim.maps.map_server import load_map
 from tests.real_maps import REAL_MAPS, needs_real_maps
 

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.sim.maps.errors import PlacementError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.placement import scatter_points, scatter_poses, spawn_poses
 from tests.real_maps import REAL_MAPS, needs_real_maps

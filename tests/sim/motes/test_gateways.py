@@ -15,7 +15,7 @@ from robrain.protocol.links.radio_network import COORDINATOR
 from robrain.protocol.table.topics import MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.errors import ScenarioError
-from robrain.sim.motes.mesh_spec import MeshSpec
+from robrain.sim.motes.mote import MeshSpec
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
 from robrain.sim.world.robot_specs import RobotSpec

@@ -15,8 +15,7 @@ from robrain.protocol.tinyos.payloads import READING_TYPE, STORED_TYPE, ReadingP
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mesh import SHORT_S
-from robrain.sim.motes.mesh_spec import MeshSpec
-from robrain.sim.motes.mote import ArenaMote, MoteSpec
+from robrain.sim.motes.mote import ArenaMote, MeshSpec, MoteSpec
 from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.motes.motes import MoteField, SensorNetwork
 from robrain.sim.motes.radio import AIRTIME_S, RadioModel

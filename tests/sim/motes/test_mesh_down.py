@@ -3,7 +3,7 @@
 from robrain.protocol.tinyos.payloads import DUTY_TYPE, DutyPayload
 from robrain.protocol.tinyos.routed import RoutedPayload
 from robrain.sim.motes.mesh import RoutedDown
-from robrain.sim.motes.mesh_spec import MeshSpec
+from robrain.sim.motes.mote import MeshSpec
 
 SPEC = MeshSpec(hops=4, tries=3, queue=2)
 WAKE_TICKS = 5

@@ -19,8 +19,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.motes.field import Plume, SimulatedField
 from robrain.sim.motes.gateway import MoteGateway
-from robrain.sim.motes.mesh_spec import MeshSpec
-from robrain.sim.motes.mote import ArenaMote
+from robrain.sim.motes.mote import ArenaMote, MeshSpec
 from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.motes.motes import MoteField
 from robrain.sim.motes.radio import RadioModel

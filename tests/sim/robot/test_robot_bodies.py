@@ -8,9 +8,8 @@ import pytest
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.sim.firmware.battery_manager import Load
-from robrain.sim.firmware.load_kernel import LOAD, add_motion
-from robrain.sim.firmware.power_model import PowerModel
+from robrain.sim.firmware.battery import Load
+from robrain.sim.firmware.power_model import LOAD, PowerModel, add_motion
 from robrain.sim.robot.robot_body import ACCELERATION_MAX_M_S2, CollisionCounter, RobotBodies, RobotBody
 from robrain.sim.robot.wheels import Wheels, WheelSpec
 

@@ -11,7 +11,7 @@ from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, PROCESS, WIRE, 
 from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.surfaces import SurfaceSpec
-from robrain.sim.motes.mesh_spec import MeshSpec
+from robrain.sim.motes.mote import MeshSpec
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from tests.sim.traffic.test_traffic import DOOR, MOVER, PEOPLE, ROOMS

@@ -8,8 +8,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.battery import BatterySpec
-from robrain.sim.maps.errors import PlacementError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.scenarios.scenario_file import parse_scenario
 from robrain.sim.world.arena import TICK_S, Arena, ArenaRobot

@@ -9,8 +9,7 @@ from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec
-from robrain.sim.maps.errors import PlacementError
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 from robrain.sim.maps.placement import Starts
 from robrain.sim.robot.wheels import WheelSpec
 from robrain.sim.world.arena import RobotHardware
