@@ -151,7 +151,7 @@ def _choice_reason(robots: tuple[str, ...], bids: Sequence[RobotVerdict]) -> Pla
     return plain("best_together", text, robots=robots)
 
 
-FITS, LACKS, NO_WAY, TOO_LATE, CROWDED, NO_ENERGY = range(6)
+FITS, LACKS, NO_PATH, TOO_LATE, CROWDED, NO_ENERGY = range(6)
 """Whether a job fits into a route, or why not: the robot lacks a plugin or is not admitted; no path; too late even
 if it goes at once; another job would be too late; not enough energy."""
 
@@ -195,7 +195,7 @@ def judge_visit(
         start_s = max(arrive_s, visits.earliest_s[visit])
         way_j = team.energy_j[profile, team.start[worker], here] + team.end_j[worker, here]
         if not way_j < math.inf:
-            return NO_WAY, math.inf, math.inf, math.inf, math.inf, -1
+            return NO_PATH, math.inf, math.inf, math.inf, math.inf, -1
         end_s = start_s + visits.service_s[visit] + team.end_s[worker, here]
         is_late = start_s > visits.latest_s[visit] or end_s > team.horizon_s
         return TOO_LATE if is_late else CROWDED, math.inf, math.inf, start_s, math.inf, -1
@@ -230,7 +230,7 @@ def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) ->
             if worker.name in job.forbidden_workers:
                 return plain("forbidden", "is not to be given it")
             return plain("not_ready", "has to charge first, and others can do it now")
-        case code if code == NO_WAY:
+        case code if code == NO_PATH:
             return plain("no_way_and_back", "no way there and to a charger")
         case code if code == TOO_LATE:
             start_s = _figure(judgement.start_s)

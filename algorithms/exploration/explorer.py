@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.exploration.map_look import FrontierFields, FrontierPaths
-from robrain.algorithms.exploration.regions_left import NarrowWays
+from robrain.algorithms.exploration.regions_left import NarrowPassages
 from robrain.algorithms.exploration.situation import (
     SAME_GOAL_M,
     Busy,
@@ -26,7 +26,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.reasons import IdleReason, LacksRange, NothingUnknown, borders_text, plain
 
 if TYPE_CHECKING:
-    from robrain.algorithms.exploration.map_look import MapLook
+    from robrain.algorithms.exploration.map_look import MapSurvey
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.navigation.frontier import Frontier
     from robrain.algorithms.navigation.navigation_grid import NavigationGrid
@@ -152,7 +152,7 @@ def unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:
     return int(np.count_nonzero(grid.log_odds[box] == 0))
 
 
-NARROW_LOOK_NS = to_ns(2.0)
+NARROW_CHECK_NS = to_ns(2.0)
 """Period of the search for narrow paths for idle robots; each search takes some milliseconds."""
 GAP_M = (0.0, 10.0)
 """Plausible range of a gap's width reported by a robot."""
@@ -226,7 +226,7 @@ class Explorer:
         self.idle: dict[str, IdleReason] = {}
         """Why each robot got no goal at the last decision."""
         self._fields = FrontierFields()
-        self._narrow = NarrowWays()
+        self._narrow = NarrowPassages()
         self._narrow_due_ns = 0
         self._narrow_goals: set[Point2D] = set()
         """Goals to which robots were sent along narrow paths."""
@@ -310,7 +310,7 @@ class Explorer:
         left = [seeker for seeker in seekers if seeker.name not in chosen and seeker.goal is None]
         is_narrow_due = bool(left) and now_ns >= self._narrow_due_ns
         if is_narrow_due:
-            self._narrow_due_ns = now_ns + NARROW_LOOK_NS
+            self._narrow_due_ns = now_ns + NARROW_CHECK_NS
             bound = [Busy(choice.place, choice.place) for choice in choices]
             choices += self._squeeze(candidates, left, [*busy, *bound], radius_m, now_ns)
         for choice in choices:
@@ -449,13 +449,13 @@ class Explorer:
             self.candidates = [_candidate(classes, grid.geometry, found) for found in find_frontiers(classes)]
         return known
 
-    def _floor_map(self, candidates: list[FrontierCandidate]) -> "MapLook | None":
+    def _floor_map(self, candidates: list[FrontierCandidate]) -> "MapSurvey | None":
         grid = self._map.grid
         if grid is None:
             return None
-        from robrain.algorithms.exploration.map_look import MapLook
+        from robrain.algorithms.exploration.map_look import MapSurvey
 
-        return MapLook(grid, candidates)
+        return MapSurvey(grid, candidates)
 
     def _avoided_places(self, robot: str) -> tuple[Point2D, ...]:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)

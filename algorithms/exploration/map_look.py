@@ -18,7 +18,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
-    from robrain.algorithms.navigation.navigation_grid import NavigationGrid, WayField
+    from robrain.algorithms.navigation.navigation_grid import NavigationGrid, PathField
 
 
 def unknown_shares(classes: NDArray[np.int8], cells: Sequence[tuple[int, int]], reach: int) -> NDArray[np.int64]:
@@ -184,7 +184,7 @@ class FrontierPaths:
             self._known[place] = paths_m
         return paths_m
 
-    def costs_along(self, field: "WayField") -> NDArray[np.float64]:
+    def costs_along(self, field: "PathField") -> NDArray[np.float64]:
         """Path costs to each frontier from where a field was computed, (frontiers,)."""
         paths_m = np.full(self.count, np.inf)
         paths_m[self._columns] = field.to(self._cells)
@@ -199,7 +199,7 @@ class FrontierFields:
     """
 
     def __init__(self) -> None:
-        self._fields: dict[Point2D, tuple[int, WayField | None]] = {}
+        self._fields: dict[Point2D, tuple[int, PathField | None]] = {}
         self._navigation: NavigationGrid | None = None
 
     def costs_between(self, paths: FrontierPaths, navigation: "NavigationGrid", now_ns: int) -> PathCosts:
@@ -224,7 +224,7 @@ LEAST_ROOM_M2 = 1.0
 """What is smaller is a niche, and no room."""
 
 
-class MapLook:
+class MapSurvey:
     """Looks at the map as it is when something is asked for the first time; what nobody asks for is not computed.
 
     Args:

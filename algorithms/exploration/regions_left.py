@@ -44,7 +44,7 @@ class Gap(NamedTuple):
     """When it may be tried again, unless it has been given up."""
 
 
-class NarrowWays:
+class NarrowPassages:
     """Remembers failed attempts, and caches the map with narrow places."""
 
     def __init__(self) -> None:

@@ -69,7 +69,7 @@ PathCosts = Callable[[Point2D], NDArray[np.float64]]
 """Path cost from a place to each frontier, (frontiers,), metres of open floor; inf where there is no path."""
 
 
-class FloorLook(Protocol):
+class FloorSurvey(Protocol):
     """What the map shows beside the paths."""
 
     @property
@@ -120,7 +120,7 @@ class Situation:
         *,
         is_narrow: bool = False,
         costs_between: PathCosts | None = None,
-        floor: "FloorLook | None" = None,
+        floor: "FloorSurvey | None" = None,
     ) -> None:
         self.candidates = tuple(candidates)
         self.seekers = tuple(seekers)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robrain.algorithms.exploration.map_look import FrontierPaths, MapLook
+from robrain.algorithms.exploration.map_look import FrontierPaths, MapSurvey
 from robrain.algorithms.exploration.situation import FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.exploration.tours import rooms, tours
@@ -30,6 +30,6 @@ def warm_up() -> None:
     navigation.update(classes)
     found = [FrontierCandidate(geometry.center_of(one.row, one.column), 1.0) for one in find_frontiers(classes)]
     costs_m = FrontierPaths(navigation, found).costs_m
-    situation = Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], costs_m, floor=MapLook(grid, found))
+    situation = Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], costs_m, floor=MapSurvey(grid, found))
     for strategy in (joint, tours, rooms):
         strategy(situation)

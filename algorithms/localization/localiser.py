@@ -24,7 +24,7 @@ from robrain.protocol.model.geometry import IDENTITY, Pose2D, Twist2D, wrap_angl
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 
-class WatchSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class DivergenceSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """When innovations are too large. Raises ValueError where it is built with a window below 2.
 
     The mean normalised innovation squared (NIS) of `window` measurements is that of a chi-square variable divided by
@@ -42,7 +42,7 @@ class WatchSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Share of a scan's beams that have to end at the map's walls."""
 
 
-class DivergenceWatch:
+class DivergenceMonitor:
     """Counts, and says why the estimate cannot be right.
 
     Args:
@@ -51,7 +51,7 @@ class DivergenceWatch:
 
     """
 
-    def __init__(self, spec: WatchSpec, gate: float) -> None:
+    def __init__(self, spec: DivergenceSpec, gate: float) -> None:
         self.spec = spec
         self.refused = 0
         """Measurements that the gate has refused, since the beginning."""
@@ -109,7 +109,7 @@ TURN_M_PER_RAD = 0.3
 MATCH_M, MATCH_SIGMA_M = 0.02, 0.05
 """A robot this sure of its place is corrected by walls only after so much way: where in its cell each wall lies is the
 same unknown for all scans from one spot, and nothing that more of them would average away."""
-DOUBT_WAY_M = 1.0
+DOUBT_PATH_M = 1.0
 WALL_BEAMS = 20.0
 """So many beams on one wall err together: it is one wall, drawn in one row of cells; chosen."""
 SCAN_GATES = (10.83, 13.82, 16.27)
@@ -136,7 +136,7 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
 
     drift: DriftModel = DriftModel()
     path_loss: PathLoss = PathLoss()
-    watch: WatchSpec = WatchSpec()
+    watch: DivergenceSpec = DivergenceSpec()
     motes_max: int = 32
     slack_cells: float = 0.0
     """Where in its cell a wall lies is not known: offsets below this many cells are taken for none. Slack leaves a good
@@ -193,7 +193,7 @@ class Localiser:
         self.filter = PoseMixture(
             PoseFilter(start, sigma_m, sigma_rad, spec.drift, spec.path_loss, motes=spec.motes_max)
         )
-        self.watch = DivergenceWatch(spec.watch, GATE)
+        self.watch = DivergenceMonitor(spec.watch, GATE)
         self.lost = ""
         """Why the robot does not know where it is in the arena; empty while it does."""
         self.beginnings = 0
@@ -301,7 +301,7 @@ class Localiser:
         misfits = self.watch.misfits
         if not misfits:
             self._fitted_sigma_m = self.filter.sigma_m
-        path_m = min(self.way_m - self._seen_path_m, DOUBT_WAY_M)
+        path_m = min(self.way_m - self._seen_path_m, DOUBT_PATH_M)
         self._seen_path_m = self.way_m
         doubt_m2, doubt_rad2 = (
             (self._share * each * path_m) ** 2 for each in (self.spec.doubt_m_per_m, self.spec.doubt_rad_per_m)

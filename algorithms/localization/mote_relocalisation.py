@@ -35,7 +35,7 @@ CERTAIN = 0.95
 RECORDS = 64
 RECORDS_TO_FIND = 24
 MOTES_TO_FIND = 4
-WAY_TO_FIND_M = 2.0
+PATH_TO_FIND_M = 2.0
 """A robot that has not moved cannot tell its yaw from signals."""
 
 
@@ -235,7 +235,7 @@ class RecentSignals:
     def can_find(self, path_m: float) -> bool:
         """Whether they are enough to look for the robot, after so much way."""
         names = {sample.mote for sample, _ in self._records}
-        return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and path_m > WAY_TO_FIND_M
+        return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and path_m > PATH_TO_FIND_M
 
     def seen_from_here(self) -> Signals:
         """All of them, with the places in the frame of the robot as it is now."""

@@ -119,7 +119,7 @@ class Zone(NamedTuple):
     radius_m: float
 
 
-class WayField(NamedTuple):
+class PathField(NamedTuple):
     """Path costs from one place to everywhere, as the map was when it was computed."""
 
     cells: NDArray[np.float32]
@@ -303,7 +303,7 @@ class NavigationGrid:
 
     def cost_field(
         self, place: Point2D, *, snap_m: float, shut: Sequence[tuple[float, float, float]] = ()
-    ) -> WayField | None:
+    ) -> PathField | None:
         """Costs of the paths from a place to everywhere, as of `ways_m`; None if the robot cannot stand near there."""
         cell = self.snap(place, snap_m)
         if cell is None:
@@ -313,7 +313,7 @@ class NavigationGrid:
         else:
             pitch, (traversable, cost) = COARSE, self._coarse
         source = np.array([(cell[0] // pitch, cell[1] // pitch)], dtype=np.int64)
-        return WayField(distance_field(traversable, cost, source), pitch, pitch * self.geometry.resolution_m)
+        return PathField(distance_field(traversable, cost, source), pitch, pitch * self.geometry.resolution_m)
 
     @cached_property
     def _coarse(self) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:

@@ -30,7 +30,7 @@ STEP_M = 0.1
 """From one position of a way to the next; half of what a small robot is wide would be enough."""
 LOOK_AHEAD_M = 10.0
 """Own way that is looked at, chosen: some 15 s, more than two robots need to settle who goes first."""
-MATE_AHEAD_M = 25.0
+TEAMMATE_AHEAD_M = 25.0
 """A mate's way that is looked at, chosen: the longest corridor that two robots should not both enter."""
 LONGEST_M = 1000.0
 """The longest path that is followed."""

@@ -25,7 +25,7 @@ TILE_CELLS = 8
 """Side of a tile, in cells; each tile keeps one time of observation."""
 SIDE_MAX_CELLS = 4096
 """Largest side of a submap, in cells: more than a lidar sees on the path of one submap."""
-SAYS_FREE, SAYS_OCCUPIED = np.int8(-60), np.int8(60)
+STATES_FREE, STATES_OCCUPIED = np.int8(-60), np.int8(60)
 """Evidence of a free and an occupied cell, as in `OccupancyGrid.log_odds`; 0 means unknown."""
 
 SURFACE = np.dtype([("row", "<i4"), ("column", "<i4"), ("right", "i1"), ("up", "i1"), ("view", "u1")])
@@ -77,7 +77,7 @@ class SubmapStep(NamedTuple):
 class Submap:
     """Cells that one robot saw on a few metres of its path.
 
-    `evidence` int8 (h, w) holds `SAYS_FREE`, `SAYS_OCCUPIED` or 0; (`row`, `column`) of its first cell are counted
+    `evidence` int8 (h, w) holds `STATES_FREE`, `STATES_OCCUPIED` or 0; (`row`, `column`) of its first cell are counted
     from the origin of the team's grid. `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile. Nobody
     writes into these arrays: each patch makes new ones, which the submaps of several robots may share.
     """
@@ -318,7 +318,7 @@ def add_cells(
             before = evidence[row, column]
             if before != 0 and stamp_ms < stamps_ms[tile_row, tile]:
                 continue
-            now = SAYS_OCCUPIED if cell > 0 else SAYS_FREE
+            now = STATES_OCCUPIED if cell > 0 else STATES_FREE
             more += int(now > 0) - int(before > 0)
             evidence[row, column] = now
         if (row + 1) % TILE_CELLS == 0 or i == cells.shape[0] - 1:

@@ -9,9 +9,8 @@ from collections import Counter
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from robrain.algorithms.motes.cell_trend import CellTrend
 from robrain.algorithms.motes.collect_tour import stops_for, visit_weight
-from robrain.algorithms.motes.coverage import CoverageMap, duty_set
+from robrain.algorithms.motes.coverage import CellTrend, CoverageMap, duty_set
 from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
 from robrain.coordinator.core.core import Core
 from robrain.coordinator.core.part import CoordinatorPart

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 
 from robrain.algorithms.motes.field_life import HORIZON_DAYS, FieldPlan, MoteSite, Routing, field_life
 from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy
-from robrain.algorithms.motes.radio_graph import RadioGraph
+from robrain.algorithms.motes.routes import RadioGraph
 from robrain.deploy.command_line.terminal import new_console, print_line
 from robrain.deploy.errors import UsageError
 from robrain.lab.bench.figure import Figure, at_least, deterministic, show_figures, write_json

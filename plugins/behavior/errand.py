@@ -60,12 +60,12 @@ UNEXPLORED = plain("unexplored", "no way there, as its place is not explored yet
 TROUBLE = {
     TravelState.BLOCKED: "the way is blocked",
     TravelState.TOO_NARROW: "the way is too narrow",
-    TravelState.NO_WAY: "no way there",
+    TravelState.NO_PATH: "no way there",
     TravelState.LOST: "the robot does not know where it is",
 }
 TURNS = 3
 """Where the robot believes to look may be corrected while it turns; it turns again so often."""
-TOLD_WAY_M = 1.0
+REPORTED_PATH_M = 1.0
 """Shorter ways say nothing of what ways cost."""
 
 
@@ -362,7 +362,7 @@ class Errand(Behavior, ABC, Generic[P]):
     def _report_outcome(self) -> None:
         """The robot is there: what the way has cost is a lesson for the next, if it went as it was planned."""
         run = self.run
-        if run is not None and run.is_as_planned and run.way_m >= TOLD_WAY_M:
+        if run is not None and run.is_as_planned and run.way_m >= REPORTED_PATH_M:
             run.is_as_planned = False  # one way, one lesson
             self.budget.learn(Work(path_m=run.way_m), run.energy_j)
 

@@ -8,7 +8,7 @@ from robrain.plugins.behavior.errand import Errand, Failed, Script
 from robrain.plugins.device.camera import CameraInterface, Picture
 from robrain.plugins.device.sensor_board import SensorBoardInterface
 from robrain.plugins.skill.energy import Work
-from robrain.plugins.unit.snw_exploration.interface import HeardMote, SnwInterface
+from robrain.plugins.unit.snw_exploration.interface import ReceivedMote, SnwInterface
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.motes.mote_messages import MoteReading
@@ -98,7 +98,7 @@ class InspectBehavior(Errand[Inspect]):
         return {"image": key, "yaw_rad": round(yaw_rad, 3)}
 
 
-LOOK_S = 0.6
+CHECK_S = 0.6
 """How often it is looked whether more has come."""
 ASK_AGAIN_S = 8.0
 """A request may be lost, and a mote sends so many readings at the most for one."""
@@ -130,7 +130,7 @@ class CollectBehavior(Errand[Collect]):
             if now_ns >= ask_ns:
                 self._snw.request_stored(collect.mote)
                 ask_ns = now_ns + to_ns(ASK_AGAIN_S)
-            yield from self.wait(LOOK_S)
+            yield from self.wait(CHECK_S)
             mote = self._received(collect.mote)
             # It must have been heard here: what it had said before tells nothing of what it has stored since.
             if mote is not None and mote.missing == 0 and mote.stamp_ns > begun_ns:
@@ -140,7 +140,7 @@ class CollectBehavior(Errand[Collect]):
             raise Failed(f"nothing came from {collect.mote} in {collect.timeout_s:g} s")
         return {"readings": mote.readings - had, "missing": mote.missing}
 
-    def _received(self, mote: str) -> HeardMote | None:
+    def _received(self, mote: str) -> ReceivedMote | None:
         return next((received for received in self._snw.heard() if received.mote == mote), None)
 
 

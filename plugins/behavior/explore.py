@@ -142,7 +142,7 @@ def _scout(teammate: Mate) -> Scout:
 
 OWN_CHOICES = 12
 SPENT_MAX = 256
-LOOK_PERIOD_S = 3.0
+CHECK_PERIOD_S = 3.0
 """Period, while the robot searches for itself, of looking for a frontier to explore instead."""
 LOOK_M = 1.5
 """A frontier is looked at from no farther away."""
@@ -155,7 +155,7 @@ DECIDE_PERIOD_S = 1.0
 WHY = {
     TravelState.ARRIVED: (TaskState.DONE, "arrived"),
     TravelState.BLOCKED: (TaskState.FAILED, "the way is blocked"),
-    TravelState.NO_WAY: (TaskState.FAILED, "no way there"),
+    TravelState.NO_PATH: (TaskState.FAILED, "no way there"),
     TravelState.LOST: (TaskState.FAILED, "the robot does not know where it is"),
 }
 
@@ -323,7 +323,7 @@ class ExploreBehavior(Behavior):
         behavior, now_ns = self.env.board.behavior, self.env.clock.now_ns()
         if behavior != FIND_ITSELF or now_ns < self._check_due_ns:
             return behavior == IDLE
-        self._check_due_ns = now_ns + to_ns(LOOK_PERIOD_S)
+        self._check_due_ns = now_ns + to_ns(CHECK_PERIOD_S)
         places = (self._travel.standpoint(goal, LOOK_M) for goal in self._frontiers() if goal not in self._spent)
         return any(place is not None and self._travel.plan(place) is not None for place in places)
 

@@ -135,7 +135,7 @@ def _squares(mask: Mask) -> Mask:
     return squares
 
 
-TOLD_IMAGES = 6
+REPORTED_IMAGES = 6
 """A result names so many pictures; all have been told as events."""
 
 
@@ -202,7 +202,7 @@ class MonitorBehavior(Errand[Monitor]):
                 if share >= self.parameters.changed_share:
                     changes += 1
                     image = self._images.put(picture)
-                    images = [*images, image][-TOLD_IMAGES:]
+                    images = [*images, image][-REPORTED_IMAGES:]
                     yaw_now_rad = self.travel.pose().yaw_rad
                     self.changed.notify(RoomChange(task=task.id, image=image, yaw_rad=yaw_now_rad, share=share))
             rounds += 1

@@ -85,7 +85,7 @@ class Queue:
         """Go there. Whether the robot is there; not if somebody else has it now, or there is no way."""
         errand = self._errand
         if not errand.travel.set_out(charger.place, priority=self._priority):
-            self.leave_out(charger, TROUBLE[TravelState.NO_WAY])
+            self.leave_out(charger, TROUBLE[TravelState.NO_PATH])
             return {}
         while (progress := errand.travel.step()) is not TravelState.ARRIVED:
             if progress in TROUBLE:

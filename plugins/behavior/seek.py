@@ -52,7 +52,7 @@ SPIRAL_M = 0.8
 WIDTH_M = 2.5
 NEAR_WIDTH_M = 1.2
 """Readings so far away count a quarter of those here: during the climb, and on the circle around the summit."""
-HEARD_S = 60.0
+RECEIVED_S = 60.0
 """Readings of motes that are older do not count."""
 PACE_M_S = 0.25
 """Of a climb, stops included, for the estimate of its cost (measured)."""
@@ -285,7 +285,7 @@ class Climb:
             self._field.add(here, value, to_seconds(now_ns))
         for reading in self._errand.told():
             sensed_ns = taken_at_ns(reading)
-            is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(HEARD_S)
+            is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(RECEIVED_S)
             if is_meant and reading.place is not None and _apart_m(reading.place, here) < self._seek.reach_m:
                 self.heard += 1
                 self._field.hear(reading.mote, reading.place, reading.value, to_seconds(sensed_ns))

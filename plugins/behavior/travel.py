@@ -78,7 +78,7 @@ class LostSearch:
 
 REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")
 """What a behavior that travels names in its manifest."""
-NEXT_LOOK_M = 0.4
+NEXT_CHECK_M = 0.4
 """How far beyond the robot the path is looked at for changes of the map: its start may be nearer to a wall than it
 should be, and leads away from there."""
 CREEP_S = 2.0
@@ -132,7 +132,7 @@ class TravelState(Enum):
     """Something has stood in the way for too long."""
     TOO_NARROW = auto()
     """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
-    NO_WAY = auto()
+    NO_PATH = auto()
     """The planner finds no path any more."""
     LOST = auto()
     """The robot does not know where it is, and has not found itself."""
@@ -300,7 +300,7 @@ class Travel:
             return TravelState.BLOCKED if self.gap_m is None else TravelState.TOO_NARROW
         encounter = self._meet(pose)
         if self._must_replan(pose, now_ns) and not self._replan(encounter, self._goal, pose, now_ns):
-            return TravelState.NO_WAY
+            return TravelState.NO_PATH
         leg = self._leg
         return TravelState.WAITING if leg is None else self._go(leg, encounter, pose)
 
@@ -424,7 +424,7 @@ class Travel:
         return self._safe_positions(leg, ahead) == len(ahead)
 
     def _safe_positions(self, leg: Leg, ahead: Floats) -> int:
-        skipped = round(NEXT_LOOK_M / STEP_M)
+        skipped = round(NEXT_CHECK_M / STEP_M)
         safe = self._planner.safe_positions(self.view(), ahead[skipped:], is_narrow=leg.is_narrow)
         return min(len(ahead), skipped + safe)
 
@@ -475,7 +475,7 @@ class Travel:
     def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
         """Limit the release to what the map allows, and to small steps after the driver was blocked."""
         if self._lost_ns is not None:
-            allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_LOOK_M / STEP_M))
+            allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_CHECK_M / STEP_M))
             if allowed.positions > CREEP_POSITIONS:
                 self._lost_ns = now_ns  # it may look different from nearer by
         # Small steps keep the driver from cutting corners; one that squeezes does not cut them.

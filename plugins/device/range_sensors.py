@@ -91,7 +91,7 @@ class RangeSensorsInterface(Protocol):
 
 POLL_S = 0.04
 """Period of the step where the bus does not tell of arrivals."""
-LOOK_S = 0.08
+CHECK_S = 0.08
 """Where it does: to see that the node is silent."""
 FRAMES_ID, FRAMES_MASK = 0x280, 0x7FC
 """The node's frames are 0x280 to 0x283."""
@@ -166,7 +166,7 @@ class RangeSensorsDevice(Device):
         self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
         self._port = frame_port(self._bus)
         self._port.on_frame = self.env.hurry
-        self.period_s = LOOK_S if self._port.wakes else POLL_S
+        self.period_s = CHECK_S if self._port.wakes else POLL_S
 
     def step(self) -> None:
         if self._port is None:

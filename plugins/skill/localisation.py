@@ -13,7 +13,7 @@ import numpy as np
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
-from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec, WatchSpec
+from robrain.algorithms.localization.localiser import DivergenceSpec, Localiser, LocaliserSpec
 from robrain.algorithms.localization.odometry import chord
 from robrain.algorithms.localization.pose_filter import DriftModel
 from robrain.algorithms.localization.rssi_ranging import PathLoss
@@ -116,7 +116,7 @@ class OdometryErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return min(max(self.scale, self.curve_rad_per_m) / 0.03, 1.0)
 
 
-NO_MATES: Floats = np.empty((0, 3))
+NO_TEAMMATES: Floats = np.empty((0, 3))
 
 
 class Localisation(Skill):
@@ -146,7 +146,7 @@ class Localisation(Skill):
         better than the map's cells, as an exact one is."""
         errors: OdometryErrors = OdometryErrors()
         path_loss: PathLoss = PathLoss()
-        watch: WatchSpec = WatchSpec()
+        watch: DivergenceSpec = DivergenceSpec()
 
         def spec(self, noise: OdometryNoise) -> LocaliserSpec:
             """For a base with such an odometry.
@@ -354,7 +354,7 @@ class Localisation(Skill):
         """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
         reported = self._own_map.robot_places
-        teammates = NO_MATES if reported is None else reported
+        teammates = NO_TEAMMATES if reported is None else reported
         circles = robot_circles(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, teammates)
         return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 

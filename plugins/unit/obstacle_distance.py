@@ -83,7 +83,7 @@ def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) 
     return points_of(xs_m, ys_m)
 
 
-class LidarWatch:
+class LidarMonitor:
     """Sees that a lidar is frozen: its ranges stay equal to the millimetre while the robot moves."""
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ class ObstaclePoints:
         self.is_frozen = False
         """Whether the lidar is frozen, by the last scan."""
         self._pose_at = pose_at
-        self._watch = LidarWatch()
+        self._watch = LidarMonitor()
         self._scan_ns = self._ring_ns = -1
         self._before: RangeRing | None = None
 
@@ -227,7 +227,7 @@ class Lookout:
         return contact_m - (self._radius_m - reach_m)
 
 
-class ObstacleView(msgspec.Struct, frozen=True, kw_only=True):
+class ObstacleField(msgspec.Struct, frozen=True, kw_only=True):
     """The nearest obstacle in each direction, from the robot's hull.
 
     Sector 0 is centred on straight ahead, the others follow counter-clockwise. A distance is in metres; null means that
@@ -247,7 +247,7 @@ class ObstacleView(msgspec.Struct, frozen=True, kw_only=True):
 class ObstacleDistanceInterface(Protocol):
     """Distances when asked for."""
 
-    def view(self, sectors: int = 12) -> ObstacleView:
+    def view(self, sectors: int = 12) -> ObstacleField:
         """The nearest obstacle in each of this many sectors, by sensors with recent data."""
 
 
@@ -271,7 +271,7 @@ class ObstacleDistance(Unit):
         self._ranges = self.env.use("range_sensors", RangeSensorsInterface)
 
     @external
-    def view(self, sectors: int = 12) -> ObstacleView:
+    def view(self, sectors: int = 12) -> ObstacleField:
         """The nearest obstacle in each of this many sectors, by sensors with recent data."""
         if not 1 <= sectors <= SECTORS_MAX:
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"view: expected 1 to {SECTORS_MAX} sectors, got {sectors}")
@@ -286,7 +286,7 @@ class ObstacleDistance(Unit):
             sees.append("range_sensors")
         touched_rad = list(self._ranges.pressed_rad())
         if not seen:
-            return ObstacleView(distances_m=[None] * sectors, sees=[], touched_rad=touched_rad)
+            return ObstacleField(distances_m=[None] * sectors, sees=[], touched_rad=touched_rad)
         nearest_m = sector_distances_m(reduce(joined, seen), 0.0, 0.0, 0.0, sectors)
         distances_m = [
             round(max(0.0, distance_m - self.parameters.radius_m), 3) if math.isfinite(distance_m) else None
@@ -294,9 +294,9 @@ class ObstacleDistance(Unit):
         ]
         found = [(distance_m, sector) for sector, distance_m in enumerate(distances_m) if distance_m is not None]
         if not found:
-            return ObstacleView(distances_m=distances_m, sees=sees, touched_rad=touched_rad)
+            return ObstacleField(distances_m=distances_m, sees=sees, touched_rad=touched_rad)
         closest_m, sector = min(found)
-        return ObstacleView(
+        return ObstacleField(
             distances_m=distances_m,
             sees=sees,
             nearest_m=closest_m,

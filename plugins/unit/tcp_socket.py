@@ -102,7 +102,7 @@ MAX_PORT = 65535
 RECEIVED_BYTES = 4096
 FIRST_COMMAND_S = 1.0
 """A client that has given no command for so long makes room for another when all places are taken."""
-TELL_S = 10.0
+REPORT_S = 10.0
 """Between two warnings that all places are taken."""
 SEND_TIMEOUT_S = 5.0
 """A client that takes no answer for so long is cut off."""
@@ -211,7 +211,7 @@ class LineServer:
         """Count and tell that all places are taken; the oldest client that has never given a command loses its own."""
         self.refused += 1
         now_s = time.monotonic()
-        if now_s - self._reported_s >= TELL_S:
+        if now_s - self._reported_s >= REPORT_S:
             self._reported_s = now_s
             logger.warning(
                 "port %d: %d clients are connected, which are all that may be; another came from %s (%d so far)",

@@ -12,8 +12,8 @@ import numpy as np
 from robrain.agent.plugin import Unit, external
 from robrain.algorithms.navigation.right_of_way import (
     LONGEST_M,
-    MATE_AHEAD_M,
     STEP_M,
+    TEAMMATE_AHEAD_M,
     Track,
     any_within,
     pass_on,
@@ -94,16 +94,16 @@ class TeammatesInterface(Protocol):
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
 
 
-HEAR_NS = to_ns(0.15)
+RECEIVE_NS = to_ns(0.15)
 """Each mate sends ten states a second; every second one is enough, and decoding dominates the cost."""
-MATES_MAX = 4096
+TEAMMATES_MAX = 4096
 """Largest number of robots that are tracked."""
 
 MOVED_M = 0.1
 """Less than this is no motion."""
 AT_END = 3
 """Positions left of a way that is as good as driven: 0.2 m, as near as drivers get."""
-AHEAD = round(MATE_AHEAD_M / STEP_M)
+AHEAD = round(TEAMMATE_AHEAD_M / STEP_M)
 """Positions of a way that are looked at."""
 ROLLS_M_S = 0.1
 ROLLS_S = 1.5
@@ -117,7 +117,7 @@ Box = tuple[float, float, float, float]
 """Least x and y, greatest x and y."""
 
 
-class KnownMate:
+class KnownTeammate:
     """What one other robot has told of its state and its path.
 
     Args:
@@ -163,7 +163,7 @@ class KnownMate:
 # Each of these takes all mates at once: calls are what a large team costs.
 
 
-def receive_states(reported: Iterable[tuple[KnownMate, RobotState]], now_ns: int) -> None:
+def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns: int) -> None:
     """Take states of mates."""
     for known, state in reported:
         known.spoke_ns = now_ns
@@ -178,7 +178,7 @@ def receive_states(reported: Iterable[tuple[KnownMate, RobotState]], now_ns: int
             known.moved_at, known.moved_ns = pose, now_ns
 
 
-def receive_paths(reported: Sequence[tuple[KnownMate, PlannedPath]], now_ns: int) -> None:
+def receive_paths(reported: Sequence[tuple[KnownTeammate, PlannedPath]], now_ns: int) -> None:
     """Take paths of mates, at most one of each."""
     _pass_on([known for known, _ in reported])
     for known, path in reported:
@@ -204,7 +204,7 @@ def _path_of(path: PlannedPath) -> tuple[Floats, Box]:
     return sample_path(np.array([*zip(xs, ys, strict=True)]), LONGEST_M), (min(xs), min(ys), max(xs), max(ys))
 
 
-def reckon(teammates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[Mate]:
+def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> list[Mate]:
     """Mates as they are to be reckoned with, those left out that have not told where they are."""
     placed = [known for known in teammates if known.teammate is not None]
     silent_ns = now_ns - fresh_ns
@@ -251,7 +251,7 @@ def reckon(teammates: Iterable[KnownMate], now_ns: int, fresh_ns: int) -> list[M
     return [known.mate for known in placed if known.mate is not None]
 
 
-def _pass_on(teammates: Iterable[KnownMate]) -> None:
+def _pass_on(teammates: Iterable[KnownTeammate]) -> None:
     """Note how far mates have come along their ways."""
     driving, routes, passed, places = [], [], [], []
     for known in teammates:
@@ -277,7 +277,7 @@ def _rolling_on(teammate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
     return ahead, speed_m_s
 
 
-def may_be_near(teammates: Iterable[KnownMate], place: Point2D, within_m: float) -> list[KnownMate]:
+def may_be_near(teammates: Iterable[KnownTeammate], place: Point2D, within_m: float) -> list[KnownTeammate]:
     """All that are, may roll, or are bound within a distance of a place, and some others."""
     x_m, y_m, found = place.x_m, place.y_m, []
     for known in teammates:
@@ -323,7 +323,7 @@ class Teammates(Unit):
     def init(self) -> None:
         self._inbox = Inbox()
         self._next_ns = 0
-        self._known: dict[str, KnownMate] = {}
+        self._known: dict[str, KnownTeammate] = {}
         self._fresh_ns = to_ns(self.parameters.fresh_s)
         self._remember_ns = to_ns(self.parameters.remember_s)
         self._stalled_ns = to_ns(self.parameters.stalled_s)
@@ -368,7 +368,7 @@ class Teammates(Unit):
             return now_ns
         if not self._inbox.has_some:
             return now_ns
-        self._next_ns = now_ns + HEAR_NS
+        self._next_ns = now_ns + RECEIVE_NS
         count = len(self._known)
         self._guard.batch(self._inbox.drain(), self._handle)
         too_old_ns = now_ns - self._remember_ns
@@ -388,9 +388,9 @@ class Teammates(Unit):
                 continue
             known = all_known.get(name)
             if known is None:
-                if len(all_known) >= MATES_MAX:
+                if len(all_known) >= TEAMMATES_MAX:
                     continue
-                known = all_known[name] = KnownMate(name, self._stalled_ns, self.parameters.speed_m_s)
+                known = all_known[name] = KnownTeammate(name, self._stalled_ns, self.parameters.speed_m_s)
             if received.topic is ROBOT_STATE:
                 states.append((known, message))
             else:

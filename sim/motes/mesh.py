@@ -16,8 +16,7 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.motes.mote_energy import CELL_V, OVERHEAD_BITS, MoteEnergy
-from robrain.algorithms.motes.radio_graph import LinkGraph
-from robrain.algorithms.motes.routes import NO_ROUTE, Tree, lifetime_routes
+from robrain.algorithms.motes.routes import NO_ROUTE, LinkGraph, Tree, lifetime_routes
 from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import DECI, READING_TYPE, STORED_TYPE, ReadingPayload

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from robrain.algorithms.motes.radio_graph import RadioGraph
+from robrain.algorithms.motes.routes import RadioGraph
 from robrain.deploy.errors import UsageError
 from robrain.lab.bench.motes import (
     MULES,

@@ -20,7 +20,7 @@ WINDOW_FRAMES = 256
 """Frames of a window. The minimum offset is that of the current window and the one before it: 5 to 10 s."""
 
 
-ANEW_FRAMES = MODULUS // 2
+RESTART_FRAMES = MODULUS // 2
 """Delay, in frames, after which the clock starts again, because the 8-bit counter may have wrapped."""
 
 
@@ -49,7 +49,7 @@ class FrameClock:
         """Current estimate of the robot's time less frame time."""
         self._counts = stamped_at is StampedAt.ARRIVAL
         self._period_ns = period_ns
-        self._restart_ns = ANEW_FRAMES * period_ns
+        self._restart_ns = RESTART_FRAMES * period_ns
         self._has_stamps = False
         self._counter: int | None = None
         self._frame_ns = self._stamp_ns = 0

@@ -8,7 +8,7 @@ from robrain.agent.event import Event
 from robrain.protocol.tinyos.packet import ActiveMessage
 
 
-class HeardPacket(msgspec.Struct, frozen=True):
+class ReceivedPacket(msgspec.Struct, frozen=True):
     """A packet that the radio has heard."""
 
     message: ActiveMessage
@@ -27,7 +27,7 @@ class Trouble(msgspec.Struct, frozen=True):
 class MoteBaseInterface(Protocol):
     """TinyOS active messages, heard and sent."""
 
-    heard: Event[HeardPacket]
+    heard: Event[ReceivedPacket]
     trouble: Event[Trouble]
 
     def send(self, destination: int, kind: int, payload: bytes) -> None: ...

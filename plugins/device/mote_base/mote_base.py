@@ -12,7 +12,7 @@ from msgspec import Meta
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
-from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface, Trouble
+from robrain.plugins.device.mote_base.interface import MoteBaseInterface, ReceivedPacket, Trouble
 from robrain.protocol.backoff import Backoff
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
@@ -324,7 +324,7 @@ class SfLink:
 
 POLL_S = 0.05
 """Period of the step with a line that does not tell of arrivals."""
-LOOK_S = 0.25
+CHECK_S = 0.25
 """With one that does."""
 
 
@@ -420,7 +420,7 @@ class MoteBase(Device):
 
     interface = MoteBaseInterface
     period_s = POLL_S
-    heard = Event[HeardPacket]()
+    heard = Event[ReceivedPacket]()
     trouble = Event[Trouble](outside=True)
     parameters: Parameters
 
@@ -441,7 +441,7 @@ class MoteBase(Device):
             "serial": self._open_serial,
         }
         self._link = openers[self.parameters.interface]()
-        self.period_s = LOOK_S if self.parameters.interface == "zenoh" else POLL_S
+        self.period_s = CHECK_S if self.parameters.interface == "zenoh" else POLL_S
         self._dropped_before = 0
 
     def step(self) -> None:
@@ -511,7 +511,7 @@ class MoteBase(Device):
                 self._malformed += 1
                 continue
             self._packets += 1
-            self.heard.notify(HeardPacket(message, now_ns))
+            self.heard.notify(ReceivedPacket(message, now_ns))
 
     def _report_flood(self, arrived: int, now_ns: int) -> None:
         since_ns = self._guard.since_ns

@@ -83,7 +83,7 @@ class OdometryMessage(Protocol):
     twist: TwistWithCovariance
 
 
-class ToldOdometry(NamedTuple):
+class OdometryReading(NamedTuple):
     """Odometry as the robot reported it."""
 
     stamp_ns: int
@@ -93,7 +93,7 @@ class ToldOdometry(NamedTuple):
     velocity: Twist2D
 
 
-def read_odometry(message: OdometryMessage) -> ToldOdometry:
+def read_odometry(message: OdometryMessage) -> OdometryReading:
     """The planar part of a message (BadOdometry).
 
     The velocity is that in the body frame, as the message defines it.
@@ -107,7 +107,7 @@ def read_odometry(message: OdometryMessage) -> ToldOdometry:
         raise BadOdometry(f"expected speeds up to {SPEED_MAX:g}, got {velocity}")
     stamp = message.header.stamp
     pose = Pose2D(place.x, place.y, yaw_of(orientation))
-    return ToldOdometry(stamp.sec * NS_PER_S + stamp.nanosec, pose, velocity)
+    return OdometryReading(stamp.sec * NS_PER_S + stamp.nanosec, pose, velocity)
 
 
 def yaw_of(orientation: Quaternion) -> float:

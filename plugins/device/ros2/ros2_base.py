@@ -29,7 +29,7 @@ from robrain.plugins.device.mocdevice.interface import (
     MocDeviceInterface,
 )
 from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, Ros2Publisher, check_topics, open_link
-from robrain.plugins.device.ros2.odometry_message import ToldOdometry, read_odometry
+from robrain.plugins.device.ros2.odometry_message import OdometryReading, read_odometry
 from robrain.plugins.device.ros2.topic_device import CheckedTopic
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.model.geometry import Pose2D, Twist2D
@@ -125,7 +125,7 @@ BLIND_S = 1.0
 """How long a base may have moved while nothing was heard of it: its watchdog stops it."""
 
 
-class ToldPath(PoseTrack):
+class ReportedPath(PoseTrack):
     """Follows the odometry of a base; the frame odom begins where the robot was first heard.
 
     Args:
@@ -144,7 +144,7 @@ class ToldPath(PoseTrack):
         self.before = before
         self._speed_m_s, self._turn_rate_rad_s = speed_m_s, turn_rate_rad_s
 
-    def take(self, reported: ToldOdometry, measured_ns: int, number: int) -> bool:
+    def take(self, reported: OdometryReading, measured_ns: int, number: int) -> bool:
         """Take what the base reports; returns False if its odometry has jumped, and the pose has stayed.
 
         Args:
@@ -223,7 +223,7 @@ class Ros2Base(Device):
 
     def init(self) -> None:
         self._link: Ros2Link | None = None
-        self._odometry: CheckedTopic[ToldOdometry] | None = None
+        self._odometry: CheckedTopic[OdometryReading] | None = None
         self._publisher: Ros2Publisher | None = None
         self._gate: CommandGate | None = None
         self._believed = self._jumps = 0
@@ -236,7 +236,7 @@ class Ros2Base(Device):
         self._is_again = board.T_odom_robot is not None
         """The robot has told odometry before: this is a restart, or a reload."""
         start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
-        self._path = ToldPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
+        self._path = ReportedPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
         self._received_ns: int | None = None
         self._since_ns = self.env.clock.now_ns()
         link = self._link = open_link(self.env, wanted)

@@ -29,7 +29,7 @@ class BatteryMessage(Protocol):
     power_supply_status: int
 
 
-class ToldBattery(NamedTuple):
+class BatteryReading(NamedTuple):
     """A measurement of the battery."""
 
     stamp_ns: int
@@ -37,7 +37,7 @@ class ToldBattery(NamedTuple):
     reading: Reading
 
 
-def read_battery(message: BatteryMessage, current_a: float | None, temperature_c: float) -> ToldBattery:
+def read_battery(message: BatteryMessage, current_a: float | None, temperature_c: float) -> BatteryReading:
     """The measurement in a message.
 
     Args:
@@ -58,7 +58,7 @@ def read_battery(message: BatteryMessage, current_a: float | None, temperature_c
         is_charging={CHARGING: True, DISCHARGING: False}.get(message.power_supply_status),
     )
     stamp = message.header.stamp
-    return ToldBattery(stamp.sec * NS_PER_S + stamp.nanosec, reading)
+    return BatteryReading(stamp.sec * NS_PER_S + stamp.nanosec, reading)
 
 
 class Ros2Battery(TopicDevice):
@@ -105,5 +105,5 @@ class Ros2Battery(TopicDevice):
         """The last measurement; null before the first."""
         return self._latest
 
-    def _read(self, message: BatteryMessage) -> ToldBattery:
+    def _read(self, message: BatteryMessage) -> BatteryReading:
         return read_battery(message, self.parameters.current_a, self.parameters.temperature_c)

@@ -57,7 +57,7 @@ class ImuMessage(Protocol):
     linear_acceleration_covariance: Sequence[float]
 
 
-class ToldMotion(NamedTuple):
+class ImuReading(NamedTuple):
     """A measurement, with its stamp."""
 
     stamp_ns: int
@@ -65,7 +65,7 @@ class ToldMotion(NamedTuple):
     motion: ImuMotion
 
 
-def read_imu(message: ImuMessage) -> ToldMotion:
+def read_imu(message: ImuMessage) -> ImuReading:
     """The measurement in a message.
 
     Raises:
@@ -80,11 +80,11 @@ def read_imu(message: ImuMessage) -> ToldMotion:
     stamp = message.header.stamp
     stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
     if message.linear_acceleration_covariance[0] == NOT_MEASURED:
-        return ToldMotion(stamp_ns, ImuMotion(rate_rad_s))
+        return ImuReading(stamp_ns, ImuMotion(rate_rad_s))
     x_m_s2, y_m_s2 = message.linear_acceleration.x, message.linear_acceleration.y
     if not math.hypot(x_m_s2, y_m_s2) <= ACCELERATION_MAX_M_S2:
         raise BadImu(f"expected up to {ACCELERATION_MAX_M_S2:g} m/s², got {x_m_s2:g} and {y_m_s2:g}")
-    return ToldMotion(stamp_ns, ImuMotion(rate_rad_s, x_m_s2, y_m_s2))
+    return ImuReading(stamp_ns, ImuMotion(rate_rad_s, x_m_s2, y_m_s2))
 
 
 class Ros2Imu(TopicDevice):

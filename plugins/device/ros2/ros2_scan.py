@@ -52,7 +52,7 @@ class ScanMessage(Protocol):
     ranges: "Floats | list[float]"
 
 
-class ToldScan(NamedTuple):
+class ScanReading(NamedTuple):
     """A turn in the robot's frame."""
 
     stamp_ns: int
@@ -80,7 +80,7 @@ class ScanReader:
         self._angles_rad: Floats = np.zeros(0)
         """Of the message's beams, in the robot's frame."""
 
-    def read(self, message: ScanMessage) -> ToldScan:
+    def read(self, message: ScanMessage) -> ScanReading:
         """The turn in a message (BadScan)."""
         ranges_m = np.array(message.ranges, dtype=np.float64)
         self._check(message, len(ranges_m))
@@ -103,7 +103,7 @@ class ScanReader:
             if far_m <= 0.0:
                 raise BadScan(f"expected a reach beyond the robot's centre, got range_max {message.range_max:g}")
             angles_rad, ranges_m = self._resample(angles_rad, ranges_m, is_hit, far_m)
-        return ToldScan(_middle_ns(message, len(valid)), tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), far_m)
+        return ScanReading(_middle_ns(message, len(valid)), tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), far_m)
 
     def _check(self, message: ScanMessage, beams: int) -> None:
         first_rad, step_rad = message.angle_min, message.angle_increment

@@ -14,7 +14,7 @@ AHEAD_MAX_NS = to_ns(0.005)
 """Likewise those with stamps so far in the future; synchronised clocks differ by less."""
 WINDOW = 256
 """Messages of a window; the least delay is that of the current window and the one before."""
-ANEW_NS = 3 * NS_PER_S
+RESTART_NS = 3 * NS_PER_S
 """A delay greater by this is no delay: the other clock has been set, or its process started again."""
 
 
@@ -44,7 +44,7 @@ class StampClock:
 
     def _observe(self, delay_ns: int) -> int:
         least_ns = self._least_ns
-        if least_ns is None or delay_ns - self._offset_ns(least_ns) > ANEW_NS:
+        if least_ns is None or delay_ns - self._offset_ns(least_ns) > RESTART_NS:
             self._count, self._before_ns = 0, None
             least_ns = delay_ns
         elif self._count == WINDOW:

@@ -14,13 +14,13 @@ from robrain.algorithms.slam.submap_graph import SubmapGraph, is_information
 from robrain.protocol.messages.maps.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.model.geometry import Pose2D
 
-WAY_M = 0.4
+PATH_M = 0.4
 """Metres that the robot moves between two attempts."""
 CONTRADICTS = 0.45
 """Share of agreeing beams below which a scan contradicts a submap."""
 CONTRADICTIONS_MIN, SUBMAPS_MIN, ROBOTS_MIN = 6, 3, 2
 """Number of scans, of submaps and of robots that must contradict before the robot's place counts as wrong."""
-LOOKS_MAX = 9
+CHECKS_MAX = 9
 """So many of the last scans are counted that a mate's submap agreed with or that any contradicted.
 
 Measured in runs of 3 and 8 robots on four floors, wheels slipping: of 565 scans laid on mates' submaps none did. That
@@ -30,7 +30,7 @@ SLACK_ARM_M = 5.0
 """Distance of the walls, metres, that turns the slack in position into one in yaw."""
 UNSAID: Variances = (4e-4, 4e-4, 1e-5)
 """Least variances of the pose of a mate's submap, and those of one whose mate has told none."""
-MATE_SUBMAPS_MAX = 2 * SUBMAPS_MAX
+OTHER_SUBMAPS_MAX = 2 * SUBMAPS_MAX
 """Number of mates' submaps whose variances are kept."""
 
 OCCUPIED_MIN = 60
@@ -102,7 +102,7 @@ class ClosureSearch:
         return bool(inside <= at_row <= height - inside and inside <= at_column <= width - inside)
 
 
-class ClosureDesk:
+class ClosureFinder:
     """Finds loop closures and adds them to the robot's part of the pose graph.
 
     Args:
@@ -128,7 +128,7 @@ class ClosureDesk:
         self._variances: dict[SubmapKey, Variances] = {}
         """Variances of the poses of mates' submaps."""
         self._at: Pose2D | None = None
-        self._checks: deque[SubmapKey | None] = deque(maxlen=LOOKS_MAX)
+        self._checks: deque[SubmapKey | None] = deque(maxlen=CHECKS_MAX)
         """Submaps that contradicted a scan; None for those that agreed."""
 
     def begin_anew(self) -> None:
@@ -165,7 +165,7 @@ class ClosureDesk:
             Whether there was a submap to match it against.
 
         """
-        if self._at is not None and self._at.distance_m(sensor) < WAY_M:
+        if self._at is not None and self._at.distance_m(sensor) < PATH_M:
             return False
         key = self.search.candidate(sensor)
         if key is None:
@@ -225,13 +225,13 @@ class ClosureDesk:
             if part.robot != patch.robot or part.withdrawn:
                 continue
             key = part.robot, part.submap
-            if len(self._variances) >= MATE_SUBMAPS_MAX and key not in self._variances:
+            if len(self._variances) >= OTHER_SUBMAPS_MAX and key not in self._variances:
                 # A mate may tell of submaps that do not exist: drop the variances of submaps without cells.
                 self._variances = {
                     each: reported for each, reported in self._variances.items() if each in self._atlas.submaps
                 }
             is_reported = part.variance_m2 > 0.0 or part.variance_rad2 > 0.0
-            if is_reported and (len(self._variances) < MATE_SUBMAPS_MAX or key in self._variances):
+            if is_reported and (len(self._variances) < OTHER_SUBMAPS_MAX or key in self._variances):
                 floor_m2, _, floor_rad2 = UNSAID
                 variance_m2, variance_rad2 = max(part.variance_m2, floor_m2), max(part.variance_rad2, floor_rad2)
                 self._variances[key] = variance_m2, variance_m2, variance_rad2

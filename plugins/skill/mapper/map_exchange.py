@@ -20,7 +20,7 @@ from robrain.algorithms.slam.map_patch import (
 )
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import OwnSubmap
-from robrain.plugins.skill.mapper.closures import ClosureDesk
+from robrain.plugins.skill.mapper.closures import ClosureFinder
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.plugins.skill.mapper.own_submaps import OwnPatch, OwnSubmaps
 from robrain.protocol.border.border import Received
@@ -37,12 +37,12 @@ from robrain.protocol.wire.endpoint import Endpoint
 logger = logging.getLogger(__name__)
 
 WHOLE_MS = 400
-"""Milliseconds after the start within which the whole maps of the others may have been seen; below `TELL_AFTER_S`."""
+"""Milliseconds after the start in which the whole maps of the others may have been seen; below `PUBLISH_AFTER_S`."""
 INBOX_MAX = 4096
 """Messages that wait; the oldest are dropped and counted."""
 
 
-class MapHearing:
+class MapReceiver:
     """Takes in the maps and closures of the other robots.
 
     Args:
@@ -53,7 +53,7 @@ class MapHearing:
 
     """
 
-    def __init__(self, robot: str, atlas: SubmapAtlas, desk: ClosureDesk, frames: Frames) -> None:
+    def __init__(self, robot: str, atlas: SubmapAtlas, desk: ClosureFinder, frames: Frames) -> None:
         self.others: SubmapAtlas | None = None
         """Submaps that the others had before this robot started; only while its start is checked."""
         self.withdrawn: set[int] = set()
@@ -187,7 +187,7 @@ class MapHearing:
         return part.submap < self._began_ms and part.observed_ms <= self._began_ms + WHOLE_MS
 
 
-class MapTelling:
+class MapSender:
     """Collects messages about one robot's submaps until they are sent.
 
     Args:

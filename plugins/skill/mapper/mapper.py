@@ -18,9 +18,9 @@ from robrain.algorithms.slam.mates_in_scan import robot_circles, sees_through, w
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
-from robrain.plugins.skill.mapper.closures import ClosureDesk
+from robrain.plugins.skill.mapper.closures import ClosureFinder
 from robrain.plugins.skill.mapper.frames import Frames
-from robrain.plugins.skill.mapper.map_exchange import MapHearing, MapTelling
+from robrain.plugins.skill.mapper.map_exchange import MapReceiver, MapSender
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates import TeammatesInterface
@@ -77,7 +77,7 @@ class MapperInterface(Protocol):
 
 START_S = 5.0
 """Seconds after the start in which maps of other robots may show that the start pose is wrong."""
-TELL_AFTER_S = 0.5
+PUBLISH_AFTER_S = 0.5
 """Seconds after the start before the first patch is sent, so that a wrong start pose can be found first."""
 CLOSURE_PERIOD_S = 1.0
 """Seconds between two attempts to find a loop closure."""
@@ -134,13 +134,13 @@ class Mapper(Skill):
         self._atlas = SubmapAtlas(geometry)
         self._graph = SubmapGraph(self.env.robot, self.parameters.graph)
         self._own = OwnSubmaps(geometry, self._graph, self.parameters.submap)
-        self._desk = ClosureDesk(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
+        self._desk = ClosureFinder(self.env.robot, self._graph, self._atlas, self.parameters.closure_slack_m)
         self._frames = Frames(
             self.env.robot, self._atlas, self._graph, self._own, self._robot_places_in, lambda: self._teammates.count()
         )
         self._view: MapView | None = None
-        self._outgoing = MapTelling(self.env.robot, geometry)
-        self._incoming = MapHearing(self.env.robot, self._atlas, self._desk, self._frames)
+        self._outgoing = MapSender(self.env.robot, geometry)
+        self._incoming = MapReceiver(self.env.robot, self._atlas, self._desk, self._frames)
         self._began_ns: int | None = None
         self._has_restarted = False
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
@@ -177,7 +177,7 @@ class Mapper(Skill):
         self._draw_own_patch()
         self._find_frame()
         self._solve()
-        if self._is_starting(TELL_AFTER_S):
+        if self._is_starting(PUBLISH_AFTER_S):
             return
         for patch in self._outgoing.take():
             self._patches.put(patch)

@@ -20,7 +20,7 @@ TANGENT_M = 0.2
 MOVED_M = 0.05
 STUCK_NS = 3_000_000_000
 """A robot that has not moved by `MOVED_M` for this long does not fit; creeping takes a third of the time."""
-SAME_WAY_RAD = math.radians(60.0)
+SAME_DIRECTION_RAD = math.radians(60.0)
 """Two paths whose next points lie within this angle lead on the same way."""
 LOOK_AHEAD_M = 1.5
 """Corners farther off do not matter yet at any speed of a small robot."""
@@ -131,7 +131,7 @@ class Path:
         """
         self.pass_points(pose)
         turned_rad = wrap_angle_rad(self._bearing_rad(pose) - before._bearing_rad(pose))
-        if abs(turned_rad) < SAME_WAY_RAD:
+        if abs(turned_rad) < SAME_DIRECTION_RAD:
             self._moved_from, self._moved_ns = before._moved_from, before._moved_ns
 
     def _bearing_rad(self, pose: Pose2D) -> float:

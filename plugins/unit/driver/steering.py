@@ -14,7 +14,7 @@ ARC_M_S = 0.3
 """Greatest speed of such an arc (chosen)."""
 LEG_M = 0.3
 """Length of an arc, of the first one half of it, so that the robot stays where it is (chosen)."""
-STANDS_M_S = 0.02
+STILL_M_S = 0.02
 """Slower than this it changes its direction."""
 SLOW_RAD_S = 0.03
 """A turn as slow as this is left out if it cannot be driven."""
@@ -74,13 +74,13 @@ class Arcs:
         self.has_room, speed = True, self._speed
         wanted_m_s = abs(axis[0] * ramp.x + axis[1] * ramp.y)
         is_enough = abs(rate_rad_s) * self._radius_m <= wanted_m_s or abs(rate_rad_s) < SLOW_RAD_S
-        if is_enough and speed.x > -STANDS_M_S:
+        if is_enough and speed.x > -STILL_M_S:
             self.go_on(ramp, axis)
             return
         if self._begin is None:
             self._begin, self._leg_m, self._direction = pose, 0.5 * LEG_M, 1.0
         to_go_m = self._to_go_m(pose, self._begin)
-        if to_go_m < ROOM_M and abs(speed.x) < STANDS_M_S:
+        if to_go_m < ROOM_M and abs(speed.x) < STILL_M_S:
             self._begin, self._leg_m, self._direction = pose, LEG_M, -self._direction
             to_go_m = self._to_go_m(pose, pose)
             self.has_room = to_go_m >= ROOM_M

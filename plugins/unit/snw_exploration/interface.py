@@ -8,7 +8,7 @@ from robrain.agent.event import Event
 from robrain.protocol.model.geometry import Point2D
 
 
-class HeardMote(msgspec.Struct, frozen=True, kw_only=True):
+class ReceivedMote(msgspec.Struct, frozen=True, kw_only=True):
     """A mote as this robot has heard it so far."""
 
     mote: str
@@ -44,7 +44,7 @@ class RssiMeasurement(msgspec.Struct, frozen=True, kw_only=True):
     """When the packet was heard."""
 
 
-class HeardRobot(msgspec.Struct, frozen=True, kw_only=True):
+class ReceivedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """Another robot's base station as this one's has heard it so far."""
 
     robot: str
@@ -64,9 +64,9 @@ class SnwInterface(Protocol):
 
     measured: Event[RssiMeasurement]
 
-    def heard(self) -> list[HeardMote]: ...
+    def heard(self) -> list[ReceivedMote]: ...
 
-    def robots(self) -> list[HeardRobot]: ...
+    def robots(self) -> list[ReceivedRobot]: ...
 
     def request_stored(self, mote: str) -> None: ...
 

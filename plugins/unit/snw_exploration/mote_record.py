@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from robrain.plugins.unit.snw_exploration.interface import HeardMote
+from robrain.plugins.unit.snw_exploration.interface import ReceivedMote
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.motes.mote_messages import MoteReading
@@ -257,11 +257,11 @@ class MoteRecord:
         self.wanted_period_ds, self.wanted_stamp_ns, self.duty_tries = period_ds, stamp_ns, 0
         return True
 
-    def as_received(self) -> HeardMote | None:
+    def as_received(self) -> ReceivedMote | None:
         """For the table; None if this robot has never heard it."""
         if self.latest is None or self.latest_live is None:
             return None
-        return HeardMote(
+        return ReceivedMote(
             mote=self.name,
             place=place_of(self.latest),
             rssi_dbm=self.latest.rssi_dbm,

@@ -8,9 +8,9 @@ from msgspec import UNSET, Meta
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
-from robrain.plugins.device.mote_base.interface import HeardPacket, MoteBaseInterface
+from robrain.plugins.device.mote_base.interface import MoteBaseInterface, ReceivedPacket
 from robrain.plugins.unit.snw_exploration.asking import Asking, AskingParameters, OverHops
-from robrain.plugins.unit.snw_exploration.interface import HeardMote, HeardRobot, RssiMeasurement, SnwInterface
+from robrain.plugins.unit.snw_exploration.interface import ReceivedMote, ReceivedRobot, RssiMeasurement, SnwInterface
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, ReadingStore, place_of
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.errors import BadName
@@ -101,10 +101,10 @@ class BaseLinks:
         link.packets += 1
         link.sum_dbm += beacon.rssi_dbm
 
-    def heard(self) -> list[HeardRobot]:
+    def heard(self) -> list[ReceivedRobot]:
         """The robots that were heard, by name."""
         return [
-            HeardRobot(
+            ReceivedRobot(
                 robot=name,
                 rssi_dbm=link.rssi_dbm,
                 mean_rssi_dbm=link.sum_dbm / link.packets,
@@ -246,13 +246,13 @@ class SNwExploration(Unit):
             record.publisher = None  # it ends with the plugin's place on the wire
 
     @external
-    def heard(self) -> list[HeardMote]:
+    def heard(self) -> list[ReceivedMote]:
         """The motes that this robot has heard, by number."""
         rows = (self._records[number].as_received() for number in sorted(self._records))
         return [row for row in rows if row is not None]
 
     @external
-    def robots(self) -> list[HeardRobot]:
+    def robots(self) -> list[ReceivedRobot]:
         """The robots whose base stations this one has heard, by name."""
         return self._links.heard()
 
@@ -282,7 +282,7 @@ class SNwExploration(Unit):
         """Counters of the packets received."""
         return msgspec.structs.replace(self._counts, requests=self._asking.requests, over_hops=self._over_hops.sent)
 
-    def _handle(self, packet: HeardPacket) -> None:
+    def _handle(self, packet: ReceivedPacket) -> None:
         message = packet.message
         if message.type == BEACON_TYPE:
             self._handle_beacon(message.payload, packet.stamp_ns)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.exploration.explorer import Explorer, Scout
-from robrain.algorithms.exploration.map_look import MapLook
+from robrain.algorithms.exploration.map_look import MapSurvey
 from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import ROOMS, joint, strategy_of
 from robrain.algorithms.exploration.tours import DOOR_M, MEET_M, auto, meetings_m, rooms, tours
@@ -142,7 +142,7 @@ def test_three_robots_and_more_are_sent_by_rooms_where_those_are_small(robots, r
 
 
 def test_a_map_without_a_room_has_no_small_rooms():
-    assert MapLook(OccupancyGrid(GEOMETRY), []).room_m2 == np.inf
+    assert MapSurvey(OccupancyGrid(GEOMETRY), []).room_m2 == np.inf
 
 
 # -- what the map shows -----------------------------------------------------------------------------------------
@@ -162,7 +162,7 @@ def test_map_tells_the_rooms_and_shares_of_frontiers():
     left, right = at(2.0, 3.0), at(9.9, 3.0)
     grid = OccupancyGrid(GEOMETRY)
     grid.merge_patch(0, 0, two_rooms(), 1)
-    look = MapLook(grid, [left, right])
+    look = MapSurvey(grid, [left, right])
     assert look.frontier_rooms[0] == look.room_of(Point2D(4.0, 2.0)) != look.frontier_rooms[1]
     assert look.room_of(Point2D(-3.0, 2.0)) < 0
     # The door belongs to one of the rooms, of 16.0 and 15.6 m².

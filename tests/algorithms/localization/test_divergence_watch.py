@@ -1,12 +1,12 @@
 import pytest
 
-from robrain.algorithms.localization.localiser import DivergenceWatch, WatchSpec
+from robrain.algorithms.localization.localiser import DivergenceMonitor, DivergenceSpec
 
 GATE = 10.0
 
 
 def watch(**spec):
-    return DivergenceWatch(WatchSpec(**{"window": 4, "nis_max": 2.5, "refused_max": 0.5, **spec}), GATE)
+    return DivergenceMonitor(DivergenceSpec(**{"window": 4, "nis_max": 2.5, "refused_max": 0.5, **spec}), GATE)
 
 
 def test_before_the_first_measurement_nothing_is_off():
@@ -75,7 +75,7 @@ def test_to_begin_anew_is_to_forget_all_but_how_many_were_refused():
 @pytest.mark.parametrize(("window", "is_refused"), [(1, True), (0, True), (2, False)])
 def test_a_window_of_less_than_two_is_refused(window, is_refused):
     if not is_refused:
-        assert WatchSpec(window=window).window == window
+        assert DivergenceSpec(window=window).window == window
         return
     with pytest.raises(ValueError, match="window >= 2"):
-        WatchSpec(window=window)
+        DivergenceSpec(window=window)

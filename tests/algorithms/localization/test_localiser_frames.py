@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec, WatchSpec
+from robrain.algorithms.localization.localiser import DivergenceSpec, Localiser, LocaliserSpec
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
@@ -79,7 +79,7 @@ def test_where_a_robot_may_be_is_asked_of_what_it_has_heard_since_it_left_its_fr
 
 
 def test_scans_that_did_not_fit_before_the_frame_was_found_do_not_count_after() -> None:
-    localiser = located(watch=WatchSpec(misfits_max=3))
+    localiser = located(watch=DivergenceSpec(misfits_max=3))
     lost = []
     for turn in range(5):
         if turn == 2:

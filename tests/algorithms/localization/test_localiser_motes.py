@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.localization import localiser as module
-from robrain.algorithms.localization.localiser import Localiser, LocaliserSpec, WatchSpec
+from robrain.algorithms.localization.localiser import DivergenceSpec, Localiser, LocaliserSpec
 from robrain.algorithms.localization.odometry import moved_along
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 
 MOTES = [Point2D(float(x), float(y)) for x in (2, 9, 17) for y in (3, 10, 18)]
 LOSS = PathLoss()
-DEAF_WATCH = WatchSpec(nis_max=1e9, refused_max=1.0)
+DEAF_WATCH = DivergenceSpec(nis_max=1e9, refused_max=1.0)
 """A watch that says nothing of what is heard."""
 STEP = Twist2D(0.15, 0.0, 0.05)
 
@@ -76,7 +76,7 @@ def test_places_are_compared_after_every_24th_signal_only(monkeypatch):
 
 
 def test_innovations_that_are_too_large_say_so_at_once():
-    robot = Listener(Pose2D(17.0, 12.0, 0.0), HERE, watch=WatchSpec(window=4))
+    robot = Listener(Pose2D(17.0, 12.0, 0.0), HERE, watch=DivergenceSpec(window=4))
     while not robot.localiser.lost:
         robot.step()
         assert robot.heard < 12
@@ -202,7 +202,7 @@ def test_signals_are_seen_from_where_the_corrected_odometry_puts_the_robot(monke
 
 def test_after_it_was_found_the_watch_begins_anew(monkeypatch):
     monkeypatch.setattr(module, "find_robot", lambda *_: (robot.true, np.diag((0.01, 0.01, 0.01))))
-    robot = Listener(Pose2D(17.0, 12.0, 0.0), HERE, watch=WatchSpec(window=4))
+    robot = Listener(Pose2D(17.0, 12.0, 0.0), HERE, watch=DivergenceSpec(window=4))
     while not robot.localiser.lost:
         robot.step()
     while robot.localiser.arena_fix is None:

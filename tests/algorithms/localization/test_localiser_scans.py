@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.localiser import JUMP_RAD, REFUSED_SIGMA_M, Localiser, LocaliserSpec, WatchSpec
+from robrain.algorithms.localization.localiser import (
+    JUMP_RAD,
+    REFUSED_SIGMA_M,
+    DivergenceSpec,
+    Localiser,
+    LocaliserSpec,
+)
 from robrain.algorithms.localization.rssi_ranging import RssiSample
 from robrain.algorithms.mapping.local_map import NO_DRIFT
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
@@ -77,7 +83,7 @@ def test_a_turn_that_cannot_be_is_refused_as_well():
 
 @pytest.mark.parametrize("misfits_max", [1, 2])
 def test_a_scan_that_is_refused_counts_as_one_that_does_not_fit(misfits_max):
-    localiser = located(beside(TRUE, 0.2), sigma_m=0.03, sigma_rad=0.01, watch=WatchSpec(misfits_max=misfits_max))
+    localiser = located(beside(TRUE, 0.2), sigma_m=0.03, sigma_rad=0.01, watch=DivergenceSpec(misfits_max=misfits_max))
     localiser.move(Twist2D(0.03, 0.0, 0.0))
     localiser.move(Twist2D(-0.03, 0.0, 0.0))
     fit = localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP))
@@ -290,7 +296,7 @@ def test_a_robot_begins_with_no_drift_but_that_of_new_floor():
 
 def set_down(x_m, turn_rad=0.0, *, sigma_m=0.03):
     """A robot that is set down elsewhere in its room; scans are refused until it doubts its place enough."""
-    localiser = located(sigma_m=sigma_m, sigma_rad=0.02, watch=WatchSpec(misfits_max=1000))
+    localiser = located(sigma_m=sigma_m, sigma_rad=0.02, watch=DivergenceSpec(misfits_max=1000))
     truth, refused = beside(TRUE, x_m, 0.0, turn_rad), 0
     while True:
         localiser.move(Twist2D(1e-9, 0.0, 0.1))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robrain.algorithms.motes.radio_graph import RadioGraph
+from robrain.algorithms.motes.routes import RadioGraph
 from robrain.protocol.model.geometry import Point2D
 
 ORIGIN = Point2D(0.0, 0.0)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.motes.field_life import FieldLife, FieldPlan, MoteSite, RobotFigures, Routing, field_life
 from robrain.algorithms.motes.mote_energy import DAY_S, mica2
-from robrain.algorithms.motes.radio_graph import RadioGraph
+from robrain.algorithms.motes.routes import RadioGraph
 from robrain.lab.bench.motes import lifetime_bound_days
 from robrain.protocol.model.geometry import Point2D
 from tests.algorithms.motes.fields import ORIGIN, scattered

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.motes.collect_tour import shortest_order, stops_for, tour_m
 from robrain.algorithms.motes.coverage import CoverageMap, duty_set
-from robrain.algorithms.motes.radio_graph import RadioGraph
-from robrain.algorithms.motes.relay_places import relay_places
+from robrain.algorithms.motes.field_life import relay_places
+from robrain.algorithms.motes.routes import RadioGraph
 from robrain.protocol.model.geometry import Point2D
 from tests.algorithms.motes.fields import ORIGIN, line, scattered
 

@@ -5,10 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.motes.mote_energy import DAY_S, mica2
-from robrain.algorithms.motes.radio_graph import RadioGraph
 from robrain.algorithms.motes.routes import (
     NO_ROUTE,
     MoteRoutes,
+    RadioGraph,
     cheapest_tree,
     lifetime_routes,
     min_hop_tree,

@@ -107,7 +107,7 @@ def test_charger_to_which_there_is_no_way_is_left_out():
     assert one.choose() == NEAR
 
 
-@pytest.mark.parametrize("trouble", [TravelState.BLOCKED, TravelState.NO_WAY, TravelState.LOST])
+@pytest.mark.parametrize("trouble", [TravelState.BLOCKED, TravelState.NO_PATH, TravelState.LOST])
 def test_trouble_on_the_way_leaves_the_charger_out_and_the_robot_stands(trouble):
     errand, one = queue(NEAR)
     errand.progress = [TravelState.UNDER_WAY, trouble]

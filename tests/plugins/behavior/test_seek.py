@@ -84,7 +84,7 @@ def test_without_a_board_motes_that_are_heard_are_not_enough_here_and_it_says_so
         raise CallError(ErrorCode.FAILED, "no sensor board answers")
 
     monkeypatch.setattr(board, "measure", silent)
-    monkeypatch.setattr("robrain.plugins.behavior.seek.HEARD_S", 0.0)
+    monkeypatch.setattr("robrain.plugins.behavior.seek.RECEIVED_S", 0.0)
     status = run.finish(seek(), 120.0)
     assert status.state is TaskState.FAILED
     assert status.why.startswith("nothing tells temperature_c")

@@ -3,8 +3,8 @@
 import pytest
 
 from robrain.plugins.device.mocdevice.frame_clock import (
-    ANEW_FRAMES,
     FRAME_PERIOD_NS,
+    RESTART_FRAMES,
     WINDOW_FRAMES,
     FrameClock,
     StampedAt,
@@ -65,7 +65,7 @@ def test_controller_whose_clock_is_slow_is_followed_within_two_windows():
 def test_after_a_silence_longer_than_the_counter_can_tell_the_stamp_counts(counter):
     clock = FrameClock(StampedAt.ARRIVAL)
     hear(clock, 0)
-    now_ns = sent_ns(0) + ANEW_FRAMES * FRAME_PERIOD_NS + 2 * FRAME_PERIOD_NS
+    now_ns = sent_ns(0) + RESTART_FRAMES * FRAME_PERIOD_NS + 2 * FRAME_PERIOD_NS
     assert clock.note(counter, now_ns, now_ns) + clock.offset_ns == now_ns
     now_ns += FRAME_PERIOD_NS
     assert clock.note(counter + 1, now_ns, now_ns) + clock.offset_ns == now_ns

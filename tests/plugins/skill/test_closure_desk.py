@@ -10,7 +10,7 @@ from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph, is_information
 from robrain.plugins.skill.mapper import closures
-from robrain.plugins.skill.mapper.closures import UNSAID, WAY_M, ClosureDesk
+from robrain.plugins.skill.mapper.closures import PATH_M, UNSAID, ClosureFinder
 from robrain.protocol.messages.maps.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
@@ -38,7 +38,7 @@ class Scene:
     def __init__(self, *keys: SubmapKey, T_arena_local: Pose2D = IDENTITY, slack_m: float = 0.0) -> None:
         self.graph = SubmapGraph("r1", GraphSpec())
         self.atlas = SubmapAtlas(GEOMETRY)
-        self.desk = ClosureDesk("r1", self.graph, self.atlas, slack_m)
+        self.desk = ClosureFinder("r1", self.graph, self.atlas, slack_m)
         for key in keys:
             submap = Submap(T_arena_local)
             submap.take(SEEN.row, SEEN.column, SEEN.classes(), 1)
@@ -90,7 +90,7 @@ def test_a_mate_that_is_told_a_closure_moves_its_submap_by_it() -> None:
     mate.begin(7, IDENTITY, IDENTITY, 0, PRIOR)
     atlas = SubmapAtlas(GEOMETRY)
     atlas.submaps["r1", 3] = Submap(IDENTITY)
-    desk = ClosureDesk("r2", mate, atlas, 0.0)
+    desk = ClosureFinder("r2", mate, atlas, 0.0)
     desk.hear(Closures(robot="r1", closures=finder.desk.found))
     moved = mate.solve(atlas.place_of, desk.variances_of)[7]
     assert off(moved.compose(TRUE), beside(TRUE, 0.06, 0.05, 0.02)) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
@@ -116,7 +116,7 @@ def test_without_a_submap_that_shows_the_place_there_is_nothing_to_look_at() -> 
 def test_the_robot_moves_on_between_two_closures() -> None:
     scene = Scene(MATE, ("r3", 1), ("r4", 1))
     assert scene.look(TRUE, TRUE)
-    near, far = beside(TRUE, WAY_M - 0.01, 0.0), beside(TRUE, WAY_M + 0.01, 0.0)
+    near, far = beside(TRUE, PATH_M - 0.01, 0.0), beside(TRUE, PATH_M + 0.01, 0.0)
     assert scene.look(near, near) is False
     assert scene.desk.closed == 1
     assert scene.look(far, far)
@@ -228,7 +228,7 @@ def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() 
 
 
 def test_memory_for_mates_submaps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 2)
+    monkeypatch.setattr(closures, "OTHER_SUBMAPS_MAX", 2)
     desk = Scene(("r2", 1), ("r2", 2)).desk
     for number in (1, 2, 3):
         desk.receive_submap_poses(told(number))

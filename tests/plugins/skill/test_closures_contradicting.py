@@ -6,7 +6,7 @@ import pytest
 from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
-from robrain.plugins.skill.mapper.closures import ClosureDesk
+from robrain.plugins.skill.mapper.closures import ClosureFinder
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
@@ -18,7 +18,7 @@ SURE = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-5)
 TWO_ROBOTS: tuple[SubmapKey, ...] = (("r2", 7), ("r2", 8), ("r3", 1))
 
 
-def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureDesk:
+def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureFinder:
     """A robot's desk that knows these submaps, all of the same room."""
     graph, atlas = SubmapGraph("r1", GraphSpec()), SubmapAtlas(GEOMETRY)
     for key in keys:
@@ -27,10 +27,10 @@ def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureDesk:
         submap.surfaces = SEEN.surfaces
         atlas.submaps[key] = submap
     graph.begin(3, IDENTITY, IDENTITY, 0, np.diag((0.04, 0.04, 0.01)))
-    return ClosureDesk("r1", graph, atlas, 0.0)
+    return ClosureFinder("r1", graph, atlas, 0.0)
 
 
-def look(desk: ClosureDesk, turn: int, *, wrong: bool = True) -> None:
+def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
     """Lay a scan on the next submap: one of elsewhere, or one of the place where the robot believes to be."""
     here = PLACES[turn % len(PLACES)]
     points = ROOM.points(ELSEWHERE if wrong else here)

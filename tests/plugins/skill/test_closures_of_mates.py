@@ -7,7 +7,7 @@ from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import closures
-from robrain.plugins.skill.mapper.closures import UNSAID, ClosureDesk
+from robrain.plugins.skill.mapper.closures import UNSAID, ClosureFinder
 from robrain.protocol.messages.maps.map_messages import Closure, Closures
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
@@ -31,7 +31,7 @@ def graph():
 
 @pytest.fixture
 def desk(graph, atlas):
-    return ClosureDesk("r1", graph, atlas, 0.0)
+    return ClosureFinder("r1", graph, atlas, 0.0)
 
 
 def told(**fields):
@@ -62,7 +62,7 @@ def test_a_closure_with_a_submap_that_the_robot_does_not_have_says_nothing(desk,
 
 
 def test_submaps_that_do_not_exist_displace_no_variances_of_others(desk, atlas, monkeypatch):
-    monkeypatch.setattr(closures, "MATE_SUBMAPS_MAX", 4)
+    monkeypatch.setattr(closures, "OTHER_SUBMAPS_MAX", 4)
     atlas.take(("r3", 1), 0, 0, np.array([[FREE]]), 5)
     for robot, numbers in (("r2", range(4)), ("r3", (1,)), ("r2", range(10, 20))):
         parts = [pose_message(robot, GEOMETRY, number, IDENTITY, variances=(0.5, 0.1)) for number in numbers]

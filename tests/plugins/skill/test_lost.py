@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robrain.plugins.behavior.explore import LOOK_PERIOD_S
+from robrain.plugins.behavior.explore import CHECK_PERIOD_S
 from robrain.plugins.behavior.travel import SPEED_M_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
@@ -179,7 +179,7 @@ def test_one_that_looks_for_itself_explores_as_soon_as_it_sees_where(errands):
     explore._frontiers = lambda: [goal]
     explore._is_seen = lambda *_: False
     seen = set()
-    for _ in range(round(5.0 * LOOK_PERIOD_S) + 2):
+    for _ in range(round(5.0 * CHECK_PERIOD_S) + 2):
         run.run(0.2)
         seen.add((run.hosts["r1"].board.behavior, explore.goal()))
     assert ("explore alone", goal) in seen

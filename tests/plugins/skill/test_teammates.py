@@ -117,7 +117,7 @@ def test_one_that_does_not_know_where_it_is_is_kept_away_from_by_half_a_metre_mo
 
 
 def test_robots_beyond_the_most_are_not_followed_and_those_known_still_are(stage, monkeypatch):
-    monkeypatch.setattr("robrain.plugins.unit.teammates.MATES_MAX", 2)
+    monkeypatch.setattr("robrain.plugins.unit.teammates.TEAMMATES_MAX", 2)
     one = stage()
     one.host("teammates")
     for name in ("r4", "r2", "r3"):

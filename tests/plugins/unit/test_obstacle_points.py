@@ -14,7 +14,7 @@ from robrain.plugins.unit.obstacle_distance import (
     FROZEN_RAD,
     RING_FRESH_NS,
     SCAN_FRESH_NS,
-    LidarWatch,
+    LidarMonitor,
     ObstaclePoints,
     ring_points_m,
     scan_points_m,
@@ -67,7 +67,7 @@ def test_echo_that_is_missing_once_does_not_open_the_way_and_a_nearer_one_counts
     [(Pose2D(0.5 * FROZEN_M, 0.0, 0.0), 3), (Pose2D(0.0, 0.0, -0.499 * FROZEN_RAD), 3), (Pose2D(0.0, 0.0, 0.0), None)],
 )
 def test_lidar_whose_ranges_stay_equal_while_the_robot_moves_is_frozen(step, frozen_after):
-    watch, at, found = LidarWatch(), Pose2D(0.0, 0.0, 3.1), []
+    watch, at, found = LidarMonitor(), Pose2D(0.0, 0.0, 3.1), []
     for _ in range(6):
         found.append(watch.is_frozen(scan(1.0, 2.0), at))
         at = at.compose(step)
@@ -76,14 +76,14 @@ def test_lidar_whose_ranges_stay_equal_while_the_robot_moves_is_frozen(step, fro
 
 
 def test_one_range_that_differs_is_enough_and_the_motion_counts_anew_from_there():
-    watch, found = LidarWatch(), []
+    watch, found = LidarMonitor(), []
     for number, ranges_m in enumerate([(1.0, 2.0), (1.0, 2.0), (1.0, 2.001), (1.0, 2.001), (1.0, 2.001)]):
         found.append(watch.is_frozen(scan(*ranges_m), Pose2D(0.06 * number, 0.0, 0.0)))
     assert found == [False, False, False, False, True]
 
 
 def test_lidar_that_sees_nothing_is_not_frozen():
-    watch = LidarWatch()
+    watch = LidarMonitor()
     assert not any(watch.is_frozen(scan(6.0, 6.0), Pose2D(float(number), 0.0, 0.0)) for number in range(5))
     assert not watch.is_frozen(scan(1.0, 6.0), Pose2D(6.0, 0.0, 0.0))
     assert watch.is_frozen(scan(1.0, 6.0), Pose2D(7.0, 0.0, 0.0))

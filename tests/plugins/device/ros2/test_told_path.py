@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from robrain.plugins.device.ros2.odometry_message import ToldOdometry
-from robrain.plugins.device.ros2.ros2_base import ToldPath
+from robrain.plugins.device.ros2.odometry_message import OdometryReading
+from robrain.plugins.device.ros2.ros2_base import ReportedPath
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 
@@ -12,11 +12,11 @@ DRIVING = Twist2D(0.5, 0.0, 0.0)
 
 
 def a_path(pose=ORIGIN, before=None):
-    return ToldPath(1.0, 2.0, pose, before)
+    return ReportedPath(1.0, 2.0, pose, before)
 
 
 def tell(path, pose, at_s, number=0):
-    return path.take(ToldOdometry(0, pose, DRIVING), to_ns(at_s), number)
+    return path.take(OdometryReading(0, pose, DRIVING), to_ns(at_s), number)
 
 
 def test_odom_begins_where_the_robot_is_first_heard():
