@@ -20,7 +20,7 @@ from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
     from robrain.client.halting import HaltReport
-    from robrain.sim.scenarios.listing import ListedScenario
+    from robrain.sim.scenarios.scenario import ListedScenario
 
 
 EXIT_DISOBEYED = 1
@@ -179,7 +179,7 @@ def _end(report: "HaltReport", team: str | None) -> None:
 
 def scenarios(as_json: JsonOption = False) -> None:
     """List the scenarios that come with robrain; `robrain run NAME` runs one."""
-    from robrain.sim.scenarios.listing import listed_scenarios
+    from robrain.sim.scenarios.scenario import listed_scenarios
 
     found = listed_scenarios()
     if as_json:

@@ -23,7 +23,7 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.reasons import NothingUnknown
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.driving import Progress as RunProgress
-from robrain.sim.world.floor_left import GapTooNarrow
+from robrain.sim.world.referee import GapTooNarrow
 
 LEFT_ROWS = 10
 """Regions in the table of what is left."""

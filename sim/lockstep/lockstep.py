@@ -46,10 +46,9 @@ from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.lockstep.team_faults import ComponentStarts, TeamFaults
-from robrain.sim.world.floor_left import FloorLeft, floor_left
 from robrain.sim.world.link_spec import check_alone
-from robrain.sim.world.overlap import overlap
 from robrain.sim.world.radio_run import RadioRun
+from robrain.sim.world.referee import FloorLeft, floor_left, overlap
 from robrain.sim.world.time_use import TimeUseMeter
 from robrain.sim.world.world import World, manifest_texts
 
@@ -428,7 +427,7 @@ class LockstepRun:
         return endpoint
 
     def overlap(self) -> float:
-        """How much floor several robots have seen: `sim/world/overlap.py`."""
+        """How much floor several robots have seen: `sim/world/referee.py`."""
         return overlap(self.arena.referee.submaps, self.arena.referee.grid.geometry)
 
     def _close_recorder(self) -> None:

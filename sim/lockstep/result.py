@@ -7,7 +7,7 @@ from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.reasons import IdleReason
-from robrain.sim.world.floor_left import FloorLeft
+from robrain.sim.world.referee import FloorLeft
 from robrain.sim.world.scenario_tasks import TaskOutcome
 from robrain.sim.world.time_use import TimeUse
 

@@ -22,17 +22,22 @@ from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import DECI, READING_TYPE, STORED_TYPE, ReadingPayload
 from robrain.protocol.tinyos.routed import RoutedPayload
 from robrain.sim.motes.mote import LOG_S, SENSE_S, MeshSpec, SimulatedMote
-from robrain.sim.motes.mote_power import (
+from robrain.sim.motes.radio import (
+    AIRTIME_S,
     CPU_ACTIVE_MA,
     CPU_IDLE_MA,
     LOG_WRITE_MA,
+    PACKET_BYTES,
     RECEIVE_MA,
     SENSOR_BOARD_MA,
     SLEEP_MA,
+    FadingLink,
     MoteState,
+    RadioCounters,
+    RadioModel,
+    ShadowField,
     send_ma,
 )
-from robrain.sim.motes.radio import AIRTIME_S, PACKET_BYTES, FadingLink, RadioCounters, RadioModel, ShadowField
 
 SEEN_DOWN = 16
 """Routed packets that a mote remembers, to pass on each once."""

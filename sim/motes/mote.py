@@ -34,8 +34,7 @@ from robrain.protocol.tinyos.payloads import (
     sequences_after,
 )
 from robrain.sim.motes.field import SimulatedField
-from robrain.sim.motes.mote_power import MoteBattery, MoteState
-from robrain.sim.motes.radio import AIRTIME_S
+from robrain.sim.motes.radio import AIRTIME_S, MoteBattery, MoteState
 
 QUEUE_MAX = 1024
 

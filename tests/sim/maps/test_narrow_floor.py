@@ -9,7 +9,7 @@ from robrain import Scenario
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.drawing import Block, FloorDrawing
 from robrain.sim.robot.robot_hardware import RobotHardware
-from robrain.sim.world.floor_left import GapTooNarrow, NotSeen
+from robrain.sim.world.referee import GapTooNarrow, NotSeen
 
 pytestmark = pytest.mark.slow
 

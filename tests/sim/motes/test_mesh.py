@@ -16,9 +16,8 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mesh import SHORT_S
 from robrain.sim.motes.mote import ArenaMote, MeshSpec, MoteSpec
-from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.motes.motes import MoteField, SensorNetwork
-from robrain.sim.motes.radio import AIRTIME_S, RadioModel
+from robrain.sim.motes.radio import AIRTIME_S, MoteState, RadioModel
 
 TICK_S = 0.02
 MESH = MeshSpec(hops=8, routes_s=5.0)

@@ -22,9 +22,8 @@ from robrain.protocol.tinyos.payloads import (
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, ReadingLog
-from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.motes.motes import MoteField, SensorNetwork
-from robrain.sim.motes.radio import AIRTIME_S, RadioModel
+from robrain.sim.motes.radio import AIRTIME_S, MoteState, RadioModel
 
 TICK_S = 0.02
 QUIET = Levels(base=20.0, plume=9.0, noise=0.0)

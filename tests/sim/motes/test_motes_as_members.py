@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.sim.motes.mote_power import MoteState
+from robrain.sim.motes.radio import MoteState
 from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow

@@ -20,9 +20,8 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.motes.field import Plume, SimulatedField
 from robrain.sim.motes.gateway import MoteGateway
 from robrain.sim.motes.mote import ArenaMote, MeshSpec
-from robrain.sim.motes.mote_power import MoteState
 from robrain.sim.motes.motes import MoteField
-from robrain.sim.motes.radio import RadioModel
+from robrain.sim.motes.radio import MoteState, RadioModel
 from tests.sim.motes.test_gateways import NORTH, standing_robot
 from tests.sim.motes.test_mesh import MESH, RADIO, STEP_M, a_line, network
 

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from robrain.sim.motes.mote_power import send_ma
-from robrain.sim.motes.radio import FadingLink, RadioCounters, RadioModel, ShadowField
+from robrain.sim.motes.radio import FadingLink, RadioCounters, RadioModel, ShadowField, send_ma
 
 FIELDS = 2000
 

@@ -10,7 +10,7 @@ from robrain import Scenario
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.robot.robot_hardware import RobotHardware
-from robrain.sim.scenarios.listing import listed_scenarios
+from robrain.sim.scenarios.scenario import listed_scenarios
 from robrain.sim.scenarios.scenario_file import builtin_names
 
 pytestmark = pytest.mark.timeout(1800)

@@ -7,7 +7,7 @@ from robrain.algorithms.slam.submap import Submap
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.world.overlap import overlap
+from robrain.sim.world.referee import overlap
 
 GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 60, 40)
 
