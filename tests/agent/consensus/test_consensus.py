@@ -215,8 +215,9 @@ def test_tasks_that_a_coordinator_makes_for_itself_are_not_remembered() -> None:
 
 def test_what_is_too_large_to_be_told_to_others_is_not_remembered() -> None:
     known = KnownTasks()
-    for name, needs in (("t1", 10), ("t2", 200)):
-        known.ask(TaskAsked(submission=TaskSubmission(task=visit(name, needs=("camera" * 10,) * needs)), at_ns=5))
+    for name, count in (("t1", 10), ("t2", 64)):
+        task = visit(name, needs=("camera" * 10,) * count, after=("t" * 60,) * count)
+        known.ask(TaskAsked(submission=TaskSubmission(task=task), at_ns=5))
     assert list(known.asked) == ["t1"]
 
 
