@@ -27,7 +27,7 @@ from robrain.plugins.unit.driver.squeeze import BEGIN_M, CREEP_M_S, KEEP_M, KEEP
 from robrain.plugins.unit.driver.steering import SLOW_M_S, SPARE_M, Arcs, Steering
 from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.answers.hand_control import HandLease
-from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.checked import Checked
@@ -234,30 +234,9 @@ class Driver(OnBase):
         return action.id
 
     @external
-    def cancel(self, action: str) -> bool:
-        """Cancel this action and stand still; False if it is not running."""
-        if not self._actions.cancel(action):
-            return False
-        self._stand_still()
-        return True
-
-    @external
-    def stop(self) -> None:
-        """Stand still."""
-        caller = self.env.caller
-        self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
-        self._stand_still()
-
-    @external
     def motion(self) -> Motion:
         """Present motion of the driver."""
         return self._motion
-
-    def blocked_s(self) -> float:
-        """For how long something has stood in the way."""
-        if self._blocked_since_ns is None:
-            return 0.0
-        return to_seconds(self.env.clock.now_ns() - self._blocked_since_ns)
 
     @external
     def blocked_why(self) -> str:

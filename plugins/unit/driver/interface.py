@@ -6,9 +6,11 @@ from typing import Protocol
 
 import msgspec
 
+from robrain.agent.action import ActionDesk
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterface
+from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 
@@ -107,9 +109,35 @@ class DriverInterface(Protocol):
 
 
 class OnBase(Unit):
-    """A unit on `mocdevice`; subclasses set `_moc` when they are activated, and say how exact its odometry is."""
+    """A unit on `mocdevice`; subclasses set `_moc` and `_actions` when they are activated."""
 
     _moc: MocDeviceInterface
+    _actions: ActionDesk
+    _blocked_since_ns: int | None
+
+    def _stand_still(self) -> None:
+        raise NotImplementedError
+
+    @external
+    def cancel(self, action: str) -> bool:
+        """Cancel this action and stand still; False if it is not running."""
+        if not self._actions.cancel(action):
+            return False
+        self._stand_still()
+        return True
+
+    @external
+    def stop(self) -> None:
+        """Stand still."""
+        caller = self.env.caller
+        self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
+        self._stand_still()
+
+    def blocked_s(self) -> float:
+        """For how long the robot has not been able to continue."""
+        if self._blocked_since_ns is None:
+            return 0.0
+        return to_seconds(self.env.clock.now_ns() - self._blocked_since_ns)
 
     @external
     def pose(self) -> Pose2D:

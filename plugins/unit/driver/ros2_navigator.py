@@ -23,7 +23,7 @@ from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, check_topics, open_link
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise, OnBase
 from robrain.plugins.unit.driver.path import check_range
-from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
+from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
@@ -299,32 +299,11 @@ class Ros2Navigator(OnBase):
         return self._start("turn", self._moc.pose().compose(Pose2D(0.0, 0.0, wrap_angle_rad(angle_rad))))
 
     @external
-    def cancel(self, action: str) -> bool:
-        """Cancel this action and stand still; False if it is not running."""
-        if not self._actions.cancel(action):
-            return False
-        self._stand_still()
-        return True
-
-    @external
-    def stop(self) -> None:
-        """Stand still."""
-        caller = self.env.caller
-        self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
-        self._stand_still()
-
-    @external
     def motion(self) -> Motion:
         """Present motion of the driver."""
         if self._wanted is None:
             return Motion.STANDING
         return Motion.DRIVING if self._blocked_since_ns is None else Motion.BLOCKED
-
-    def blocked_s(self) -> float:
-        """For how long Nav2 has not got on."""
-        if self._blocked_since_ns is None:
-            return 0.0
-        return to_seconds(self.env.clock.now_ns() - self._blocked_since_ns)
 
     @external
     def blocked_why(self) -> str:
