@@ -38,7 +38,7 @@ class HomeInterface(Protocol):
     def start(self) -> Point2D | None:
         """Where the robot started, arena frame, as far as it knows now; None before it knows where it is."""
 
-    def ask(self, reason: str) -> None:
+    def ask(self, why: str) -> None:
         """Say that the robot should go home; whoever drives it there observes `asked`."""
 
 
