@@ -18,8 +18,7 @@ import msgspec
 from robrain.agent.errors import FOREIGN_ERRORS
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.messages.tasks.cost_messages import TaskCost
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskCost, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut

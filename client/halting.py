@@ -5,7 +5,7 @@ import msgspec
 from robrain.client.members import no_robot
 from robrain.client.transport import Transport
 from robrain.protocol.access.permissions import AccessAction
-from robrain.protocol.access.vouching import why_not
+from robrain.protocol.access.signing import why_not
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher

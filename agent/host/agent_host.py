@@ -42,8 +42,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
-from robrain.protocol.messages.tasks.cost_messages import CostsRequest, TaskCost
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import CostsRequest, TaskAnswer, TaskCost, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.reasons import RobotHalted, StoodStill

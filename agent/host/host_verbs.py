@@ -18,7 +18,7 @@ from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.plugin_traceback import log_error, plugin_traceback
-from robrain.protocol.access.vouching import vouch_request
+from robrain.protocol.access.signing import vouch_request
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.messages.robots import host_messages as ask
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo

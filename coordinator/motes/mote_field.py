@@ -20,8 +20,13 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
-from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.messages.motes.mote_messages import (
+    ForwarderCount,
+    GatewayCount,
+    MoteDuty,
+    MoteFieldState,
+    MoteReading,
+)
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D

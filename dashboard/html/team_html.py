@@ -14,7 +14,7 @@ from robrain.dashboard.state.alerts import Alert, alerts_of
 from robrain.dashboard.state.shown_robot import RobotHealth, ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.recording.drawing.labels import natural_key, span_text
 
 ROWS = 200

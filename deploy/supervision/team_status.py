@@ -16,7 +16,7 @@ from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.team.arena_messages import ArenaTruth

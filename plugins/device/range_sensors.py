@@ -16,8 +16,7 @@ from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
 from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
-from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE
-from robrain.protocol.can.sequence import SequenceWatch
+from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE, SequenceWatch
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive

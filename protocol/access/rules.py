@@ -10,7 +10,7 @@ from typing import Any
 
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.access.permissions import AccessAction, own_names, roles
-from robrain.protocol.access.signed_keys import is_signed, signed
+from robrain.protocol.access.signing import is_signed, signed
 from robrain.protocol.keys import ROOT
 from robrain.protocol.table.host_queries import HOST_VERB
 from robrain.protocol.table.topic import Delivery, Topic, WireKey

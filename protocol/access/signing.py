@@ -1,13 +1,168 @@
 """How the messages and orders of one component travel: in a secured team under keys that name it, else as they are."""
 
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
-from robrain.protocol.access.member import Member
-from robrain.protocol.access.permissions import AccessAction
-from robrain.protocol.access.signed_keys import is_signed, signed
-from robrain.protocol.access.vouching import in_own_name, why_not
-from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.table.topic import Query, WireKey
+import msgspec
+
+from robrain.protocol.access.member import Member, member
+from robrain.protocol.access.permissions import AccessAction, roles
+from robrain.protocol.codec import BadPayload
+from robrain.protocol.errors import BadName, CallError, ErrorCode
+from robrain.protocol.keys import ROOT
+from robrain.protocol.refusals import RefusalCode, Refusals
+from robrain.protocol.table.host_queries import HOST_VERB
+from robrain.protocol.table.topic import Query, Role, Topic, WireKey
+
+AS = "as"
+"""Chunk behind the team's name that begins a signed key."""
+SIGNED_KEYS = 4096
+"""Signed keys that are remembered in parts."""
+OF_THE_ROBOT_ITSELF = frozenset({"robot_foreign_call"})
+"""Queries that a robot's host asks of the robot's own processes: only they may use these keys."""
+
+
+class SignedKey(NamedTuple):
+    """A signed key in parts."""
+
+    asker: Member
+    key: str
+    """The same key without its signature."""
+
+
+def is_signed(row: WireKey) -> bool:
+    """Whether a row's keys must say who sends, because nothing else in them does."""
+    if isinstance(row, Query):
+        return not row.reads_only and row.name not in OF_THE_ROBOT_ITSELF
+    if not isinstance(row, Topic):
+        return False
+    return (row.by is Role.OPERATOR and not row.fields) or (row.by is Role.ROBOT and "robot" not in row.pattern)
+
+
+def signed(key: str, asker: Member | None = None) -> str:
+    """A key, or key expression, as `asker` sends under it; as anybody does if None.
+
+    >>> signed("robrain/blue/halt")
+    'robrain/blue/as/*/*/halt'
+    """
+    root, team, rest = key.split("/", 2)
+    who = "*/*" if asker is None else f"{asker.role}/{asker.name}"
+    return f"{root}/{team}/{AS}/{who}/{rest}"
+
+
+@lru_cache(maxsize=SIGNED_KEYS)
+def read_signed(key: str) -> SignedKey | None:
+    """The parts of a signed key; None if it is not one."""
+    parts = key.split("/", 5)
+    if len(parts) != 6 or parts[0] != ROOT or parts[2] != AS:
+        return None
+    try:
+        asker = member(parts[3], parts[1], parts[4])
+    except BadName:
+        return None
+    return SignedKey(asker, f"{ROOT}/{parts[1]}/{parts[5]}")
+
+
+def sender_field(row: Topic[Any] | Query[Any, Any]) -> str:
+    """The field of a message, or request, that names its sender; empty if none does."""
+    kind = row.message if isinstance(row, Topic) else row.request
+    fields: tuple[str, ...] = getattr(kind, "__struct_fields__", ())
+    return next((field for field in ("by", "via") if field in fields), "")
+
+
+VERBS = {AccessAction.PUT: "publish", AccessAction.ASK: "ask", AccessAction.HEAR: "hear", AccessAction.ANSWER: "answer"}
+ROBOT_FIELD = "via"
+"""Where a robot names itself: by its name alone, which is also that of the robot everywhere else."""
+
+
+def vouch_message(topic: Topic[Any], key: str, payload: bytes, refusals: Refusals) -> tuple[str, bytes] | None:
+    """The plain key and payload of a message under a signed key, its sender named as the key does.
+
+    None, and counted as refused, if it names another, does not decode, or is of a role that does not publish this.
+    """
+    found = read_signed(key)
+    if found is None:
+        refusals.note(topic.name, key, RefusalCode.WRONG_NAME, "its key does not say who sends it")
+        return None
+    why = why_not(AccessAction.PUT, topic, found.asker)
+    if why:
+        refusals.note(topic.name, key, RefusalCode.WRONG_NAME, why)
+        return None
+    field = sender_field(topic)
+    try:
+        message = topic.payloads.read(payload)
+    except BadPayload as error:
+        code = RefusalCode.TOO_LARGE if error.is_too_large else RefusalCode.MALFORMED
+        refusals.note(topic.name, key, code, str(error))
+        return None
+    claimed = getattr(message, field) if field else ""
+    if not _is(claimed, found.asker):
+        refusals.note(topic.name, key, RefusalCode.WRONG_NAME, f"its key says {found.asker}, its payload {claimed}")
+        return None
+    known = named(field, found.asker)
+    if not field or claimed == known:
+        return found.key, payload
+    return found.key, msgspec.json.encode(msgspec.structs.replace(message, **{field: known}))
+
+
+def why_not(action: AccessAction, row: Topic[Any] | Query[Any, Any], member: Member) -> str:
+    """Why a member may not do something with a row, in words; empty if it may."""
+    allowed = roles(action, row)
+    if member.role in allowed:
+        return ""
+    may = ", ".join(sorted(allowed)) or "nobody"
+    return f"{member} may not {VERBS[action]} {row.name}: {may} may"
+
+
+def vouch_request(query: Query[Any, Any], key: str, asked: Any, asker: Member, refusals: Refusals) -> Any:
+    """A request, its asker named as the key does.
+
+    Raises:
+        CallError: it names another, or the role may not ask this (counted as refused).
+
+    """
+    # Of the host's verbs each has a row of its own, whose rights the host itself checks.
+    why = "" if query is HOST_VERB else why_not(AccessAction.ASK, query, asker)
+    if why:
+        refusals.note(query.name, key, RefusalCode.WRONG_NAME, why)
+        raise CallError(ErrorCode.FORBIDDEN, why)
+    field = sender_field(query)
+    claimed = getattr(asked, field, "") if field else ""
+    if not _is(claimed, asker):
+        why = f"its key says {asker}, its request {claimed}"
+        refusals.note(query.name, key, RefusalCode.WRONG_NAME, why)
+        raise CallError(ErrorCode.FORBIDDEN, why)
+    return in_own_name(query, asked, asker)
+
+
+def message_in_own_name(topic: Topic[Any], message: Any, member: Member) -> Any:
+    """A message as a member may send it.
+
+    Raises:
+        CallError: it may not; the router would drop it in silence.
+
+    """
+    why = why_not(AccessAction.PUT, topic, member)
+    if why:
+        raise CallError(ErrorCode.FORBIDDEN, why)
+    return in_own_name(topic, message, member)
+
+
+def in_own_name(row: Topic[Any] | Query[Any, Any], message: Any, member: Member) -> Any:
+    """A message or request with its sender's full name in place of what the program calls itself."""
+    field = sender_field(row)
+    if not field or not isinstance(message, msgspec.Struct):
+        return message
+    return msgspec.structs.replace(message, **{field: named(field, member)})
+
+
+def named(field: str, member: Member) -> str:
+    """What a member is called in a field."""
+    return member.name if field == ROBOT_FIELD else str(member)
+
+
+def _is(claimed: str, member: Member) -> bool:
+    return claimed in ("", member.name, str(member))
 
 
 class Signing:

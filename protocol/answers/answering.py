@@ -3,11 +3,19 @@
 To hand a query on by a queue costs 25 µs, a channel of its own two threads more.
 """
 
+import logging
 import threading
 import time
+from collections import Counter, deque
 from collections.abc import Callable
 from queue import SimpleQueue
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+
+import zenoh
+
+from robrain.protocol.answers.asked import Asked
+from robrain.protocol.errors import CallError
+from robrain.protocol.table.topic import Query
 
 STANDING_BY = 2
 """Threads to begin with: one that answers, one that waits for the next query."""
@@ -114,3 +122,76 @@ class SharedQueue(Generic[AskedT]):
     def waiting(self) -> int:
         """How many queries no thread has taken yet."""
         return self._asked.qsize()
+
+
+T = TypeVar("T")
+
+
+class WaitingQueries(Generic[T]):
+    """A queue that whoever asks most cannot keep others out of. Any thread may call it.
+
+    Args:
+        most: of queries.
+
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._lock = threading.Lock()
+        self._waiting: deque[tuple[str, T]] = deque()
+        self._of: Counter[str] = Counter()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def put(self, asker: str, query: T) -> T | None:
+        """Let a query wait; the one to refuse if there is no room: the last of whoever has more waiting, or this one.
+
+        Args:
+            asker: who asks; empty for all of whom that is not known.
+            query: what is asked.
+
+        """
+        refused = None
+        with self._lock:
+            if len(self._waiting) >= self._most:
+                greedy, most = max(self._of.items(), key=lambda one: (one[1], one[0]))
+                if most <= self._of[asker] + 1:
+                    return query
+                place = next(at for at in range(len(self._waiting) - 1, -1, -1) if self._waiting[at][0] == greedy)
+                refused = self._waiting[place][1]
+                del self._waiting[place]
+                self._forget(greedy)
+            self._waiting.append((asker, query))
+            self._of[asker] += 1
+        return refused
+
+    def take(self) -> T | None:
+        """The one that has waited longest; None if there is none."""
+        with self._lock:
+            if not self._waiting:
+                return None
+            asker, query = self._waiting.popleft()
+            self._forget(asker)
+        return query
+
+    def _forget(self, asker: str) -> None:
+        self._of[asker] -= 1
+        if not self._of[asker]:
+            del self._of[asker]
+
+
+logger = logging.getLogger(__name__)
+
+
+def reply_deferred(query: Asked, key: str, topic: Query[Any, Any], reply: object, error: CallError | None) -> None:
+    """Reply `error`, or `reply` if there is none, and end the query; nothing is sent if the session has closed."""
+    try:
+        if error is not None:
+            query.reply_error(error)
+        else:
+            query.reply(key, topic.payloads.write(reply), topic.encoding)
+    except zenoh.ZError as closed:
+        logger.debug("%s: no reply can be sent any more: %s", key, closed)
+    finally:
+        query.end()

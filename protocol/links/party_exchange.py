@@ -6,8 +6,7 @@ import zenoh
 
 from robrain.protocol.answers.asked import Asked
 from robrain.protocol.border.border import Heard
-from robrain.protocol.links.declared import is_wild
-from robrain.protocol.links.exchange import NOBODY, Exchange
+from robrain.protocol.links.exchange import NOBODY, Exchange, is_wild
 from robrain.protocol.links.inbox import Inbox, Sample
 
 

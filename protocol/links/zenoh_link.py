@@ -14,8 +14,70 @@ from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.link import Declaration, Replies, TakeAnswer, TakeChange, TakeQuery, TakeSample
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.links.qos import publisher_options, query_options
 from robrain.protocol.table.topic import JSON, Delivery, Topic, Urgency
+
+PRIORITY = {
+    Urgency.REAL_TIME: zenoh.Priority.REAL_TIME,
+    Urgency.INTERACTIVE_HIGH: zenoh.Priority.INTERACTIVE_HIGH,
+    Urgency.DATA_HIGH: zenoh.Priority.DATA_HIGH,
+    Urgency.DATA: zenoh.Priority.DATA,
+    Urgency.DATA_LOW: zenoh.Priority.DATA_LOW,
+    Urgency.BACKGROUND: zenoh.Priority.BACKGROUND,
+}
+AT_ONCE = frozenset({Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH})
+"""Sent by themselves, not in batches with others: a batch waits for more."""
+
+
+def publisher_options(topic: Topic[Any]) -> dict[str, Any]:
+    """Arguments of Zenoh's publisher of a topic."""
+    return {"encoding": topic.encoding, **_options(topic.urgency, waits=topic.is_blocking)}
+
+
+def query_options(urgency: Urgency) -> dict[str, Any]:
+    """Arguments of Zenoh's queries of such urgency: there is one at a time, which is to arrive."""
+    return _options(urgency, waits=True)
+
+
+def _options(urgency: Urgency, *, waits: bool) -> dict[str, Any]:
+    control = zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
+    return {"priority": PRIORITY[urgency], "congestion_control": control, "express": urgency in AT_ONCE}
+
+
+DECLARED_KEYS = 16384
+"""Maximum number of declared keys of one endpoint; further keys are used undeclared."""
+
+
+class DeclaredKeys:
+    """The keys that one endpoint has declared.
+
+    A session that follows tokens compares each undeclared key with all tokens, each time: with a thousand robots
+    that takes 60 µs for a sample and 430 µs for a query, instead of 8 and 50 µs.
+
+    Args:
+        session: that the keys are declared to.
+
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._is_closed = False
+        self.keys: dict[str, zenoh.KeyExpr] = {}
+
+    def declared(self, key: str) -> zenoh.KeyExpr | str:
+        """The key to use; it is declared if there is room, and the session is open."""
+        if key not in self.keys and len(self.keys) < DECLARED_KEYS and not self._is_closed:
+            try:
+                self.keys[key] = self._session.declare_keyexpr(key)
+            except zenoh.ZError:  # a sample arrives on Zenoh's thread while the session closes
+                return key
+        return self.keys.get(key, key)
+
+    def undeclare(self) -> None:
+        """Undeclare all."""
+        self._is_closed = True
+        while self.keys:
+            self._session.undeclare(self.keys.popitem()[1])
+
 
 SENDERS_MAX = 4096
 """Senders whose keys are kept; samples that one of the others lost are counted under the selector."""

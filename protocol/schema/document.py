@@ -9,8 +9,7 @@ from robrain.protocol.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.clock import AHEAD_S, BEHIND_S
 from robrain.protocol.errors import ErrorCode, ErrorReply
 from robrain.protocol.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
-from robrain.protocol.schema.json_schema import definitions, reference_to
-from robrain.protocol.schema.struct_schema import DIALECT
+from robrain.protocol.schema.struct_schema import DIALECT, definitions, reference_to
 from robrain.protocol.table.host_queries import HOST_VERB
 from robrain.protocol.table.topic import JSON, Delivery, Query, Token, Topic, WireKey
 from robrain.protocol.table.topics import TOPICS

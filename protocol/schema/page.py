@@ -5,8 +5,7 @@ from types import NoneType
 from typing import Any, get_args, get_origin
 
 from robrain.protocol.schema.document import COMMON_ERRORS, OTHER_ERRORS
-from robrain.protocol.schema.json_schema import definitions
-from robrain.protocol.schema.struct_schema import Schema
+from robrain.protocol.schema.struct_schema import Schema, definitions
 from robrain.protocol.table.topic import JSON, Delivery, Query, Token, Topic
 from robrain.protocol.table.topics import PUBLISHED, TOPICS
 

@@ -13,7 +13,7 @@ from robrain.protocol.messages.maps import left_messages, map_messages
 from robrain.protocol.messages.motes import mote_messages
 from robrain.protocol.messages.robots import plugin_messages, robot_messages
 from robrain.protocol.messages.tasks import consensus_messages, offer_messages, plan_messages
-from robrain.protocol.messages.tasks.cost_messages import CostsRequest, TaskCost
+from robrain.protocol.messages.tasks.offer_messages import CostsRequest, TaskCost
 from robrain.protocol.messages.tasks.task_messages import (
     KnownKind,
     TaskDryRun,
@@ -24,7 +24,7 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskWhy,
 )
 from robrain.protocol.messages.team import arena_messages, recorder_messages, team_messages
-from robrain.protocol.messages.team.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.messages.team.recorder_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.table.host_queries import HOST_QUERIES
 from robrain.protocol.table.standing_topics import STANDING_ROWS
 from robrain.protocol.table.topic import (

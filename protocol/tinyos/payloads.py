@@ -291,3 +291,108 @@ class BeaconPayload(msgspec.Struct, frozen=True):
             return cls(sequence % SEQUENCES, payload[2:-1].decode(), rssi_dbm)
         except UnicodeDecodeError as error:
             raise BadPacket(f"expected a name in UTF-8, got {payload[2:-1]!r}") from error
+
+
+ROUTED_TYPE = 0x59
+INNER_MAX_BYTES = 6
+"""The longest payload that is routed: a request."""
+_HEAD = struct.Struct(">BBB")
+ROUTE_MAX = (MAX_PAYLOAD_BYTES - _HEAD.size - INNER_MAX_BYTES) // 2
+"""Motes that a route may name behind the one that the packet is addressed to."""
+SERIALS = 256
+
+
+class RoutedPayload(msgspec.Struct, frozen=True):
+    """What a mote is to be told, and by which motes: 5 to 27 bytes.
+
+    Layout: AM type u8, serial u8, number of motes u8, the motes u16 each, the payload of that AM type.
+    """
+
+    kind: int
+    """AM type of what the last mote of the route is told."""
+    serial: int
+    """Counts a base station's routed packets, so that one which is repeated on a hop is passed on once."""
+    route: tuple[int, ...]
+    """Numbers of the motes that are still to come; the last one is told. Never empty."""
+    inner: bytes
+    """The payload for it."""
+
+    def pack(self) -> bytes:
+        """The payload's bytes.
+
+        Raises:
+            BadPacket: a value does not fit its field, or the route or the payload is too long or empty.
+
+        """
+        if not 1 <= len(self.route) <= ROUTE_MAX or not 1 <= len(self.inner) <= INNER_MAX_BYTES:
+            raise BadPacket(
+                f"expected a route of 1 to {ROUTE_MAX} motes and a payload of 1 to {INNER_MAX_BYTES} bytes, got {self}"
+            )
+        try:
+            head = _HEAD.pack(self.kind, self.serial, len(self.route))
+            return head + struct.pack(f">{len(self.route)}H", *self.route) + self.inner
+        except struct.error as error:
+            raise BadPacket(f"expected motes of 16 bits, type and serial of 8, got {self}: {error}") from error
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "RoutedPayload":
+        """The packet in a payload.
+
+        Raises:
+            BadPacket: its length is not that of its route and of a payload, or the route is empty or too long.
+
+        """
+        if len(payload) < _HEAD.size:
+            raise BadPacket(f"expected a routed packet of at least {_HEAD.size} bytes, got {len(payload)}")
+        kind, serial, count = _HEAD.unpack_from(payload)
+        end = _HEAD.size + 2 * count
+        if not 1 <= count <= ROUTE_MAX or not 1 <= len(payload) - end <= INNER_MAX_BYTES:
+            raise BadPacket(
+                f"expected a route of 1 to {ROUTE_MAX} motes and a payload of 1 to {INNER_MAX_BYTES} bytes behind it, "
+                f"got {count} motes and {len(payload) - end} bytes"
+            )
+        route = struct.unpack(f">{count}H", payload[_HEAD.size : end])
+        return cls(kind, serial, route, payload[end:])
+
+
+FORWARDED_TYPE = 0x58
+HOPS_MAX = 255
+_WAY = struct.Struct(">HB")
+
+
+class ForwardedPayload(msgspec.Struct, frozen=True):
+    """A reading with the way that it has come: 27 bytes, the signal strength last, as in `ReadingPayload`."""
+
+    reading: ReadingPayload
+    """Its signal strength is that of the last packet, from the mote that passed it on last."""
+    forwarder: int
+    """Number of the first mote that passed it on."""
+    hops: int
+    """Number of motes that have passed it on."""
+
+    def pack(self) -> bytes:
+        """The payload's 27 bytes.
+
+        Raises:
+            BadPacket: a value does not fit its field.
+
+        """
+        reading = self.reading.pack()
+        try:
+            return reading[:-1] + _WAY.pack(self.forwarder, self.hops) + reading[-1:]
+        except struct.error as error:
+            raise BadPacket(f"expected a number of 16 bits and hops up to {HOPS_MAX}, got {self}: {error}") from error
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> "ForwardedPayload":
+        """The reading in a payload.
+
+        Raises:
+            BadPacket: it is not 27 bytes long.
+
+        """
+        middle, end = len(payload) - 1 - _WAY.size, len(payload) - 1
+        if middle < 0:
+            raise BadPacket(f"expected a reading that was passed on, of 27 bytes, got {len(payload)}")
+        forwarder, hops = _WAY.unpack(payload[middle:end])
+        return cls(ReadingPayload.unpack(payload[:middle] + payload[end:]), forwarder, hops)

@@ -18,32 +18,33 @@ import zenoh
 
 from robrain.protocol.access.identity import member_on
 from robrain.protocol.access.member import Member
-from robrain.protocol.access.signed_keys import is_signed, read_signed
-from robrain.protocol.access.signing import Signing
-from robrain.protocol.access.vouching import message_in_own_name, vouch_message, vouch_request
-from robrain.protocol.answers.answering import Answering, SharedQueue
+from robrain.protocol.access.signing import (
+    Signing,
+    is_signed,
+    message_in_own_name,
+    read_signed,
+    vouch_message,
+    vouch_request,
+)
+from robrain.protocol.answers.answering import Answering, SharedQueue, WaitingQueries, reply_deferred
 from robrain.protocol.answers.asked import BY, Answer, Asked, ZenohQuery
 from robrain.protocol.answers.later import Later, read_answer
-from robrain.protocol.answers.replying import reply_deferred
 from robrain.protocol.answers.trace import Traces
-from robrain.protocol.answers.waiting_queries import WaitingQueries
 from robrain.protocol.border.border import Border, Heard
 from robrain.protocol.clock import Clock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.keys import check_name
-from robrain.protocol.links.declared_keys import DeclaredKeys
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import NOTHING, Inbox
 from robrain.protocol.links.link import Link
 from robrain.protocol.links.local_link import LocalLink
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.links.qos import query_options
 from robrain.protocol.links.radio_exchange import RadioExchange
 from robrain.protocol.links.radio_link import LocalRadioLink
 from robrain.protocol.links.radio_network import EVERYWHERE
 from robrain.protocol.links.thinning import Thinning
-from robrain.protocol.links.zenoh_link import ZenohLink
+from robrain.protocol.links.zenoh_link import DeclaredKeys, ZenohLink, query_options
 from robrain.protocol.refusals import RefusalCode, Refusals
 from robrain.protocol.table.topic import JSON, Q, Query, R, Token, Topic
 from robrain.protocol.wire.presence import Presence

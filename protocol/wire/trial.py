@@ -17,7 +17,7 @@ import zenoh
 
 from robrain.protocol.access.identity import Identity
 from robrain.protocol.access.member import Member, MemberRole
-from robrain.protocol.access.signed_keys import signed
+from robrain.protocol.access.signing import signed
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.plugin_messages import LogRecord

@@ -12,8 +12,7 @@ from robrain.protocol.clock import to_seconds
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.team.replay_messages import ReplayRequest, ReplayStatus
+from robrain.protocol.messages.team.recorder_messages import ReplayRequest, ReplayStatus
 from robrain.protocol.table.topic import Role
 from robrain.protocol.table.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve

@@ -23,8 +23,7 @@ from robrain.protocol.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.answers.local_query import Gathering, LocalQuery
 from robrain.protocol.border.border import Heard
 from robrain.protocol.clock import Clock, to_ns
-from robrain.protocol.links.declared import Entry
-from robrain.protocol.links.exchange import Exchange, Subscription
+from robrain.protocol.links.exchange import Entry, Exchange, Subscription
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.wire.session import LEASE_MS
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec

@@ -18,7 +18,7 @@ from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame, codec
-from robrain.protocol.can.sequence import SequenceWatch
+from robrain.protocol.can.payload import SequenceWatch
 
 WHEELS = 3
 ENCODER_FRAME = "WheelEncoders"

@@ -14,9 +14,16 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
-from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, READING_TYPE, STORED_TYPE, DutyPayload, ReadingPayload
+from robrain.protocol.tinyos.payloads import (
+    ACKNOWLEDGE_TYPE,
+    FORWARDED_TYPE,
+    READING_TYPE,
+    STORED_TYPE,
+    DutyPayload,
+    ForwardedPayload,
+    ReadingPayload,
+)
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import ArenaMote

@@ -17,10 +17,16 @@ import numpy as np
 
 from robrain.algorithms.motes.mote_energy import CELL_V, OVERHEAD_BITS, MoteEnergy
 from robrain.algorithms.motes.routes import NO_ROUTE, LinkGraph, Tree, lifetime_routes
-from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import DECI, READING_TYPE, STORED_TYPE, ReadingPayload
-from robrain.protocol.tinyos.routed import RoutedPayload
+from robrain.protocol.tinyos.payloads import (
+    DECI,
+    FORWARDED_TYPE,
+    READING_TYPE,
+    STORED_TYPE,
+    ForwardedPayload,
+    ReadingPayload,
+    RoutedPayload,
+)
 from robrain.sim.motes.mote import LOG_S, SENSE_S, MeshSpec, SimulatedMote
 from robrain.sim.motes.radio import (
     AIRTIME_S,

@@ -13,13 +13,13 @@ from msgspec import Meta
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NotNegative, Positive, Share
-from robrain.protocol.tinyos.forwarded import HOPS_MAX
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
     CENTI,
     DECI,
     DUTY_TYPE,
+    HOPS_MAX,
     PERIOD_MAX_S,
     PERIOD_MIN_S,
     READING_TYPE,

@@ -15,8 +15,7 @@ import numpy as np
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import BEACON_TYPE, Quantity, with_rssi
-from robrain.protocol.tinyos.routed import ROUTED_TYPE
+from robrain.protocol.tinyos.payloads import BEACON_TYPE, ROUTED_TYPE, Quantity, with_rssi
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mesh import MoteMesh, energy_of

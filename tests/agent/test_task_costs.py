@@ -3,7 +3,7 @@
 import msgspec
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.messages.tasks.cost_messages import TaskCost
+from robrain.protocol.messages.tasks.offer_messages import TaskCost
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.task import Task
 from tests.agent.desk_of_one import GOAL, YES

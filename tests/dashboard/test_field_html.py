@@ -9,8 +9,7 @@ from robrain.dashboard.html.team_html import field_html, motes_html, rules_html
 from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.motes.mote_field_messages import ForwarderCount, GatewayCount, MoteFieldState
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import ForwarderCount, GatewayCount, MoteFieldState, MoteReading
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, BodyKind, BodyTruth
 from robrain.protocol.messages.team.team_messages import TeamState

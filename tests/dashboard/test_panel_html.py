@@ -18,8 +18,7 @@ from robrain.dashboard.replay.replay_index import Mark
 from robrain.dashboard.state.shown_robot import ShownMote
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
-from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.deploy.machine.team_checks import check_robots
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, robot_status, show_status
-from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.model.geometry import Point2D, Pose2D

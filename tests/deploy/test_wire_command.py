@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from robrain.cli import app
 from robrain.protocol.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.links.qos import publisher_options
+from robrain.protocol.links.zenoh_link import publisher_options
 from robrain.protocol.table.topics import PUBLISHED, TOPICS
 from robrain.protocol.wire.endpoint import BY
 

@@ -9,7 +9,7 @@ delays only increase it (Moon, Skelly, Towsley: Estimation and removal of clock 
 
 from enum import StrEnum
 
-from robrain.protocol.can.sequence import LONGEST_GAP, MODULUS
+from robrain.protocol.can.payload import LONGEST_GAP, MODULUS
 from robrain.protocol.clock import NS_PER_S, to_ns
 
 FRAME_PERIOD_NS = to_ns(0.02)

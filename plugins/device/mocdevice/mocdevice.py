@@ -27,8 +27,7 @@ from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, Wh
 from robrain.protocol.can.bus_state import BusState, state_in
 from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, known_identifiers
-from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK
-from robrain.protocol.can.sequence import MODULUS, SequenceWatch
+from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK, MODULUS, SequenceWatch
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Twist2D
 

@@ -17,10 +17,13 @@ from robrain.protocol.tinyos.payloads import (
     DUTY_TYPE,
     REQUEST_SPAN,
     REQUEST_TYPE,
+    ROUTE_MAX,
+    ROUTED_TYPE,
+    SERIALS,
     DutyPayload,
     ReadingPayload,
+    RoutedPayload,
 )
-from robrain.protocol.tinyos.routed import ROUTE_MAX, ROUTED_TYPE, SERIALS, RoutedPayload
 
 WAIT_NS = to_ns(10.0)
 """Between two packets of one type to one mote, and until a missing reading counts as lost on the way (chosen)."""

@@ -21,7 +21,6 @@ from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLink
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NotNegativeInt, Positive, PositiveInt
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
-from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
@@ -29,6 +28,7 @@ from robrain.protocol.tinyos.payloads import (
     CENTI,
     DECI,
     DUTY_TYPE,
+    FORWARDED_TYPE,
     MAX_NAME_BYTES,
     READING_TYPE,
     REQUEST_SPAN,
@@ -36,6 +36,7 @@ from robrain.protocol.tinyos.payloads import (
     STORED_TYPE,
     BeaconPayload,
     DutyPayload,
+    ForwardedPayload,
     Quantity,
     ReadingPayload,
     sequences_after,

@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.messages.message import Message, Result
-from robrain.protocol.model.ranges import Count, Epoch, Name, Text
+from robrain.protocol.model.ranges import Count, Duration, Epoch, Length, Name, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import OfferRefusal, TaskReason, told
 
@@ -67,3 +67,26 @@ class TaskEvent(Message, frozen=True, kw_only=True):
     def moved_in_time(self, by_ns: int) -> Self:
         """The event with its times moved, from its sender's clock to the receiver's."""
         return msgspec.structs.replace(self, stamp_ns=self.stamp_ns + by_ns, task=self.task.moved_in_time(by_ns))
+
+
+class CostsRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """The coordinator's query to a robot: tell what these tasks would take at their places."""
+
+    tasks: Annotated[list[Task], Meta(max_length=256)]
+    """They need not be meant for this robot."""
+
+
+class TaskCost(msgspec.Struct, frozen=True, kw_only=True):
+    """What a task takes at its place, by the plugin of the robot that does its kind; the way there is not counted."""
+
+    id: Name
+    path_m: Length = 0.0
+    """Length of the paths driven there."""
+    turn_rad: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0
+    """Sum of the turns on the spot."""
+    wait_s: Duration = 0.0
+    """Time standing."""
+    radio_packets: Count = 0
+    """Packets sent to motes."""
+    why: Text = ""
+    """Why the robot cannot tell; empty if it can."""

@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.messages.message import Message
-from robrain.protocol.model.ranges import Count, Name, Text
+from robrain.protocol.model.ranges import Count, Name, Seconds, Speed, Text
 from robrain.protocol.refusals import Refused
 
 
@@ -42,3 +42,26 @@ class RecorderState(Message, frozen=True, kw_only=True):
     """It has finished its file."""
     removed: Count | msgspec.UnsetType = msgspec.UNSET
     """Older files that it has removed to make room; absent if it removes none."""
+
+
+class ReplayRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """A query to a replay. A field that is None changes nothing; an empty request only reads the status."""
+
+    playing: bool | None = None
+    """False pauses it."""
+    seek_s: Seconds | None = None
+    """Position to go to, seconds since the first message; the state at that time is published."""
+    speed: Speed | None = None
+    """Recorded seconds per second, above 0."""
+
+
+class ReplayStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """Position and speed of a replay."""
+
+    position_s: Seconds
+    """Where the replay is, from the start of the recording."""
+    duration_s: Seconds
+    speed: Speed
+    """Seconds of the recording per second."""
+    playing: bool
+    """Whether it moves."""

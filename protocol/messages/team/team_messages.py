@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
+from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import Faults
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.rule_messages import Rules

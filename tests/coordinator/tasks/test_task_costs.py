@@ -7,7 +7,7 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
-from robrain.protocol.messages.tasks.cost_messages import TaskCost
+from robrain.protocol.messages.tasks.offer_messages import TaskCost
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task

@@ -3,8 +3,16 @@
 from robrain.plugins.unit.snw_exploration.asking import DUTY_TRIES, FRESH_NS, WAIT_NS, OverHops
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
 from robrain.protocol.clock import to_ns
-from robrain.protocol.tinyos.payloads import ACKNOWLEDGE_TYPE, DUTY_TYPE, REQUEST_TYPE, ReadingPayload, RequestPayload
-from robrain.protocol.tinyos.routed import ROUTE_MAX, ROUTED_TYPE, RoutedPayload
+from robrain.protocol.tinyos.payloads import (
+    ACKNOWLEDGE_TYPE,
+    DUTY_TYPE,
+    REQUEST_TYPE,
+    ROUTE_MAX,
+    ROUTED_TYPE,
+    ReadingPayload,
+    RequestPayload,
+    RoutedPayload,
+)
 
 SECOND_NS = to_ns(1.0)
 

@@ -6,9 +6,8 @@ from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, Reading
 from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.table.topics import COORDINATOR_ALIVE
-from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage
-from robrain.protocol.tinyos.payloads import Quantity, ReadingPayload
+from robrain.protocol.tinyos.payloads import FORWARDED_TYPE, ForwardedPayload, Quantity, ReadingPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.plugins.unit.test_motes import Talk, asked, packet
 

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.can.bus_state import BusState, error_frame, state_in, state_of
-from robrain.protocol.can.sequence import LONGEST_GAP, SequenceWatch
+from robrain.protocol.can.payload import LONGEST_GAP, SequenceWatch
 
 
 @pytest.mark.parametrize(

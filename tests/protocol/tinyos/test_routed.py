@@ -3,8 +3,7 @@
 import pytest
 
 from robrain.protocol.tinyos.packet import MAX_PAYLOAD_BYTES, BadPacket
-from robrain.protocol.tinyos.payloads import REQUEST_TYPE, RequestPayload
-from robrain.protocol.tinyos.routed import ROUTE_MAX, RoutedPayload
+from robrain.protocol.tinyos.payloads import REQUEST_TYPE, ROUTE_MAX, RequestPayload, RoutedPayload
 
 REQUEST = RequestPayload(3, 5).pack()
 

@@ -8,8 +8,8 @@ import zenoh
 
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.access.signing import Signing
+from robrain.protocol.answers.answering import WaitingQueries
 from robrain.protocol.answers.lockstep_query import LockstepReplies
-from robrain.protocol.answers.waiting_queries import WaitingQueries
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
 from robrain.protocol.links.inbox import Inbox

@@ -9,7 +9,7 @@ import zenoh
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.links import declared_keys
+from robrain.protocol.links import zenoh_link
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import Event
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -105,7 +105,7 @@ def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(
 
 @pytest.mark.parametrize("room", [0, 1])
 def test_keys_beyond_those_that_are_declared_are_asked_all_the_same(team, monkeypatch, room):
-    monkeypatch.setattr(declared_keys, "DECLARED_KEYS", room)
+    monkeypatch.setattr(zenoh_link, "DECLARED_KEYS", room)
     team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
     team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r2")
     asker = team.join()
@@ -282,3 +282,11 @@ def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_tim
     (warning,) = caplog.messages
     assert re.fullmatch(r"answers that do not come back are left behind: answer-robot_call-[12]", warning)
     assert outcomes == {}
+
+
+def test_a_key_that_a_sample_brings_while_the_session_closes_is_used_undeclared():
+    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    keys = zenoh_link.DeclaredKeys(session)
+    session.close()
+    assert keys.declared("robrain/default/robot/r1/state") == "robrain/default/robot/r1/state"
+    assert keys.keys == {}

@@ -3,7 +3,7 @@
 import pytest
 import zenoh
 
-from robrain.protocol.links.qos import PRIORITY, publisher_options, query_options
+from robrain.protocol.links.zenoh_link import PRIORITY, publisher_options, query_options
 from robrain.protocol.table.topic import Query, Topic, Urgency
 from robrain.protocol.table.topics import (
     COORDINATOR_STATE,

@@ -5,7 +5,7 @@ from collections import Counter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.answers.waiting_queries import WaitingQueries
+from robrain.protocol.answers.answering import WaitingQueries
 
 
 def all_of(queue):

@@ -10,8 +10,16 @@ import pytest
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.schema.json_schema import definitions, reference_to, types_of
-from robrain.protocol.schema.struct_schema import DIALECT, bare, field_meanings, schema_of, structs_in
+from robrain.protocol.schema.struct_schema import (
+    DIALECT,
+    bare,
+    definitions,
+    field_meanings,
+    reference_to,
+    schema_of,
+    structs_in,
+    types_of,
+)
 from robrain.protocol.table.topics import TOPICS
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.json"))

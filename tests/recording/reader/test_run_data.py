@@ -13,8 +13,7 @@ from mcap.writer import Writer
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.lab.report.report import totals
-from robrain.protocol.messages.motes.mote_field_messages import MoteFieldState
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.plan_messages import TaskDecision

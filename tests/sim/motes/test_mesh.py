@@ -9,9 +9,8 @@ import pytest
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.table.topics import ARENA_RADIO_RX
-from robrain.protocol.tinyos.forwarded import FORWARDED_TYPE, ForwardedPayload
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import READING_TYPE, STORED_TYPE, ReadingPayload
+from robrain.protocol.tinyos.payloads import FORWARDED_TYPE, READING_TYPE, STORED_TYPE, ForwardedPayload, ReadingPayload
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from robrain.sim.motes.mesh import SHORT_S

@@ -1,7 +1,6 @@
 """Packets that motes pass on to motes: each once, bounded in number, and only if they can be read."""
 
-from robrain.protocol.tinyos.payloads import DUTY_TYPE, DutyPayload
-from robrain.protocol.tinyos.routed import RoutedPayload
+from robrain.protocol.tinyos.payloads import DUTY_TYPE, DutyPayload, RoutedPayload
 from robrain.sim.motes.mesh import RoutedDown
 from robrain.sim.motes.mote import MeshSpec
 

@@ -13,8 +13,7 @@ from robrain.protocol.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.table.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.packet import ActiveMessage
-from robrain.protocol.tinyos.payloads import DUTY_TYPE, DutyPayload
-from robrain.protocol.tinyos.routed import ROUTED_TYPE, RoutedPayload
+from robrain.protocol.tinyos.payloads import DUTY_TYPE, ROUTED_TYPE, DutyPayload, RoutedPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.motes.field import Plume, SimulatedField
