@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.leadership import offer_fence
+from robrain.coordinator.leadership import leadership
 from robrain.coordinator.leadership.leadership import Leadership
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
@@ -162,7 +162,7 @@ def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four:
 def test_robots_count_for_a_while_and_for_longer_while_offers_are_held_back(
     four: RobotsThatGoOn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(offer_fence, "HEARD_NS", to_ns(60.0))
+    monkeypatch.setattr(leadership, "HEARD_NS", to_ns(60.0))
     four.part("r4")
     four.run(65.0)
     four.part("r3", "r4")
