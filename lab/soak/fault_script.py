@@ -20,7 +20,7 @@ class ScriptError(RobrainError):
     """A file is no fault script; the text names file and key."""
 
 
-class PointRobot(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ScriptRobot(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A robot of the team."""
 
     name: Name
@@ -66,7 +66,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     seed: int
     """Draws what the wire loses, and the times of faults that leave them open."""
-    robots: Annotated[tuple[PointRobot, ...], Meta(min_length=1, max_length=100)]
+    robots: Annotated[tuple[ScriptRobot, ...], Meta(min_length=1, max_length=100)]
     scenario: Annotated[str, Meta(max_length=100)] = ""
     """A scenario that is shipped, in which it is run with the full stack; empty for points in a hall."""
     chargers: tuple[Point2D, ...] = ()

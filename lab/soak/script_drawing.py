@@ -6,7 +6,7 @@ import numpy as np
 
 from robrain.algorithms.allocation.allocator import AUCTION, OPTIMAL
 from robrain.coordinator.planning.policy import NEAREST
-from robrain.lab.soak.fault_script import CancelOrder, FaultScript, HaltOrder, PointRobot, TaskInput
+from robrain.lab.soak.fault_script import CancelOrder, FaultScript, HaltOrder, ScriptRobot, TaskInput
 from robrain.lab.soak.soak_run import SIDE_M
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
@@ -30,7 +30,7 @@ def draw_script(seed: int) -> FaultScript:
     rng = np.random.default_rng([seed, _RNG_OF_SCRIPTS])
     names = [f"r{number}" for number in range(1, int(rng.integers(2, 6)) + 1)]
     robots = tuple(
-        PointRobot(name=name, place=_place(rng), soc=round(float(rng.uniform(0.3, 1.0)), 2)) for name in names
+        ScriptRobot(name=name, place=_place(rng), soc=round(float(rng.uniform(0.3, 1.0)), 2)) for name in names
     )
     tasks = _tasks(rng)
     children = {name for order in tasks for name in order.task.after}

@@ -19,8 +19,8 @@ from robrain.lab.soak.fault_script import (
     CancelOrder,
     FaultScript,
     HaltOrder,
-    PointRobot,
     ScriptRadio,
+    ScriptRobot,
     TaskInput,
     script_json,
 )
@@ -249,13 +249,13 @@ def _radio(seed: int) -> ScriptRadio | None:
     return ScriptRadio(range_m=round(float(range_m), 1), loss=round(float(loss), 2), delay_s=round(float(delay_s), 3))
 
 
-def _robots(rng: np.random.Generator, count: int) -> tuple[PointRobot, ...]:
-    found: list[PointRobot] = []
+def _robots(rng: np.random.Generator, count: int) -> tuple[ScriptRobot, ...]:
+    found: list[ScriptRobot] = []
     while len(found) < count:
         place = _place(rng)
         if all(place.distance_m(other.place) >= APART_M for other in found):
             soc = round(float(rng.uniform(0.3, 1.0)), 2)
-            found.append(PointRobot(name=f"r{len(found) + 1}", place=place, soc=soc))
+            found.append(ScriptRobot(name=f"r{len(found) + 1}", place=place, soc=soc))
     return tuple(found)
 
 

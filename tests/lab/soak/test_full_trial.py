@@ -13,8 +13,8 @@ from robrain.lab.soak.fault_script import (
     CancelOrder,
     FaultScript,
     HaltOrder,
-    PointRobot,
     ScriptRadio,
+    ScriptRobot,
     TaskInput,
     script_json,
 )
@@ -32,7 +32,7 @@ NEAR = Task(id="t1", kind="visit", place=Point2D(7.2, 3.0), service_s=12.0)
 CUT_OFF = FaultScript(
     seed=1,
     scenario="arena_small",
-    robots=(PointRobot(name="r1", place=Point2D(1.0, 1.0)), PointRobot(name="r2", place=Point2D(6.0, 3.0))),
+    robots=(ScriptRobot(name="r1", place=Point2D(1.0, 1.0)), ScriptRobot(name="r2", place=Point2D(6.0, 3.0))),
     tasks=(TaskInput(at_s=0.5, task=NEAR),),
     faults=(FaultSpec(robot="r2", kind=FaultKind.PARTITION, at_s=4.0, until_s=14.0),),
 )
@@ -63,8 +63,8 @@ def test_a_robot_that_charges_does_a_task_that_nobody_else_can_do_as_soon_as_it_
     script = msgspec.structs.replace(
         CUT_OFF,
         robots=(
-            PointRobot(name="r1", place=Point2D(4.225, 5.025), soc=0.33),
-            PointRobot(name="r2", place=Point2D(7.025, 2.825), soc=0.86),
+            ScriptRobot(name="r1", place=Point2D(4.225, 5.025), soc=0.33),
+            ScriptRobot(name="r2", place=Point2D(7.025, 2.825), soc=0.86),
         ),
         chargers=(Point2D(0.625, 0.625), Point2D(5.825, 5.425)),
         tasks=(TaskInput(at_s=1.5, task=Task(id="t6", kind="visit", place=Point2D(1.825, 1.425))),),
@@ -164,7 +164,7 @@ def test_a_drawn_cut_names_robots_of_the_script_alone(seed: int) -> None:
 
 
 def test_a_shrunk_script_cuts_off_the_robots_that_it_had() -> None:
-    robots = tuple(PointRobot(name=name, place=Point2D(x_m, 1.0)) for name, x_m in (("r2", 1.0), ("r3", 6.0)))
+    robots = tuple(ScriptRobot(name=name, place=Point2D(x_m, 1.0)) for name, x_m in (("r2", 1.0), ("r3", 6.0)))
     cut = FaultSpec(robot=COORDINATOR, kind=FaultKind.PARTITION, at_s=4.0, until_s=14.0, side=("r3",))
     (told,) = scenario_of(msgspec.structs.replace(CUT_OFF, robots=robots, faults=(cut,))).faults
     assert told.side == ("r2",)

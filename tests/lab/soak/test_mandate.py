@@ -12,7 +12,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.journal_feed import JournalFeed
 from robrain.coordinator.leadership.leadership import ElectedLeadership
 from robrain.coordinator.planning.policy import NEAREST
-from robrain.lab.soak.fault_script import FaultScript, PointRobot
+from robrain.lab.soak.fault_script import FaultScript, ScriptRobot
 from robrain.lab.soak.operator import OPERATOR
 from robrain.lab.soak.soak_run import CAPACITY_J, quiet
 from robrain.protocol.clock import VirtualClock, to_ns
@@ -47,7 +47,7 @@ class Team:
 
     def __init__(self, method: str = NEAREST) -> None:
         robots = tuple(
-            PointRobot(name=name, place=Point2D(2.0 * number, 1.0), soc=1.0) for number, name in enumerate(ROBOTS)
+            ScriptRobot(name=name, place=Point2D(2.0 * number, 1.0), soc=1.0) for number, name in enumerate(ROBOTS)
         )
         script = FaultScript(
             seed=5, robots=robots, chargers=(Point2D(0.0, 0.0),), method=method, tasks=(), cancels=(), halts=(),

@@ -6,8 +6,8 @@ from robrain.lab.soak.fault_script import (
     CancelOrder,
     FaultScript,
     HaltOrder,
-    PointRobot,
     ScriptError,
+    ScriptRobot,
     TaskInput,
     read_script,
     script_json,
@@ -32,7 +32,7 @@ def visit(name, x_m, y_m, at_s=0.0, **fields):
 
 TEAM = FaultScript(
     seed=1,
-    robots=(PointRobot(name="r1", place=Point2D(0.0, 0.0)), PointRobot(name="r2", place=Point2D(10.0, 0.0))),
+    robots=(ScriptRobot(name="r1", place=Point2D(0.0, 0.0)), ScriptRobot(name="r2", place=Point2D(10.0, 0.0))),
     chargers=(Point2D(0.0, 0.0),),
     tasks=(visit("t1", 5.0, 5.0), visit("t2", 9.0, 9.0), visit("t3", 1.0, 8.0), visit("t4", 3.0, 3.0, after=("t1",))),
 )
@@ -71,7 +71,7 @@ def test_the_operator_gives_up_what_waits_for_a_task_that_waits_for_a_cancelled_
 
 
 def test_a_robot_that_was_halted_while_it_charged_is_given_tasks_afterwards():
-    robots = (PointRobot(name="r1", place=Point2D(7.0, 4.0), soc=0.33),)
+    robots = (ScriptRobot(name="r1", place=Point2D(7.0, 4.0), soc=0.33),)
     tasks = (visit("t1", 12.0, 9.0, 0.5), visit("t2", 15.0, 9.0, 0.5))
     halts = (HaltOrder(at_s=24.0, until_s=48.0),)
     verdict = run_trial(msgspec.structs.replace(TEAM, robots=robots, tasks=tasks, halts=halts, method=AUCTION))
@@ -264,7 +264,7 @@ def test_the_judge_notes_a_task_that_was_done_though_another_followed_it_in_the_
 @pytest.mark.slow
 def test_a_robot_that_charges_later_gets_the_task_for_which_it_has_too_little_now():
     # Alone and at a tenth of its charge, it refuses six times before its own guard sends it to the charger.
-    robot = PointRobot(name="r1", place=Point2D(9.0, 9.0), soc=0.11)
+    robot = ScriptRobot(name="r1", place=Point2D(9.0, 9.0), soc=0.11)
     script = msgspec.structs.replace(TEAM, robots=(robot,), tasks=(visit("t1", 20.0, 20.0),))
     verdict = run_trial(script)
     assert (verdict.broken, verdict.done) == ((), 1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robrain.agent.consensus import consensus
-from robrain.lab.soak.fault_script import FaultScript, PointRobot, TaskInput
+from robrain.lab.soak.fault_script import FaultScript, ScriptRobot, TaskInput
 from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.soak_run import SoakRun, quiet
 from robrain.lab.soak.trial import run_trial
@@ -36,7 +36,7 @@ def orphaned(seed, robots=5, tasks=30, loss=0.0):
     return FaultScript(
         seed=seed,
         consensus=True,
-        robots=tuple(PointRobot(name=name, place=place()) for name in names),
+        robots=tuple(ScriptRobot(name=name, place=place()) for name in names),
         chargers=(Point2D(0.0, 0.0), Point2D(20.0, 20.0)),
         tasks=tuple(
             TaskInput(at_s=0.5, task=Task(id=f"t{number:02}", kind="visit", place=place(), service_s=2.0))
