@@ -111,9 +111,9 @@ class Judge:
         self._ends: dict[str, tuple[TaskState, int, int]] = {}
         self._done: dict[str, list[tuple[str, int]]] = {}
         """Agents that have done a task: name and start of the process."""
-        self._said: set[tuple[str, int, str, int]] = set()
+        self._ends_seen: set[tuple[str, int, str, int]] = set()
         """Ends that were noted: robot, start of its process, task and epoch; without a coordinator epochs are alike."""
-        self._told: set[tuple[TeamRule, str]] = set()
+        self._reported: set[tuple[TeamRule, str]] = set()
         self._cut_ns = dict.fromkeys(run.robots, 0)
         """When a robot that goes on by itself was last cut off from the coordinator."""
         self._at: dict[str, str] = {}
@@ -263,9 +263,9 @@ class Judge:
     def _record_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
         since_ns = self._run.processes[robot].since_ns
         end = (robot, since_ns, status.id, status.epoch)
-        if end in self._said:
+        if end in self._ends_seen:
             return
-        self._said.add(end)
+        self._ends_seen.add(end)
         if (robot, since_ns) in self._done.get(status.id, ()):
             self._break(TeamRule.DONE_TWICE, status.id, f"{robot} has done {status.id} twice")
         self._done.setdefault(status.id, []).append((robot, since_ns))
@@ -308,16 +308,16 @@ class Judge:
                 self._break(TeamRule.FAILED, f"{one.topic} {one.key}", one.words)
 
     def _break(self, invariant: TeamRule, subject: str, what: str) -> None:
-        if (invariant, subject) not in self._told:
-            self._told.add((invariant, subject))
+        if (invariant, subject) not in self._reported:
+            self._reported.add((invariant, subject))
             self.broken.append(Broken(invariant, round(to_seconds(self._run.now_ns), 1), what))
 
 
 class _Halts:
     """Who could know of the halt that is in force.
 
-    A component knows of a halt if it is linked with the operator while the operator says it, or with somebody who
-    knows: robots tell the coordinator, the coordinator tells robots. Who dies has forgotten.
+    A component knows of a halt if it is linked with the operator while the operator publishes it, or with a component that
+    knows: robots report to the coordinator, the coordinator to robots. A component that dies forgets it.
     """
 
     def __init__(self, run: SoakRun, slack_s: float) -> None:

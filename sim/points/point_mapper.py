@@ -59,10 +59,10 @@ class PointMapper(Skill):
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
         self._presence = wire.watch(ROBOT_ALIVE)
         if self.parameters.known:
-            self._take(PatchCells(0, 0, self._robot.floor.classes(self._own.geometry), self._stamp_ms))
+            self._publish(PatchCells(0, 0, self._robot.floor.classes(self._own.geometry), self._stamp_ms))
         else:
             wire.subscribe(self._inbox, ROBOT_MAP)
-            self._look()
+            self._scan()
         self.env.answer(ROBOT_MAP_WHOLE, self._whole, robot=robot)
 
     def step(self) -> None:
@@ -73,7 +73,7 @@ class PointMapper(Skill):
             if change.present and name != self.env.robot:
                 self.env.wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
         self._receive()
-        self._look()
+        self._scan()
 
     def view(self) -> MapView:
         """The map as it is now."""
@@ -116,7 +116,7 @@ class PointMapper(Skill):
             except ValueError as error:
                 wire.refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, str(error))
 
-    def _look(self) -> None:
+    def _scan(self) -> None:
         robot = self._robot
         if self._seen_m is not None and robot.distance_m - self._seen_m < SEEN_EVERY_M:
             return
@@ -127,9 +127,9 @@ class PointMapper(Skill):
         self._own.integrate_scan(robot.pose, self._angles_rad, ranges_m, range_max_m, self._stamp_ms, NO_CIRCLES)
         patch = self._own.pop_patch()
         if patch is not None:
-            self._take(patch)
+            self._publish(patch)
 
-    def _take(self, patch: PatchCells) -> None:
+    def _publish(self, patch: PatchCells) -> None:
         """Merge what the robot has seen, and publish it."""
         self._atlas.take((self.env.robot, self._number), patch.row, patch.column, patch.cells, patch.stamp_ms)
         self._patches.put(to_message(self.env.robot, self._own.geometry, patch, self._number))
