@@ -316,8 +316,8 @@ class Judge:
 class _Halts:
     """Who could know of the halt that is in force.
 
-    A component knows of a halt if it is linked with the operator while the operator publishes it, or with a component that
-    knows: robots report to the coordinator, the coordinator to robots. A component that dies forgets it.
+    A component knows of a halt if it is linked with the operator while the operator publishes it, or with a component
+    that knows: robots report to the coordinator, the coordinator to robots. A component that dies forgets it.
     """
 
     def __init__(self, run: SoakRun, slack_s: float) -> None:
