@@ -16,7 +16,6 @@ from robrain.client.team import Team
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, steps
-from robrain.plugins.device.ros2.link import environment_domain
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.inbox import Inbox
@@ -31,6 +30,7 @@ from robrain.protocol.ros2.definitions import SubmitTaskResponse, TriggerRespons
 from robrain.protocol.ros2.message_classes import MarkerArray, String, TFMessage
 from robrain.protocol.ros2.message_types import MessageType
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, TF, Qos
+from robrain.protocol.ros2.ros_names import environment_domain
 from robrain.protocol.ros2.ros_node import RosNode
 from robrain.protocol.ros2.ros_port import PendingRequest, RosPort, Writer
 from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT

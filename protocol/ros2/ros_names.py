@@ -4,6 +4,7 @@ Rules of names: https://design.ros2.org/articles/topic_and_service_names.html. I
 `nav_msgs/msg/Odometry` is `nav_msgs::msg::dds_::Odometry_` in every key.
 """
 
+import os
 import re
 
 from robrain.protocol.ros2.errors import BadRosName
@@ -12,11 +13,20 @@ NAME_MAX = 247
 """Characters of a fully qualified name (rmw/validate_full_topic_name.h)."""
 DOMAIN_MAX = 232
 """Largest domain id that DDS has ports for; rmw_zenoh itself takes any."""
+DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 
 _PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _TYPE = re.compile(r"([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)")
 _DDS_TYPE = re.compile(r"([a-z][a-z0-9_]*)::(msg|srv|action)::dds_::([A-Z][A-Za-z0-9_]*)_")
 _HASH = re.compile(r"RIHS01_[0-9a-f]{64}")
+
+
+def environment_domain() -> int:
+    """The ROS domain that the environment names; 0 if it names none (ValueError)."""
+    text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
+    if not text.isdigit() or int(text) > DOMAIN_MAX:
+        raise ValueError(f"expected ${DOMAIN_VARIABLE} from 0 to {DOMAIN_MAX}, got {text!r}")
+    return int(text)
 
 
 def check_node_name(name: str) -> str:

@@ -6,7 +6,6 @@ restarted find it with the publishers that it has discovered; at the latest it e
 
 import atexit
 import logging
-import os
 import re
 import threading
 import time
@@ -26,11 +25,9 @@ from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.model.checked import Checked
+from robrain.protocol.ros2.ros_names import DOMAIN_MAX, environment_domain
 from robrain.protocol.wire.endpoint import Drive
 
-DOMAIN_MAX = 232
-"""Above it the ports that DDS derives from the domain do not exist."""
-DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 _NAMESPACE = re.compile(r"(/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
 _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
@@ -66,14 +63,6 @@ def check_topics(parameters: msgspec.Struct, *names: str) -> None:
         topic = getattr(parameters, name)
         if not _TOPIC.fullmatch(topic):
             raise ValueError(f"expected {name} to be a topic such as odom or /odom, got {topic!r}")
-
-
-def environment_domain() -> int:
-    """The ROS domain that the environment names; 0 if it names none (ValueError)."""
-    text = os.environ.get(DOMAIN_VARIABLE, "") or "0"
-    if not text.isdigit() or int(text) > DOMAIN_MAX:
-        raise ValueError(f"expected ${DOMAIN_VARIABLE} from 0 to {DOMAIN_MAX}, got {text!r}")
-    return int(text)
 
 
 M = TypeVar("M")

@@ -13,7 +13,8 @@ from rclpy.qos import QoSProfile
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.ros2 import link as link_module
-from robrain.plugins.device.ros2.link import Ros2Parameters, close_links, environment_domain, open_link
+from robrain.plugins.device.ros2.link import Ros2Parameters, close_links, open_link
+from robrain.protocol.ros2.ros_names import environment_domain
 from robrain.protocol.wire.endpoint import Drive
 from tests.ros_domain import Domain
 from tests.waiting import until
