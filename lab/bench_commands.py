@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import SIMULATE
 from robrain.deploy.command_line.options import JsonOption, NearOption
 from robrain.deploy.command_line.output import print_json, print_result
 
@@ -19,7 +20,10 @@ BENCHES = {
 """Name, and what it measures."""
 
 bench_app = typer.Typer(
-    name="bench", help="Run benchmarks; each figure is shown beside its bound.", rich_markup_mode=None
+    rich_help_panel=SIMULATE,
+    name="bench",
+    help="Run benchmarks; each figure is shown beside its bound.",
+    rich_markup_mode=None,
 )
 
 MapsOption = Annotated[

@@ -1,19 +1,26 @@
-"""The command line. Each command reads its options and calls the folder that does the work."""
+"""The command line: commands of robrain's core; all others register themselves as entry points."""
 
 import errno
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.assistant.assistant_command import assistant
-from robrain.deploy.bringup.command_line import bringup
-from robrain.deploy.command_line.command_group import CommandGroup, missing_extra
+from robrain.deploy.command_line.command_group import (
+    CONNECT,
+    LOOK_BACK,
+    SIMULATE,
+    START,
+    CommandGroup,
+    add_registered,
+    missing_extra,
+)
 from robrain.deploy.command_line.options import (
     ConnectOption,
     IdleOption,
@@ -36,22 +43,10 @@ from robrain.deploy.command_line.options import (
     WitnessesOption,
 )
 from robrain.deploy.command_line.output import print_json
-from robrain.deploy.commands.journal_commands import journal_app
-from robrain.deploy.commands.plugin_commands import plugin_app
-from robrain.deploy.commands.supervision_commands import supervision_app
-from robrain.deploy.commands.team_commands import scenarios, team_app
-from robrain.deploy.machine.machine_files import machine_files
-from robrain.deploy.pki.pki_commands import pki_app, router
+from robrain.deploy.commands.team_commands import scenarios
+from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.agent_arguments import agent_arguments
 from robrain.deploy.processes.process_setup import guarded_streams, limit_native_threads, set_up_logs
-from robrain.deploy.recordings.recording_commands import recording_app
-from robrain.deploy.ros2.ros2_commands import ros2_app
-from robrain.deploy.tasks.task_commands import task_app
-from robrain.lab.bench_commands import bench_app
-from robrain.lab.fork.fork_command import fork
-from robrain.lab.report.report_command import report
-from robrain.lab.soak.soak_commands import soak_app
-from robrain.lab.sweep.sweep_commands import sweep_app
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.errors import CallError, RobrainError
 from robrain.protocol.keys import DEFAULT_REPLAY_TEAM, DEFAULT_TEAM, check_name
@@ -65,6 +60,11 @@ if TYPE_CHECKING:
 DEMO = "depot"
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXTRAS = {
+    **dict.fromkeys(("run", "demo", "arena", "scenarios"), "sim"),
+    **dict.fromkeys(("dashboard", "replay"), "team"),
+}
+"""Extra with all that a command of this file needs."""
 
 app = typer.Typer(
     name="robrain",
@@ -97,20 +97,7 @@ def options(
         os.environ[TLS_VARIABLE] = str(tls.expanduser().resolve())
 
 
-app.add_typer(team_app)
-app.add_typer(plugin_app, name="plugin")
-app.add_typer(task_app, name="task")
-app.add_typer(journal_app, name="journal")
-app.add_typer(sweep_app)
-app.add_typer(soak_app)
-app.add_typer(recording_app)
-app.add_typer(supervision_app)
-app.add_typer(bench_app, name="bench")
-app.add_typer(pki_app, name="pki")
-app.add_typer(ros2_app, name="ros2")
-
-
-@app.command()
+@app.command(rich_help_panel=SIMULATE)
 def run(
     scenario: ScenarioArgument = None,
     map_file: MapOption = None,
@@ -163,7 +150,7 @@ def run(
     _finish(start_run(choose, options), as_json=as_json)
 
 
-@app.command()
+@app.command(rich_help_panel=SIMULATE)
 def demo(
     headless: Annotated[bool, typer.Option(help="Without the dashboard, for servers.")] = False,
     speed: Annotated[
@@ -191,7 +178,7 @@ def demo(
     _finish(start_run(choose, options), as_json=False)
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 def arena(
     scenario: ScenarioArgument = None,
     map_file: MapOption = None,
@@ -215,7 +202,7 @@ def arena(
     arena_command(chosen, place_of(connect, listen), check_name("team", team), robot_files, resume)
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 def agent(
     robot: Annotated[Path, typer.Argument(help="The robot's ROBOT.toml.")],
     connect: ConnectOption = None,
@@ -228,7 +215,7 @@ def agent(
     _run_agent(robot, connect, team, votes)
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 def coordinator(
     connect: ConnectOption = None,
     listen: ListenOption = None,
@@ -253,7 +240,7 @@ def coordinator(
     coordinator_command(where, team, journal, objective, planning, rules, elect)
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 def dashboard(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
@@ -271,7 +258,7 @@ def dashboard(
         dashboard_command(connect, check_name("team", team), port)
 
 
-@app.command()
+@app.command(rich_help_panel=LOOK_BACK)
 def replay(
     recording: Annotated[Path, typer.Argument(help="An MCAP file that robrain recorded.")],
     speed: Annotated[float, typer.Option(help="Factor of the recorded speed.")] = 1.0,
@@ -310,16 +297,10 @@ def replay(
     replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
 
 
-app.command()(assistant)
-app.command()(fork)
-app.command()(report)
-app.command()(bringup)
-app.command()(machine_files)
-app.command()(router)
-app.command()(scenarios)
+app.command(rich_help_panel=SIMULATE)(scenarios)
 
 
-@app.command()
+@app.command(rich_help_panel=CONNECT)
 def metrics(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
@@ -331,7 +312,7 @@ def metrics(
     metrics_command(connect, check_name("team", team), port)
 
 
-@app.command()
+@app.command(rich_help_panel=CONNECT)
 def wire(
     wire_format: Annotated[
         WireFormat, typer.Option("--format", help="jsonschema is for programs, markdown for people.")
@@ -343,6 +324,16 @@ def wire(
     sys.stdout.write(wire_text(wire_format))
 
 
+@cache
+def all_commands() -> typer.Typer:
+    """The program with all its commands, those of entry points included."""
+    registered = add_registered(app)
+    if not registered:
+        raise UsageError("the installed robrain has no commands: install it again, as with `pip install -e .`")
+    EXTRAS.update(registered)
+    return app
+
+
 def main() -> None:
     """Entry point: prints an error as one sentence, with exit status 2."""
     limit_native_threads()
@@ -350,7 +341,7 @@ def main() -> None:
         sys.argv[1:] = set_up_logs(sys.argv[1:])
         words = agent_arguments(sys.argv[1:])
         if words is None:
-            app(prog_name="robrain")
+            all_commands()(prog_name="robrain")
         else:
             _run_agent(*words)
 
@@ -379,7 +370,7 @@ def _said_in_words() -> Iterator[None]:
         sys.stderr.write(f"robrain: {safe_lines(text, '  ')}\n")
         sys.exit(EXIT_BAD_INPUT)
     except ModuleNotFoundError as error:
-        missing = missing_extra(error, sys.argv[1:])
+        missing = missing_extra(error, sys.argv[1:], EXTRAS)
         if missing is None:
             raise
         sys.stderr.write(f"robrain: {missing}\n")

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.state_folder import state_folder
@@ -20,6 +21,10 @@ ID_BYTES = 4
 PREFIX = "assistant"
 
 
+assistant_app = typer.Typer(rich_help_panel=OPERATE, rich_markup_mode=None)
+
+
+@assistant_app.command()
 def assistant(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,

@@ -5,9 +5,13 @@ from typing import Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import SET_UP
 from robrain.deploy.command_line.options import ConnectOption, JsonOption
 
+bringup_app = typer.Typer(rich_help_panel=SET_UP, rich_markup_mode=None)
 
+
+@bringup_app.command()
 def bringup(
     robot: Annotated[Path, typer.Argument(help="The robot's ROBOT.toml; what is found is written into it.")],
     connect: ConnectOption = None,

@@ -1,9 +1,10 @@
 """The `robrain` command: its subcommands by purpose, and mistakes on the command line as one sentence."""
 
+import logging
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from types import MappingProxyType
+from importlib.metadata import entry_points
 from typing import Any
 
 import typer
@@ -13,22 +14,41 @@ from typer.exceptions import TyperException
 from robrain.deploy.errors import UsageError
 from robrain.protocol.extras import missing_package
 
-GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "Simulate": ("demo", "run", "scenarios", "sweep", "soak", "fork", "bench"),
-        "Start a team": ("up", "hub", "router", "coordinator", "agent", "arena", "dashboard"),
-        "Operate a team": (
-            *("status", "top", "task", "halt", "resume", "call", "log", "shell", "plugin"),
-            *("lead", "remove", "journal", "assistant"),
-        ),
-        "Record and look back": (
-            *("record", "replay", "info", "check", "diff", "recover", "report", "export", "foxglove"),
-        ),
-        "Set up": ("doctor", "bringup", "pki", "machine-files"),
-        "Connect other programs": ("ros2", "metrics", "wire"),
-    }
-)
-"""Headings of `robrain --help`, with the commands below them."""
+ENTRY_POINTS = "robrain.commands"
+"""Group of entry points: each names a `typer.Typer`. The extra with all that its commands need is in brackets."""
+SIMULATE, START, OPERATE = "Simulate", "Start a team", "Operate a team"
+LOOK_BACK, SET_UP, CONNECT = "Record and look back", "Set up", "Connect other programs"
+HEADINGS = (SIMULATE, START, OPERATE, LOOK_BACK, SET_UP, CONNECT)
+"""Of `robrain --help`: a command is below its `rich_help_panel`, or that of its app, and else at the end."""
+OTHERS = "Other commands"
+
+logger = logging.getLogger(__name__)
+
+
+def add_registered(app: typer.Typer) -> dict[str, str]:
+    """Add the commands of all entry points; returns the extra that each of them needs, by the command's name."""
+    extras: dict[str, str] = {}
+    for entry in sorted(entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
+        try:
+            part = entry.load()
+            if not isinstance(part, typer.Typer):
+                raise TypeError(f"expected a typer.Typer, got {type(part).__name__}")
+        except Exception as error:  # noqa: BLE001 - foreign code
+            logger.warning("the commands of %s cannot be loaded: %s: %s", entry.value, type(error).__name__, error)
+            continue
+        names = [part.info.name]
+        if not isinstance(part.info.name, str):
+            names = [info.name or _name_of(info.callback) for info in part.registered_commands]
+        for info in part.registered_commands:
+            if not isinstance(info.rich_help_panel, str):
+                info.rich_help_panel = part.rich_help_panel
+        app.add_typer(part, rich_help_panel=part.rich_help_panel)
+        extras |= {str(name): ",".join(entry.extras) for name in names if entry.extras}
+    return extras
+
+
+def _name_of(function: Callable[..., Any] | None) -> str:
+    return "" if function is None else function.__name__.replace("_", "-")
 
 
 class CommandGroup(TyperGroup):
@@ -37,11 +57,16 @@ class CommandGroup(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a list of commands for each heading."""
         longest = max(map(len, self.commands))
-        for heading, names in GROUPS.items():
-            with formatter.section(heading):
-                width = formatter.width - 6 - longest
-                shown = [(name.ljust(longest), self.commands[name].get_short_help_str(width)) for name in names]
-                formatter.write_dl(shown)
+        width = formatter.width - 6 - longest
+        found: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (*HEADINGS, OTHERS)}
+        for name, command in self.commands.items():
+            heading = getattr(command, "rich_help_panel", None)
+            below = found[heading if heading in found else OTHERS]
+            below.append((name.ljust(longest), command.get_short_help_str(width)))
+        for heading, shown in found.items():
+            if shown:
+                with formatter.section(heading):
+                    formatter.write_dl(shown)
 
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         """Run a command, and end the process with its status."""
@@ -64,24 +89,7 @@ class CommandGroup(TyperGroup):
         sys.exit(status or 0)
 
 
-OF_COMMANDS = {
-    **dict.fromkeys(("run", "demo", "up", "arena", "scenarios", "bench", "soak"), "sim"),
-    **dict.fromkeys(("dashboard", "replay", "record", "info", "check", "diff", "recover", "export"), "team"),
-    "bringup": "bringup",
-    "report": "report",
-    "sweep": "sweep",
-    "fork": "sim,team",
-    "foxglove": "foxglove",
-    "assistant": "mcp",
-    "ros2": "team,ros2-native,ros2",
-    "bench allocation": "team",
-    "bench consensus": "team",
-    "bench log": "navigation",
-}
-"""Extra with all that a command needs, navigation included."""
-
-
-def missing_extra(error: ModuleNotFoundError, words: Sequence[str]) -> UsageError | None:
+def missing_extra(error: ModuleNotFoundError, words: Sequence[str], extras: Mapping[str, str]) -> UsageError | None:
     """An error that says what to install after a failed import; None if no extra contains the package.
 
     A command that lacks arrays mostly lacks more, and names the extra that has everything.
@@ -89,16 +97,15 @@ def missing_extra(error: ModuleNotFoundError, words: Sequence[str]) -> UsageErro
     Args:
         error: of the import.
         words: the command line.
+        extras: what each command needs.
 
-    >>> str(missing_extra(ModuleNotFoundError("No module named 'mcap.writer'", name="mcap.writer"), ["record"]))
-    "mcap is not installed: pip install 'robrain[team]'"
-    >>> str(missing_extra(ModuleNotFoundError("No module named 'numpy'", name="numpy"), ["run", "depot"]))
+    >>> missing = ModuleNotFoundError("No module named 'numpy'", name="numpy")
+    >>> str(missing_extra(missing, ["run", "depot"], {"run": "sim"}))
     "numpy is not installed: pip install 'robrain[sim]'"
     """
     missing = missing_package(error)
     if missing is None or not missing.extra:
         return None
     if missing.extra in ("navigation", "team") and words:
-        known = OF_COMMANDS.get(" ".join(words[:2])) or OF_COMMANDS.get(words[0], missing.extra)
-        missing = missing._replace(extra=known)
+        missing = missing._replace(extra=extras.get(words[0], missing.extra))
     return UsageError(f"{missing.package} is not installed: pip install '{missing.needed}'")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.command_line.output import print_json, print_result
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
@@ -17,6 +18,7 @@ EXIT_PROBLEMS = 1
 """A journal or backup that was checked has problems."""
 
 journal_app = typer.Typer(
+    rich_help_panel=OPERATE,
     name="journal",
     help="Back up, check and restore a coordinator's journal.",
     no_args_is_help=True,

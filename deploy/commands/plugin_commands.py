@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, RobotArgument, TeamOption, connect_team
 from robrain.deploy.command_line.output import print_json, print_result
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 EXIT_MISTAKES = 1
 
 plugin_app = typer.Typer(
+    rich_help_panel=OPERATE,
     name="plugin",
     help="List, load, unload and reload the plugins of a robot; write and check new ones.",
     no_args_is_help=True,

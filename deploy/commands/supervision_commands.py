@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import OPERATE, SET_UP, START
 from robrain.deploy.command_line.options import (
     ConnectOption,
     IdleOption,
@@ -32,7 +33,8 @@ EXIT_WRONG = 1
 """Exit status of `up` if a part was given up, and of `doctor` if something is wrong."""
 EXIT_INTERRUPTED = 130
 
-supervision_app = typer.Typer(rich_markup_mode=None)
+up_app = typer.Typer(rich_help_panel=START, rich_markup_mode=None)
+supervision_app = typer.Typer(rich_help_panel=OPERATE, rich_markup_mode=None)
 
 TeamArgument = Annotated[
     str | None, typer.Argument(help="A built-in name (depot), a scenario .toml file, or a team .toml file.")
@@ -40,7 +42,7 @@ TeamArgument = Annotated[
 HostOption = Annotated[str | None, typer.Option(help="Of a team file: start the parts of this machine.")]
 
 
-@supervision_app.command()
+@up_app.command()
 def up(
     scenario: TeamArgument = None,
     host: HostOption = None,
@@ -137,7 +139,7 @@ def up(
         raise typer.Exit(EXIT_INTERRUPTED)
 
 
-@supervision_app.command()
+@supervision_app.command(rich_help_panel=START)
 def hub(listen: ListenOption = None) -> None:
     """Route a team's messages: the Zenoh router to which all others connect."""
     from robrain.deploy.processes.live_process import hub_command
@@ -158,7 +160,7 @@ def top(
     top_command(connect, check_name("team", team), once=once, as_json=as_json)
 
 
-@supervision_app.command()
+@supervision_app.command(rich_help_panel=SET_UP)
 def doctor(
     file: Annotated[
         Path | None, typer.Argument(help="A ROBOT.toml or a team file; default: this machine's hub.")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
+from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import (
     ConnectOption,
     JsonOption,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 EXIT_DISOBEYED = 1
 """Exit status of `halt` and `resume` if a robot has not confirmed in time."""
 
-team_app = typer.Typer(rich_markup_mode=None)
+team_app = typer.Typer(rich_help_panel=OPERATE, rich_markup_mode=None)
 
 RobotOption = Annotated[str | None, typer.Option(help="The same as ROBOT.")]
 OneRobotArgument = Annotated[

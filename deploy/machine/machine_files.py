@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import SET_UP
+
 FILES = Path(__file__).parent
 FOLDERS = ("systemd", "zenohd", "nginx", "udev", "network", "time", "logs", "observability")
 
@@ -24,6 +26,10 @@ def write_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
+machine_app = typer.Typer(rich_help_panel=SET_UP, rich_markup_mode=None)
+
+
+@machine_app.command()
 def machine_files(folder: Annotated[Path, typer.Argument(help="Folder to make.")]) -> None:
     """Write service units, files for router, web server, devices, time, logs and metrics."""
     from robrain.deploy.command_line.terminal import print_line

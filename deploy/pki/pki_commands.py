@@ -6,12 +6,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import SET_UP, START
 from robrain.deploy.command_line.output import print_result
 
 if TYPE_CHECKING:
     from robrain.protocol.access.member import Member
 
-pki_app = typer.Typer(no_args_is_help=True, help="Make the certificates of a secured team.", rich_markup_mode=None)
+pki_app = typer.Typer(
+    name="pki",
+    rich_help_panel=SET_UP,
+    no_args_is_help=True,
+    help="Make the certificates of a secured team.",
+    rich_markup_mode=None,
+)
 
 PkiOption = Annotated[Path, typer.Option("--pki", help="Folder of the CA.")]
 RoleArgument = Annotated[
@@ -122,6 +129,10 @@ def show(pki: PkiOption = DEFAULT_PKI) -> None:
         print_result(f"{one.member.common_name:<40} {state:<20} {one.serial}")
 
 
+router_app = typer.Typer(rich_help_panel=START, rich_markup_mode=None)
+
+
+@router_app.command()
 def router(
     listen: Annotated[
         str | None, typer.Option(help="Endpoint, tls/HOST:PORT; default: tls/127.0.0.1:7447, this machine alone.")

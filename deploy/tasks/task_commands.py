@@ -10,6 +10,7 @@ import msgspec
 import typer
 
 from robrain.client.submission import AS_SENT, TaskFields
+from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team
 from robrain.deploy.command_line.output import print_json, print_result
 from robrain.deploy.tasks.task_files import verdict_line
@@ -235,6 +236,7 @@ EXIT_NOT_DONE = 1
 """A watched task ended as failed or cancelled."""
 
 task_app = typer.Typer(
+    rich_help_panel=OPERATE,
     name="task",
     help="Submit tasks to a team; list, explain and cancel them.",
     no_args_is_help=True,

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robrain.deploy.command_line.command_group import SIMULATE
 from robrain.deploy.command_line.options import JsonOption
 from robrain.deploy.command_line.output import print_json
 
@@ -16,6 +17,10 @@ DIFFERENT = 1
 INTERRUPTED = 130
 
 
+fork_app = typer.Typer(rich_help_panel=SIMULATE, rich_markup_mode=None)
+
+
+@fork_app.command()
 def fork(
     recording: Annotated[Path, typer.Argument(help="A recording of `robrain run`, `demo`, `fork` or a script.")],
     at: Annotated[str, typer.Option("--at", metavar="TIME", help="The moment: 412s, 6m52s; 0 is the start.")],

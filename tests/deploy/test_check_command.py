@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
-from robrain.cli import app
+from robrain.cli import all_commands
 from robrain.deploy.recordings.surroundings import (
     LOOKED_UP_M,
     clearance_on,
@@ -87,7 +87,7 @@ def written(told: Told, path: Path) -> Path:
 
 
 def check(*words: str) -> Any:
-    return CliRunner().invoke(app, ["check", *words], env={"COLUMNS": "100", "TERM": "dumb"})
+    return CliRunner().invoke(all_commands(), ["check", *words], env={"COLUMNS": "100", "TERM": "dumb"})
 
 
 def ruling(path: Path, invariant: Invariant) -> Ruling:

@@ -62,7 +62,7 @@ def test_plugin_list_shows_the_lines_of_a_fault(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "bad.toml").write_text('[plugin]\nclass = "bad:Bad"\n')
     with PluginBench(tmp_path) as bench:
         monkeypatch.setattr(Team, "connect", lambda *_, **__: _Client(bench))
-        lines = CliRunner().invoke(cli.app, ["plugin", "list", "r1"]).stdout.splitlines()
+        lines = CliRunner().invoke(cli.all_commands(), ["plugin", "list", "r1"]).stdout.splitlines()
     shown = [line.strip() for line in lines]
     assert shown[1].endswith("ValueError: a")
     assert shown[2] == "b"

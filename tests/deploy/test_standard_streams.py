@@ -14,7 +14,7 @@ from robrain import cli
 from robrain.deploy.command_line.output import print_note, print_result
 from robrain.deploy.processes.process_setup import guarded_streams
 
-APP = typer.main.get_command(cli.app)
+APP = typer.main.get_command(cli.all_commands())
 SENTENCES = {
     "full": "robrain: the output cannot be written: No space left on device\n",
     "closed": "robrain: the output cannot be written: it is closed\n",

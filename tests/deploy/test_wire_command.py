@@ -8,7 +8,7 @@ import pytest
 import zenoh
 from typer.testing import CliRunner
 
-from robrain.cli import app
+from robrain.cli import all_commands
 from robrain.protocol.answers.later import ZENOH_TIMEOUT
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.zenoh_link import publisher_options
@@ -17,7 +17,7 @@ from robrain.protocol.wire.endpoint import BY
 
 
 def printed(wire_format):
-    result = CliRunner().invoke(app, ["wire", "--format", wire_format])
+    result = CliRunner().invoke(all_commands(), ["wire", "--format", wire_format])
     assert result.exit_code == 0, result.output
     return result.output
 
@@ -106,6 +106,6 @@ def test_the_document_says_what_asks_and_errors_look_like_in_zenoh(document):
 
 
 def test_an_unknown_format_is_refused_with_those_there_are():
-    result = CliRunner().invoke(app, ["wire", "--format", "xml"])
+    result = CliRunner().invoke(all_commands(), ["wire", "--format", "xml"])
     assert result.exit_code == 2
     assert "jsonschema" in result.output

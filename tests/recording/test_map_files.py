@@ -7,7 +7,7 @@ import yaml
 from typer.testing import CliRunner
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.cli import app
+from robrain.cli import all_commands
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.recording_commands import export_map
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
@@ -82,7 +82,7 @@ def test_a_time_that_the_recording_does_not_have_is_refused(run, tmp_path, at_s)
 def test_the_command_writes_the_map_beside_the_recording(run, tmp_path):
     recording = tmp_path / "run.mcap"
     recording.write_bytes(run.read_bytes())
-    answer = CliRunner().invoke(app, ["export", str(recording), "--map", "--at", "4", "--json"])
+    answer = CliRunner().invoke(all_commands(), ["export", str(recording), "--map", "--at", "4", "--json"])
     assert answer.exit_code == 0, answer.output
     assert [path.rsplit("/", 1)[1] for path in msgspec.json.decode(answer.output)["files"]] == [
         "run_map.yaml",
@@ -92,5 +92,5 @@ def test_the_command_writes_the_map_beside_the_recording(run, tmp_path):
 
 @pytest.mark.parametrize("options", [["--at", "4"], ["--map", "--to", "html"]])
 def test_options_that_do_not_go_together_are_refused(run, options):
-    answer = CliRunner().invoke(app, ["export", str(run), *options])
+    answer = CliRunner().invoke(all_commands(), ["export", str(run), *options])
     assert isinstance(answer.exception, UsageError)

@@ -4,7 +4,7 @@ from typing import Any
 
 import typer
 
-from robrain.cli import app
+from robrain.cli import all_commands
 from tests.reference_pages.markdown import page, table
 
 INTRODUCTION = """\
@@ -15,13 +15,16 @@ In `robrain shell` it clears the line; `exit` or Ctrl-D ends the shell. `robrain
 this page. Pages of their own: [robrain task](commands-task.md), [robrain plugin](commands-plugin.md),
 [robrain journal](commands-journal.md), [robrain pki](commands-pki.md), [robrain ros2](commands-ros2.md) and
 [robrain bench](commands-bench.md), and the [commands for recordings](commands-recordings.md).
+
+A distribution adds commands by an entry point of the group `robrain.commands`, which names a `typer.Typer`. An extra in
+brackets behind it is named to the user if a package is missing.
 """
 RECORDINGS = ("record", "replay", "foxglove", "info", "check", "diff", "recover", "report", "export", "fork")
 
 
 def commands_page(group: str | None = None) -> str:
     """The page of a group of commands, such as `task`; without one, of all commands that are in no group."""
-    program = typer.main.get_command(app)
+    program = typer.main.get_command(all_commands())
     commands = program if group is None else program.commands[group]
     name = "robrain" if group is None else f"robrain {group}"
     found = {name: commands} if group is not None else {}
@@ -39,7 +42,7 @@ def commands_page(group: str | None = None) -> str:
 
 def recording_commands_page() -> str:
     """The page of the commands that make and read recordings."""
-    commands = typer.main.get_command(app).commands
+    commands = typer.main.get_command(all_commands()).commands
     return page("Commands for recordings", "", *(_section(f"robrain {name}", commands[name]) for name in RECORDINGS))
 
 

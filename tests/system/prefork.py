@@ -204,6 +204,7 @@ def import_everything(missing: tuple[type[Exception], ...] = ()) -> None:
             if "bench" not in module.name and "rclpy" not in module.name:
                 with suppress(*missing):
                     importlib.import_module(module.name)
+    importlib.import_module("robrain.cli").all_commands()
     with suppress(*missing):
         importlib.import_module("robrain.deploy.processes.kernels").prepare_kernels(quiet=True)
 

@@ -13,7 +13,7 @@ import pytest
 import typer
 import zenoh
 
-from robrain.cli import app
+from robrain.cli import all_commands
 from robrain.deploy.machine.machine_files import FILES, write_files
 from robrain.protocol.wire.session import listening_at, open_session
 
@@ -110,7 +110,7 @@ def test_unit_starts_a_command_with_options_that_there_are(unit: Path) -> None:
 
 def check_words(words: list[str]) -> None:
     """Fails if the command line does not know a command or an option."""
-    command = typer.main.get_command(app)
+    command = typer.main.get_command(all_commands())
     while (nested := getattr(command, "commands", {}).get(words[0])) is not None:
         command, words = nested, words[1:]
         if not words:

@@ -9,7 +9,7 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from robrain.cli import app
+from robrain.cli import all_commands
 from robrain.deploy.errors import UsageError
 from robrain.deploy.pki.folder import MEMBERS_FILE, PkiError, changing, folder_of, read_members
 from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, endpoints_of, init, issue, renew, renew_due, revoke
@@ -82,20 +82,20 @@ def test_all_certificates_that_soon_end_are_renewed_and_those_of_the_revoked_are
 @pytest.mark.parametrize("words", [["robot"], ["--days", "3"], ["--team", "blue"]])
 def test_renewal_says_what_is_missing(pki: Path, words: list[str]) -> None:
     with pytest.raises(UsageError, match="ROLE and NAME"):
-        app(["pki", "renew", "--pki", str(pki), *words], standalone_mode=False)
+        all_commands()(["pki", "renew", "--pki", str(pki), *words], standalone_mode=False)
 
 
 def test_renewal_without_a_member_names_whom_it_has_renewed(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     issue(pki, ROBOT, NOW - timedelta(days=4000))
     issue(pki, ROUTER, datetime.now(UTC))
-    app(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
+    all_commands()(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith(f"{folder_of(pki, ROBOT)}: robot:blue:r1 until 20")
 
 
 def test_renewal_with_nothing_to_do_says_so(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
     issue(pki, ROUTER, datetime.now(UTC))
-    app(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
+    all_commands()(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
     assert "no certificate ends soon" in capsys.readouterr().out
 
 

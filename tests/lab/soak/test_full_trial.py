@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from robrain.cli import app
+from robrain.cli import all_commands
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.surroundings import surroundings_of_recording
 from robrain.lab.soak.fault_script import (
@@ -124,7 +124,7 @@ def test_drawn_scripts_differ_by_seed_and_have_faults_of_all_sorts() -> None:
 
 
 def robrain(*words: object):
-    return CliRunner().invoke(app, [str(word) for word in words])
+    return CliRunner().invoke(all_commands(), [str(word) for word in words])
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_the_command_runs_scripts_of_the_full_stack_and_one_again_from_its_file(
 @pytest.mark.parametrize("other", ["--planted", "--repeat=x.json"])
 def test_full_is_refused_where_it_says_nothing(other: str) -> None:
     with pytest.raises(UsageError, match=r"^--full: expected neither --planted nor --repeat"):
-        CliRunner().invoke(app, ["soak", "--full", other], catch_exceptions=False)
+        CliRunner().invoke(all_commands(), ["soak", "--full", other], catch_exceptions=False)
 
 
 def test_some_scripts_have_a_radio_and_their_scenario_has_its_links() -> None:

@@ -3,7 +3,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from robrain.cli import app
+from robrain.cli import all_commands
 from robrain.lab.soak.fault_script import script_json
 from robrain.lab.soak.planted import planted
 from robrain.lab.soak.script_drawing import draw_script
@@ -14,7 +14,7 @@ SEED = 13
 
 
 def robrain(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
+    return CliRunner().invoke(all_commands(), [str(word) for word in words])
 
 
 @pytest.mark.slow
