@@ -23,7 +23,7 @@ from robrain.algorithms.localization.wheel_calibration import (
 )
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Omni, OmniBase
 from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, Straight, TurnOnSpot, has_imu
-from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, CheckStep, FindingKind, Operator, Patch
+from robrain.deploy.bringup.findings import Attendant, BringUpReport, CheckFinding, CheckStep, FindingKind, Patch
 from robrain.deploy.bringup.floor_checks import (
     MORE_WALLS,
     NO_SIGHT,
@@ -83,7 +83,7 @@ def side_m(view: View, radius_m: float) -> float:
 
 
 def check_square(
-    bench: Bench, view: View, base: WheelDevice.Parameters | None, operator: Operator, *, rounds: int, measured: bool
+    bench: Bench, view: View, base: WheelDevice.Parameters | None, operator: Attendant, *, rounds: int, measured: bool
 ) -> tuple[list[CheckFinding], View]:
     """Drive squares to the left and to the right.
 
@@ -114,7 +114,7 @@ def check_square(
 
 
 def _drive(
-    bench: Bench, before: View, side: float, corner_rad: float, operator: Operator | None
+    bench: Bench, before: View, side: float, corner_rad: float, operator: Attendant | None
 ) -> tuple[SquareEnd | None, View]:
     """One square; where it really ended less where it did by odometry, in the frame of its start."""
     scans: list[LaserScan] = []
@@ -402,7 +402,7 @@ class BringUp:
         self,
         path: Path,
         bench: Bench,
-        operator: Operator,
+        operator: Attendant,
         tell: Callable[[CheckFinding], None],
         robot_file: RobotFile | None = None,
     ) -> None:

@@ -11,7 +11,7 @@ import msgspec
 from robrain.deploy.command_line.output import print_note
 
 
-class Operator(Protocol):
+class Attendant(Protocol):
     """Who stands beside the robot."""
 
     def prepare(self, what: str) -> None:
@@ -35,14 +35,14 @@ class YesOperator:
     """Gives the default answers: all is done as it was said, and wheels turn as they are commanded."""
 
     def prepare(self, what: str) -> None:
-        """As Operator."""
+        """As Attendant."""
 
     def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
-        """As Operator."""
+        """As Attendant."""
         return default
 
     def number(self, question: str) -> float:
-        """As Operator; nothing was measured."""
+        """As Attendant; nothing was measured."""
         return 0.0
 
 
@@ -50,11 +50,11 @@ class TerminalOperator:
     """Asks on stderr, and reads lines of stdin; raises EOFError at its end."""
 
     def prepare(self, what: str) -> None:
-        """As Operator."""
+        """As Attendant."""
         self._read(f"{what}, then press Enter (Ctrl-C ends) ")
 
     def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
-        """As Operator."""
+        """As Attendant."""
         print_note(question)
         for key, meaning in choices.items():
             print_note(f"  {key:<3} {meaning}{'  (Enter)' if key == default else ''}")
@@ -65,7 +65,7 @@ class TerminalOperator:
             print_note(f"expected one of {', '.join(choices)}")
 
     def number(self, question: str) -> float:
-        """As Operator."""
+        """As Attendant."""
         while True:
             answer = self._read(f"{question}: ").strip()
             try:

@@ -28,7 +28,7 @@ from robrain.deploy.bringup.bench import (
     StopMode,
     TurnWheels,
 )
-from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Operator, Patch
+from robrain.deploy.bringup.findings import Attendant, CheckFinding, CheckStep, FindingKind, Patch
 from robrain.plugins.device.mocdevice.frame_map import Counted, FrameMap, FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.serial_base import LineWords
@@ -192,7 +192,7 @@ def check_bus(bench: Bench) -> list[CheckFinding]:
     return found or [say(FindingKind.RIGHT, f"counts of all wheels come {rate_hz:.0f} times a second", ok=True)]
 
 
-def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[CheckFinding]:
+def check_wheels(bench: Bench, operator: Attendant, base: WheelDevice.Parameters) -> list[CheckFinding]:
     """Turn each wheel a little: whose encoder counts, which way, and how far."""
     names, speed = wheel_names(base.base), WHEEL_SPEED_RAD_S
     seen: list[Seen] = []
@@ -326,7 +326,7 @@ def check_battery(bench: Bench) -> CheckFinding:
     return say(FindingKind.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", ok=True, **values)
 
 
-def _turned_wheel(operator: Operator, names: tuple[str, ...], index: int, way: str) -> str:
+def _turned_wheel(operator: Attendant, names: tuple[str, ...], index: int, way: str) -> str:
     """What the person saw: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
     choices = {YES: f"{names[index]}, {way}", BACKWARDS: f"{names[index]}, the other way round"}
     for other, name in enumerate(names):

@@ -264,7 +264,7 @@ class RunSection(NamedTuple):
     tables: list[ReportTable]
 
 
-class Comparison(NamedTuple):
+class RunComparison(NamedTuple):
     """What the page has of several runs together."""
 
     names: list[str]
@@ -340,7 +340,7 @@ def write_report(
     return WrittenReport(page=folder / "report.html", figures=paths)
 
 
-def _page(runs: Sequence[RunData], comparison: Comparison | None, sections: Sequence[RunSection]) -> str:
+def _page(runs: Sequence[RunData], comparison: RunComparison | None, sections: Sequence[RunSection]) -> str:
     names = safe_text(", ".join(run.name for run in runs), 200)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("robrain.lab.report"),
@@ -383,7 +383,7 @@ def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> RunSe
     )
 
 
-def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _Pictures) -> Comparison:
+def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _Pictures) -> RunComparison:
     compared = [totals(run) for run in runs]
     if has_several_seeds(groups):
         names = [f"{group.name} ({len(group.runs)} seeds)" if len(group.runs) > 1 else group.name for group in groups]
@@ -405,7 +405,7 @@ def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _
         rows = {total: [_number(each.get(total)) for each in compared] for total in names_of(compared)}
         drawn = {"explored": figures.explored_figure(list(runs)), "comparison": comparison_figure(list(runs))}
     shown = {name: pictures.add(name, figure) for name, figure in drawn.items() if figure is not None}
-    return Comparison(names, rows, seeds, shown, _two_runs_table(*runs) if len(runs) == 2 else None)
+    return RunComparison(names, rows, seeds, shown, _two_runs_table(*runs) if len(runs) == 2 else None)
 
 
 def _mean_text(mean: MeanInterval | None, runs: int) -> str:
