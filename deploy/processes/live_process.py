@@ -127,7 +127,7 @@ def warn_of_listening(who: str, listen: Sequence[str], note: Note) -> None:
     """Warn of endpoints without certificates that other machines can reach."""
     for endpoint in listen:
         if not is_secured(endpoint) and not is_loopback(endpoint):
-            print_note(
+            note(
                 f"{who}: warning: other machines can reach {endpoint}, and there is no log-in: anyone there can drive, "
                 "halt and resume the robots; `robrain router` asks for certificates"
             )
@@ -161,7 +161,7 @@ def check_certificate(
         raise WireError(f"{identity.folder}: expected the certificate of {wanted}, got that of {shown.common_name}")
     warning = identity.warning()
     if warning:
-        print_note(f"{who}: {warning}")
+        note(f"{who}: {warning}")
     return identity
 
 
@@ -181,7 +181,7 @@ def check_rights(who: str, note: Note, session: zenoh.Session, connect: Sequence
         raise WireError(
             f"{text}: the certificate is revoked, or the router's members.json is older than the certificate"
         )
-    print_note(f"{who}: warning: {text}: its rules are not those of this version of robrain")
+    note(f"{who}: warning: {text}: its rules are not those of this version of robrain")
 
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
