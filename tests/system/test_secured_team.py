@@ -49,7 +49,7 @@ ALLOWED = {
     "resume r1": (0, "r1: resumed"),
     "halt": (0, "1 of 1 robots halted"),
     "resume": (0, "1 of 1 robots resumed"),
-    "lead": (0, "was not holding tasks back"),
+    "lead": (0, "all robots count"),
     "call r1 home start": (0, "x_m"),
     "remove r1": (2, "r1 is not removed: it is there"),
     "shell r1": (0, ""),
