@@ -53,7 +53,7 @@ CLOCKS = {
     "recording/writer/recorder.py": "tells of a slow disk, in live",
     "plugins/unit/program.py": "refused in lockstep",
     "plugins/unit/tcp_socket.py": "refused in lockstep",
-    "protocol/wire/trial.py": "tries what a router lets through, in live",
+    "protocol/wire/hub.py": "tries what a router lets through, in live",
     "protocol/answers/answering.py": "answers on threads, in live",
     "protocol/clock.py": "the live drive's clock",
     "sim/lockstep/pacing.py": "slows a run down for who watches, and tells how long it took",

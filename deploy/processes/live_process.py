@@ -18,7 +18,7 @@ from robrain.protocol.access.member import MemberRole
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, PortTaken, WireError
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.hub import given_endpoints, hub_endpoint
+from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, missing_rights
 from robrain.protocol.wire.session import (
     check_endpoint,
     is_loopback,
@@ -28,7 +28,6 @@ from robrain.protocol.wire.session import (
     open_session,
     own_identity,
 )
-from robrain.protocol.wire.trial import missing_rights
 
 LIFELINE_VARIABLE = "ROBRAIN_LIFELINE"
 BEAT_S = 0.1

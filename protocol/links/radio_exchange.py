@@ -15,10 +15,11 @@ The process of a party may die or stand still (`drop`, `sleep`), with the radio 
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from heapq import heappop, heappush
-from threading import get_ident
+from threading import Event, get_ident
+from typing import Any, Protocol
 
 import zenoh
 
@@ -28,9 +29,46 @@ from robrain.protocol.border.border import Heard
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Sample
-from robrain.protocol.links.party_exchange import PartyExchange
-from robrain.protocol.links.radio_network import EVERYWHERE, RadioNetwork, is_direct
-from robrain.protocol.table.topic import Delivery, Topic
+from robrain.protocol.links.link import Replies, TakeAnswer
+from robrain.protocol.links.local_link import DeclaringLink, PartyExchange
+from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.team.arena_messages import LinkCounters
+from robrain.protocol.table.topic import ANSWER_S, Delivery, Topic, Urgency
+
+COORDINATOR = "coordinator"
+"""The coordinator's party; robots are parties by their names."""
+EVERYWHERE = ""
+"""The party of arena, recorder and scripts: no radio is between them and anybody."""
+
+
+class RadioNetwork(Protocol):
+    """Decides how far messages of a team get. Times are in nanoseconds of the run's clock, sizes in bytes."""
+
+    counters: LinkCounters
+    """What became of the messages so far."""
+    parties: Sequence[str]
+    """Everybody who has a radio."""
+
+    def look(self, now_ns: int, on: Collection[str]) -> bool:
+        """Take in where the parties are now, and which of them are switched on; returns False if it is not yet time."""
+
+    def reaches(self, speaker: str, hearer: str) -> bool:
+        """Whether there is a way from one party to another, by relays or without."""
+
+    def spread(self, speaker: str, hearers: Sequence[str], size: int, now_ns: int) -> dict[str, int]:
+        """Send a sample once; returns how long it takes to each hearer that it reaches, and counts the others."""
+
+    def overtakes(self, speaker: str, hearer: str) -> bool:
+        """Whether samples from one party to another may overtake earlier ones now."""
+
+    def carry(self, speaker: str, hearer: str, size: int, now_ns: int, limit_ns: int) -> int | None:
+        """Send a request or a reply, again if it is lost; returns how long it takes, None if that is over the limit."""
+
+
+def is_direct(speaker: str, hearer: str) -> bool:
+    """Whether no radio is between two parties."""
+    return speaker == hearer or EVERYWHERE in (speaker, hearer)
+
 
 After = Callable[[int, Callable[[], object]], object]
 """Does something after so many nanoseconds."""
@@ -445,3 +483,54 @@ class RadioExchange(PartyExchange):
 def _size(sample: Sample) -> int:
     """Bytes that a sample takes on the air."""
     return len(sample[1]) + len(sample[2])
+
+
+class LocalRadioLink(DeclaringLink):
+    """A `Link` within this process, for one party.
+
+    Args:
+        exchange: of the run.
+        party: whose endpoint it is: a robot's name, `COORDINATOR`, or `EVERYWHERE` for arena, recorder and scripts.
+
+    Raises:
+        ValueError: there is no such party.
+
+    """
+
+    def __init__(self, exchange: RadioExchange, party: str) -> None:
+        self._party = party
+        self._exchange = exchange
+        self._home = exchange.join(party)
+        super().__init__(self._home)
+        self._is_open = True
+
+    def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
+        """Send a sample of this party."""
+        self._exchange.deliver_from(self._party, topic, key, payload)
+
+    def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
+        """See `Link`."""
+        return Publisher(topic, key, clock, self)
+
+    def ask(self, selector: str, payload: bytes | None, urgency: Urgency, timeout_s: float) -> Replies:
+        """See `Link`; a query that is too late has failed at once."""
+        answers: list[Answer] = []
+        is_over = Event()
+        query = self._exchange.ask_from(
+            self._party, selector, payload or b"", to_ns(timeout_s), answers.append, is_over.set, waits=True
+        )
+        if not answers and query.is_late:
+            return Replies((), in_time=False)
+        in_time = bool(answers) or is_over.wait(timeout_s)
+        return Replies(answers, in_time, from_outside=not in_time)
+
+    def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
+        """See `Link`."""
+        self._exchange.ask_from(self._party, key, payload or b"", to_ns(ANSWER_S), take, lambda: None, waits=False)
+
+    def close(self) -> None:
+        """See `Link`."""
+        super().close()
+        if self._is_open:
+            self._is_open = False
+            self._exchange.leave(self._home)

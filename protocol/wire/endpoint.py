@@ -40,9 +40,7 @@ from robrain.protocol.links.inbox import NOTHING, Inbox
 from robrain.protocol.links.link import Link
 from robrain.protocol.links.local_link import LocalLink
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.links.radio_exchange import RadioExchange
-from robrain.protocol.links.radio_link import LocalRadioLink
-from robrain.protocol.links.radio_network import EVERYWHERE
+from robrain.protocol.links.radio_exchange import EVERYWHERE, LocalRadioLink, RadioExchange
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.links.zenoh_link import DeclaredKeys, ZenohLink, query_options
 from robrain.protocol.refusals import RefusalCode, Refusals

@@ -29,7 +29,7 @@ from robrain.protocol.clock import Clock, VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.radio_network import COORDINATOR, EVERYWHERE
+from robrain.protocol.links.radio_exchange import COORDINATOR, EVERYWHERE
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.model.geometry import Point2D

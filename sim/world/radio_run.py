@@ -11,8 +11,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from robrain.protocol.clock import Clock, to_ns, to_seconds
-from robrain.protocol.links.radio_exchange import RadioExchange
-from robrain.protocol.links.radio_network import COORDINATOR
+from robrain.protocol.links.radio_exchange import COORDINATOR, RadioExchange
 from robrain.protocol.messages.team.arena_messages import ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.table.topics import ARENA_LINKS

@@ -11,7 +11,7 @@ from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.radio_network import COORDINATOR
+from robrain.protocol.links.radio_exchange import COORDINATOR
 from robrain.protocol.table.topics import MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.errors import ScenarioError
