@@ -23,10 +23,10 @@ from robrain.protocol.clock import Clock, LiveClock
 from robrain.protocol.keys import check_name
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.recording.replay.replay import Replay
 
 if TYPE_CHECKING:
     from robrain.dashboard.panels.what_if import ForkRunner
+    from robrain.recording.replay.replay import Replay
 
 
 PERIOD_S = 0.02
@@ -62,7 +62,7 @@ class ReplayKeys:
         replay: the running one.
     """
 
-    def __init__(self, replay: Replay) -> None:
+    def __init__(self, replay: "Replay") -> None:
         self._replay = replay
         self.ended = False
         """Whether q was pressed."""
@@ -100,7 +100,7 @@ def run_replay(
     loop: bool,
     should_stop: Callable[[], bool],
     on_progress: Callable[[float], None],
-    on_open: Callable[[Replay], None] | None = None,
+    on_open: "Callable[[Replay], None] | None" = None,
 ) -> bool:
     """Publish a recording on the wire.
 
@@ -121,6 +121,8 @@ def run_replay(
         RecordingError: the file is not a robrain recording, or cannot be read.
 
     """
+    from robrain.recording.replay.replay import Replay  # loads numba, which the page of a live team does not need
+
     replay = Replay(endpoint, path, speed=speed, loop=loop)
     try:
         if on_open is not None:
@@ -150,7 +152,7 @@ class ReplayTerminal:
         self._keys: ReplayKeys | None = None
         self._replay: Replay | None = None
 
-    def open(self, replay: Replay) -> None:
+    def open(self, replay: "Replay") -> None:
         """The replay begins."""
         self._replay, self._keys = replay, ReplayKeys(replay)
 
@@ -225,7 +227,6 @@ def replay_on_wire(
 ) -> None:
     """Publish a recording on the wire, once or in a loop."""
     from robrain.deploy.command_line.terminal import print_line
-    from robrain.recording.replay.replay import Replay
 
     check_name("team", team)
     should_stop = LiveStop()
@@ -234,7 +235,7 @@ def replay_on_wire(
         where = connect or listening_at(session)
         with replay_terminal() as terminal:
 
-            def begin(replay: Replay) -> None:
+            def begin(replay: "Replay") -> None:
                 print_line(f"{recording} as team {team} at {where[0]}")
                 terminal.open(replay)
                 if start_s:
