@@ -10,7 +10,8 @@ from robrain.dashboard.state.task_board import TaskBoard
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.messages.maps.map_messages import MapPatch, cells_of
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.patch_cells import cells_of
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState

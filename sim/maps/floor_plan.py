@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from robrain.protocol.messages.maps.map_messages import MAX_CELLS as MAX_TEAM_CELLS
+from robrain.protocol.messages.maps.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.protocol.model.geometry import Point2D
 
 

@@ -11,7 +11,8 @@ from mcap.writer import Writer
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.messages.maps.map_messages import MAX_CELLS, MapPatch
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.patch_cells import MAX_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.recording.drawing.drawn_map import ComposedMap

@@ -22,7 +22,8 @@ from robrain.algorithms.slam.map_patch import (
 )
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.clock import NS_PER_S
-from robrain.protocol.messages.maps.map_messages import MAX_CELLS, OCCUPIED_MAX, MapPatch
+from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, OCCUPIED_MAX
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame

@@ -8,7 +8,7 @@ from robrain import Scenario
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import cells_of, geometry_of
+from robrain.protocol.messages.maps.patch_cells import cells_of, geometry_of
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.endpoint import Drive, Endpoint
