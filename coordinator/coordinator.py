@@ -5,8 +5,7 @@ from typing import TypeVar
 
 from msgspec import UNSET
 
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import CoordinatorPart
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.core.robot_reports import RobotReports
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected

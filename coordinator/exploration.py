@@ -10,8 +10,7 @@ from robrain.algorithms.exploration import reach
 from robrain.algorithms.exploration.explorer import Explorer, Scout
 from robrain.algorithms.exploration.situation import Busy, Choice
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION, Strategy, strategy_of
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import CoordinatorPart
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap

@@ -5,7 +5,7 @@ from functools import partial
 
 from robrain.coordinator.backups import Backups
 from robrain.coordinator.charging.charging import Charging
-from robrain.coordinator.core.part import PartFactory
+from robrain.coordinator.core.core import PartFactory
 from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.leadership.leadership import ElectedLeadership, Leadership

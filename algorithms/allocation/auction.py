@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.allocation.allocator import Allocator
 from robrain.algorithms.allocation.coupling import place_coupled
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.insertion import (
@@ -417,15 +416,3 @@ def queue_nearest(
             continue
         insert(team, visits, routes, taker, winner, length)
         open_visits[winner] = False
-
-
-class SearchedAuction(AuctionAllocator):
-    """The auction, with PyVRP to improve its plans."""
-
-    def search(self) -> Allocator | None:
-        """See `Searching`."""
-        try:
-            from robrain.algorithms.allocation.optimal import OptimalAllocator
-        except ImportError:  # PyVRP comes with the extra `team`
-            return None
-        return OptimalAllocator(self.objective, lambda: 0.0)  # without a deadline the clock is not read

@@ -17,8 +17,7 @@ from robrain.coordinator.charging.charge_schedule import (
     schedule_charges,
 )
 from robrain.coordinator.charging.charge_turns import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import CoordinatorPart
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, SOC_LEAST, profile_of
 from robrain.coordinator.planning.planning import Planning

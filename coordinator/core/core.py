@@ -1,9 +1,12 @@
-"""The team, its tasks and plans: what the parts of a coordinator share."""
+"""The core that the parts of a coordinator share (team, tasks, plans), and the base class of the parts."""
 
 import math
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from importlib import metadata
+from typing import Any, ClassVar, TypeVar
 
-from robrain.coordinator.core.part import PartFactory, Parts
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.coalition import Coalitions
@@ -21,12 +24,237 @@ from robrain.coordinator.team.halts import TeamHalts
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.stale_topics import StaleTopics
 from robrain.coordinator.team.team_map import TeamMap
+from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
+from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.messages.team.standing_messages import RobotRemoval
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.reasons import IdleReason, OfferRefusal, TaskReason
 from robrain.protocol.table.standing_topics import COORDINATOR_REMOVE_ROBOT
+from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+
+GROUP = "robrain.coordinator_parts"
+"""Entry points of other distributions: classes derived from `CoordinatorPart`."""
+
+
+class CoordinatorPart:
+    """What one feature adds to a coordinator. Methods that a part does not override cost nothing.
+
+    Args:
+        core: the team, its tasks and plans.
+
+    """
+
+    inbox_max: ClassVar[int] = 1024
+    """Messages that wait for a step at most; of more the oldest are dropped."""
+    end_reason = ""
+    """Why the coordinator must end, in words; empty if it may go on."""
+
+    def __init__(self, core: "Core") -> None:
+        self.core = core
+        self.inbox = Inbox(capacity=self.inbox_max)
+        self._guard = RecordGuard(core.wire.refusals)
+
+    def subscribe(self, topic: Topic[Any], **names: str) -> None:
+        """Have `handle` called with each message of a topic.
+
+        Args:
+            topic: which.
+            names: names in the key; those that are not given match any.
+
+        """
+        self.core.wire.subscribe(self.inbox, topic, **names)
+        if self not in self.core.parts.receiving:
+            self.core.parts.receiving.append(self)
+
+    # -- a step, in this order ------------------------------------------------------------------------------
+
+    def receive(self, now_ns: int) -> None:
+        """Handle the messages that have arrived."""
+        self._guard.messages(self.inbox.drain(), partial(self.handle, now_ns=now_ns))
+
+    def handle(self, received: Received, now_ns: int) -> None:
+        """Handle one message."""
+
+    def check(self, now_ns: int) -> None:
+        """Look at the robots before their tasks are: when something has arrived, and at 10 Hz."""
+
+    def decide(self, now_ns: int) -> None:
+        """Make or change tasks, in each step; `core.assign_soon()` if robots may get others now."""
+
+    def assign(self, robots: Sequence[Robot], now_ns: int) -> None:
+        """Give robots tasks of the coordinator's own, after the plan's: every 0.5 s, and after changes.
+
+        Args:
+            robots: those that are up and not halted.
+            now_ns: the time.
+
+        """
+
+    def summary(self, state: TeamState, now_ns: int) -> TeamState:
+        """Add its share to the summary."""
+        return state
+
+    def reported(self, now_ns: int) -> None:
+        """The summary has been published."""
+
+    def publish(self, now_ns: int) -> None:
+        """Publish what the step has changed."""
+
+    def close(self) -> None:
+        """The coordinator ends."""
+
+    # -- questions ------------------------------------------------------------------------------------------
+
+    def may_act(self, now_ns: int) -> bool:
+        """Whether the coordinator may offer and withdraw tasks."""
+        return True
+
+    def offer_refusal(self) -> TaskReason | None:
+        """Why no submitted task is offered; None if tasks are."""
+        return None
+
+    def request_refusal(self) -> str:
+        """Why no task is accepted or cancelled, in words; empty if tasks are."""
+        return ""
+
+    def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
+        """Call `on_kept` once all changes so far are kept wherever this part needs them, else `on_lost`."""
+        on_kept()
+
+    def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
+        """How members of the team that are no robots stand to a task."""
+        return []
+
+    def idle_reasons(self) -> Mapping[str, IdleReason]:
+        """Why robots without a task have none, by name."""
+        return {}
+
+    def mote_quantities(self) -> Mapping[str, str]:
+        """Motes that were ever heard, each with the quantity that it senses."""
+        return {}
+
+    # -- events ---------------------------------------------------------------------------------------------
+
+    def policy_changed(self, policy: PlanningPolicy) -> None:
+        """Plans are made with other parameters."""
+
+    def robots_gone(self, robots: Sequence[Robot], now_ns: int) -> None:
+        """The tokens of robots have gone."""
+
+    def task_ended(self, record: TaskRecord, robot: str, status: TaskStatus, now_ns: int) -> None:
+        """A robot's task has ended; `record` is from before."""
+
+    def task_refused(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+        """A robot has refused one of the coordinator's own tasks."""
+
+
+P = TypeVar("P", bound=CoordinatorPart)
+PartFactory = Callable[["Core"], CoordinatorPart]
+
+
+class Parts:
+    """All parts of one coordinator, in the order in which they are called."""
+
+    def __init__(self) -> None:
+        self.all: list[CoordinatorPart] = []
+        self.receiving: list[CoordinatorPart] = []
+        """Those with subscriptions."""
+        self.overriding: defaultdict[str, list[CoordinatorPart]] = defaultdict(list)
+        """The parts that override each method of `CoordinatorPart`."""
+
+    def build(self, factories: Sequence[PartFactory], core: "Core") -> None:
+        """Make the stock parts, then those of other distributions, whose failure is counted."""
+        for make in factories:
+            self.all.append(make(core))
+        for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name):
+            part = core.guard.stage(f"{GROUP} {point.name}", None, _load, point, core)
+            self.all += [] if part is None else [part]
+        for name, method in vars(CoordinatorPart).items():
+            self.overriding[name] = [part for part in self.all if getattr(type(part), name) is not method]
+
+    def find(self, kind: type[P]) -> P:
+        """The part of a class (KeyError if there is none)."""
+        for part in self.all:
+            if isinstance(part, kind):
+                return part
+        raise KeyError(kind.__name__)
+
+    @property
+    def end_reason(self) -> str:
+        """Why the coordinator must end, in words; empty if it may go on."""
+        return next((part.end_reason for part in self.all if part.end_reason), "")
+
+    def may_act(self, now_ns: int) -> bool:
+        """Whether all parts agree that tasks are offered and withdrawn."""
+        return all(part.may_act(now_ns) for part in self.overriding["may_act"])
+
+    def offer_refusal(self) -> TaskReason | None:
+        """Why no submitted task is offered; None if tasks are."""
+        for part in self.overriding["offer_refusal"]:
+            if (refusal := part.offer_refusal()) is not None:
+                return refusal
+        return None
+
+    def request_refusal(self) -> str:
+        """Why no task is accepted or cancelled, in words; empty if tasks are."""
+        return next((why for part in self.overriding["request_refusal"] if (why := part.request_refusal())), "")
+
+    def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
+        """Call `on_kept` once all changes so far are kept wherever the parts need them, else `on_lost`."""
+        for part in self.overriding["when_kept"]:
+            on_kept = partial(part.when_kept, on_kept, on_lost)
+        on_kept()
+
+    def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
+        """How members of the team that are no robots stand to a task."""
+        return [verdict for part in self.overriding["verdicts"] for verdict in part.verdicts(record, now_ns)]
+
+    def idle_reasons(self) -> dict[str, IdleReason]:
+        """Why robots without a task have none, by name."""
+        return {name: why for part in self.overriding["idle_reasons"] for name, why in part.idle_reasons().items()}
+
+    def mote_quantities(self) -> dict[str, str]:
+        """Motes that were ever heard, each with the quantity that it senses."""
+        return {
+            mote: what for part in self.overriding["mote_quantities"] for mote, what in part.mote_quantities().items()
+        }
+
+    def policy_changed(self, policy: PlanningPolicy) -> None:
+        """Plans are made with other parameters."""
+        for part in self.overriding["policy_changed"]:
+            part.policy_changed(policy)
+
+    def robots_gone(self, robots: Sequence[Robot], now_ns: int) -> None:
+        """The tokens of robots have gone."""
+        for part in self.overriding["robots_gone"]:
+            part.robots_gone(robots, now_ns)
+
+    def task_ended(self, record: TaskRecord, robot: str, status: TaskStatus, now_ns: int) -> None:
+        """A robot's task has ended; `record` is from before."""
+        for part in self.overriding["task_ended"]:
+            part.task_ended(record, robot, status, now_ns)
+
+    def task_refused(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
+        """A robot has refused one of the coordinator's own tasks."""
+        for part in self.overriding["task_refused"]:
+            part.task_refused(record, robot, refusal, now_ns)
+
+    def close(self) -> None:
+        """The coordinator ends."""
+        for part in self.overriding["close"]:
+            part.close()
+
+
+def _load(point: metadata.EntryPoint, core: "Core") -> CoordinatorPart:
+    make: PartFactory = point.load()
+    return make(core)
+
 
 NS_PER_MS = 1_000_000
 

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import CoordinatorPart
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.leadership.journal_feed import JournalFeed, OnKept, OnLost
 from robrain.coordinator.leadership.mandate import Mandate

@@ -12,8 +12,7 @@ from msgspec.structs import replace
 from robrain.algorithms.motes.collect_tour import stops_for, visit_weight
 from robrain.algorithms.motes.coverage import CellTrend, CoverageMap, duty_set
 from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import CoordinatorPart
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
 from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy

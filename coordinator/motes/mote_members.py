@@ -26,8 +26,7 @@ from robrain.algorithms.motes.mote_energy import (
     SENSE_A,
     SENSE_S,
 )
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import CoordinatorPart
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import taken_at_ns

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import CoordinatorPart
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, check_rules

@@ -15,6 +15,7 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import said
 from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.supervision.part import HUB, RECORDER, STAND_BY, STOCK_PARTS, PartEvent
+from robrain.deploy.supervision.site import witnesses_among
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.top import drawn
 from robrain.deploy.supervision.up import (
@@ -28,7 +29,6 @@ from robrain.deploy.supervision.up import (
     UpResult,
     UpStatus,
     run_up,
-    witnesses_among,
 )
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.keys import DEFAULT_TEAM

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import pytest
 from msgspec.structs import replace
 
-from robrain.coordinator.core import part as part_module
-from robrain.coordinator.core.core import Core
-from robrain.coordinator.core.part import GROUP, CoordinatorPart
+from robrain.coordinator.core import core as part_module
+from robrain.coordinator.core.core import GROUP, CoordinatorPart, Core
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.team.team_messages import TeamState

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.coordinator.core.part import Parts
+from robrain.coordinator.core.core import Parts
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX, TELL_NS, PlanExecutor
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy

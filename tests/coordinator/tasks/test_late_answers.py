@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from robrain.coordinator.core.part import Parts
+from robrain.coordinator.core.core import Parts
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.backoff import REFUSALS_MAX
 from robrain.coordinator.tasks.offers import Answered

@@ -8,7 +8,8 @@ import pytest
 
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.arena_process import resumed, robot_file_of, started_again, write_resume
-from robrain.deploy.supervision.up import Printed, Site, coordinator_parts, dashboard_part, recorder_part
+from robrain.deploy.supervision.site import Site, coordinator_parts, dashboard_part, recorder_part
+from robrain.deploy.supervision.up import Printed
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.scenarios.scenario import Scenario
