@@ -26,7 +26,7 @@ class Allocator(Protocol):
 
     @property
     def objective(self) -> Objective:
-        """What its plans are optimised for."""
+        """The objective for which the plans of this allocator are optimised."""
 
     def plan(
         self,

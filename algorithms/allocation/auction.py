@@ -1,9 +1,9 @@
 """The sequential single-item auction with cheapest insertion, and the greedy baseline.
 
-Koenig, Tovey, Lagoudakis and others, The Power of Sequential Single-Item Auctions for Agent Coordination, AAAI 2006:
-each round assigns one job, to the lowest bid of all robots for all jobs. A bid is the cost of the cheapest insertion
-into the robot's route (MiniSum), or the time at which the robot would be back (MiniMax). Three rules for the winner of
-a round are tried and the best plan is kept.
+Source: Koenig, Tovey, Lagoudakis and others, The Power of Sequential Single-Item Auctions for Agent Coordination, AAAI
+2006. Each round assigns one job to the lowest bid of all robots for all jobs. A bid is the cost of the cheapest
+insertion into the robot's route (MiniSum), or the time at which the robot would be back (MiniMax). Three rules for the
+winner of a round are tried and the best plan is kept.
 """
 
 import math
@@ -298,9 +298,9 @@ def _bid_again(
 ) -> tuple[float, float, int]:
     """The cheapest insertion after a visit was inserted at `inserted_at`.
 
-    Two path segments are new and one is gone. Only the old best position and the two new ones are evaluated, unless the
-    old best was on the removed segment or is now too late. This is exact where detours are never shorter and waiting is
-    free.
+    Two path segments are new and one is gone. Only the old best position and the two new positions are evaluated. The
+    exception is an old best position that was on the removed segment or is now too late. This is exact where detours
+    are never shorter and waiting is free.
     """
     if old_position == inserted_at or team.wait_w[worker] > 0 or routes.wait_s[worker] > 0:
         return cheapest_insertion(team, visits, routes, worker, visit, rule)

@@ -152,8 +152,9 @@ def _choice_reason(robots: tuple[str, ...], bids: Sequence[RobotVerdict]) -> Pla
 
 
 FITS, LACKS, NO_PATH, TOO_LATE, CROWDED, NO_ENERGY = range(6)
-"""Whether a job fits into a route, or why not: the robot lacks a plugin or is not admitted; no path; too late even
-if it goes at once; another job would be too late; not enough energy."""
+"""Results of checking whether a job fits into a route. `LACKS`: the robot lacks a plugin or is not admitted. `NO_PATH`:
+no path exists. `TOO_LATE`: the job is late even if the robot goes at once. `CROWDED`: another job would be late.
+`NO_ENERGY`: the energy does not suffice."""
 
 
 class Judgement(NamedTuple):

@@ -4,8 +4,8 @@ Features that PyVRP's model does not have are handled around it:
 
 - precedence and k robots at once: time windows from the best plan so far (`coupling.py`), rebuilt several times with
   more and with less slack;
-- makespan and least energy left: PyVRP has neither as an objective, so a limit is tightened step by step, and each
-  search starts from the best plan so far, which slightly violates the new limit;
+- makespan and least remaining energy: PyVRP has neither as an objective. A limit is tightened step by step. Each search
+  starts from the best plan so far, which slightly violates the new limit;
 - energy used while waiting (`Worker.wait_w`): plans are made without it, then corrected by leaving jobs out;
 - recharging: a plan ends at the charger, and the next plan begins there.
 

@@ -4,7 +4,7 @@ A place is an index into the matrices; the caller maps it to the arena. Each job
 Joules and seconds are floats here; `vrp_model.py` describes their conversion to integers.
 
 `make_arrays` converts a problem to arrays, the input of the compiled kernels and of the PyVRP model. A job for k robots
-becomes k *visits* of one robot each. A job that a robot is already doing becomes no visit: the robot starts at the
+becomes k *visits* of one robot each. A job that a robot is already doing becomes no visit. The robot then starts at the
 place, time and energy at which it will have finished that job. Both conversions are exact.
 """
 
@@ -78,8 +78,8 @@ class Worker(msgspec.Struct, frozen=True, kw_only=True):
     ends: tuple[int, ...]
     """Chargers at which its route may end; it takes the one that is cheapest in energy."""
     usable_j: float
-    """Energy that it may spend until it is at a charger, less the reserve and the margin between the mean and the 95 %
-    bound of the estimate."""
+    """Energy that the robot may spend until it is at a charger. It excludes the reserve, and the margin between the
+    mean and the 95 % bound of the estimate."""
     offers: frozenset[str] = frozenset()
     ready_s: float = 0.0
     profile: int = 0

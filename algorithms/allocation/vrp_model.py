@@ -3,21 +3,21 @@
 Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance. Distances are
 joules and durations are seconds, both as integers: a median path has `J_UNITS` and `S_UNITS`.
 
-Energy is rounded to the safe side: paths up, budgets down. A solution that is feasible in PyVRP is feasible in joules;
-a plan at its exact limit may be missed, by 1e-4 of a median path per stop. Times are rounded down, so that a plan's own
-times are never infeasible; at 1e-7 of a median path per stop, this is within the slack of `validate`, which every plan
-passes in the end.
+Energy is rounded to the safe side: paths up, budgets down. A solution that is feasible in PyVRP is feasible in joules.
+A plan at its exact limit may be missed, by 1e-4 of a median path per stop. Times are rounded down, so that a plan's own
+times are never infeasible. The error is 1e-7 of a median path per stop. This is within the slack of `validate`, which
+every plan passes in the end.
 
-Largest values: a budget is at most the sum of all paths, a missing path is one unit longer than the largest budget, and
-penalties are at most `MAX_PENALTY` per unit. With 1,000 visits that is 1e8 · 1e5 for a distance and 1e11 · 1e5 for a
-time, far below 2^63.
+The largest values are bounded: a budget is at most the sum of all paths. A missing path is one unit longer than the
+largest budget. Penalties are at most `MAX_PENALTY` per unit. With 1,000 visits that is 1e8 · 1e5 for a distance and
+1e11 · 1e5 for a time, far below 2^63.
 
 Chargers are resolved beforehand: one end for each set of chargers, whose matrix column is the path to the nearest one.
 
-A visit that a worker must not make is a missing path, in separate matrices for each kind of worker. Where these would
-take too much memory, each need is a load of one unit in its own dimension; workers that offer it have capacity for all,
-others for none. Missing paths were better by 1.5 % at 20 × 200 after equal iterations (three seeds, 40 % of the jobs
-with a need), no different at 60 × 600.
+A visit that a worker must not make is a missing path, in separate matrices for each kind of worker. If the matrices
+would need too much memory, each need is a load of one unit in its own dimension. Workers that offer it have capacity
+for all visits, other workers have none. Missing paths were better by 1.5 % at 20 × 200 after equal iterations (three
+seeds, 40 % of the jobs with a need). At 60 × 600 there was no difference.
 """
 
 import math

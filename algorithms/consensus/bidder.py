@@ -1,10 +1,11 @@
-"""One robot of the consensus-based bundle algorithm (CBBA) of Choi, Brunet and How 2009: it bids, hears and agrees.
+"""One robot of the consensus-based bundle algorithm (CBBA) of Choi, Brunet and How 2009: it bids and agrees.
 
-A bundle is built greedily: the task whose best insertion into the robot's path gains most is bid for, if the bid beats
-the best one known. Whoever is outbid for a task releases it and what it added to its bundle later, since those bids
-counted on it, and bids anew. A bid is never greater than the one before it in the bundle; so the rounds converge for
-every score, also for one that grows with the path (L. Johnson, H.-L. Choi, S. Ponda, J. P. How, Allowing
-Non-Submodular Score Functions in Distributed Task Allocation, CDC 2012).
+A bundle is built greedily. The candidate is the task whose best insertion into the robot's path gains most. The robot
+bids for this task if the bid beats the best known bid. A robot that is outbid for a task releases this task and all
+tasks that it added to its bundle later. The bids for those tasks assumed the lost task. The robot then bids again. A
+bid is never greater than the preceding bid in the bundle. Therefore the rounds converge for every score, also for one
+that grows with the path (L. Johnson, H.-L. Choi, S. Ponda, J. P. How, Allowing Non-Submodular Score Functions in
+Distributed Task Allocation, CDC 2012).
 """
 
 import math
@@ -19,7 +20,7 @@ IsNewer = Callable[[str], bool]
 
 
 class BidAction(StrEnum):
-    """What the receiver does with its own opinion."""
+    """Effect of a ballot on the receiver's own opinion."""
 
     UPDATE = "update"
     """Take over the sender's."""
@@ -36,7 +37,7 @@ def action_for(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None,
         sender: name of the robot that sent it.
         mine: the receiver's winning bid; None if it knows of none.
         theirs: the sender's.
-        is_newer: tells of which robots the sender knows more.
+        is_newer: whether the sender has more recent information about a robot.
 
     """
     winner = None if theirs is None else theirs.robot
@@ -88,13 +89,14 @@ class Insertion(NamedTuple):
     """The best place of a task in a path."""
 
     gain: float
-    """What the path is worth more with the task, or by another measure, see `Scorer.begin`; none of 0 is bid for."""
+    """Increase of the path's value with the task, or another measure, see `Scorer.begin`. The robot does not bid for a
+    gain of 0."""
     position: int
     """Index that the task gets in the path."""
 
 
 class Scorer(Protocol):
-    """What tasks are worth to one robot."""
+    """Values tasks for one robot."""
 
     def begin(self, variant: int) -> None:
         """Score in another way from now on; variant 0 is the plain gain, equal variants score alike."""
@@ -106,7 +108,7 @@ class Scorer(Protocol):
         """The same tasks in an order that is worth at least as much."""
 
     def value(self, path: Sequence[str]) -> float:
-        """What a path is worth."""
+        """Value of a path."""
 
     def keep_first(self, count: int) -> None:
         """From now on the first `count` tasks of every path stay where they are: the robot has begun them."""
@@ -119,12 +121,13 @@ BEGUN_SCORE = 1e15
 class Bidder:
     """A robot that allocates tasks with others.
 
-    Equal ballots in any order, any number of times, with any of them lost, lead to one allocation if scores have
-    diminishing gains: that of the sequential greedy algorithm, at least half of the optimum.
+    If scores have diminishing gains, equal ballots lead to one allocation. Ballots may arrive in any order and any
+    number of times, and any of them may be lost. The allocation is that of the sequential greedy algorithm, worth at
+    least half of the optimum.
 
     Args:
         robot: its name.
-        scorer: what tasks are worth to it.
+        scorer: values tasks for the robot.
         number: its ballots have greater numbers; after a restart, greater than before.
 
     """
@@ -190,11 +193,11 @@ class Bidder:
         self.scorer.keep_first(0)
 
     def build(self) -> bool:
-        """Build the bundle again if an opinion has changed; whether the own bids are others then.
+        """Build the bundle again if an opinion has changed; returns whether the robot's own bids have changed.
 
-        The paper only adds to the bundle. Then a task that became free again, because its winner was outbid for an
-        earlier one, would be bid for as an addition to all that was taken in its place, and the result would depend on
-        the order of messages.
+        The paper only adds to the bundle. With that rule, consider a task that is free again because its winner was
+        outbid for an earlier task. The robot would bid for it as an addition to all tasks that replaced it. The result
+        would depend on the order of messages.
         """
         if not self._is_stale:
             return False
@@ -218,7 +221,7 @@ class Bidder:
         return before != {task: self.winning[task] for task in self.bundle}
 
     def _first(self) -> list[str]:
-        """What is in its path in any case: what it has begun, and what nobody bids for."""
+        """Tasks that are always in the robot's path: begun tasks, and fixed tasks without bids."""
         return [*self._begun, *(task for task in self._fixed if task not in self._begun)]
 
     def _best(self, limit: float) -> tuple[Bid, Insertion] | None:
@@ -237,7 +240,7 @@ class Bidder:
         return best
 
     def ballot(self) -> Ballot:
-        """What to tell the others now."""
+        """The present ballot for the other robots."""
         self.number += 1
         bids = tuple(self.winning[task] for task in sorted(self.winning))
         heard = tuple(Heard(robot=robot, number=self.heard[robot]) for robot in sorted(self.heard))

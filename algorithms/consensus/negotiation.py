@@ -1,22 +1,22 @@
-"""A negotiation about tasks: the first allocation by CBBA, then rounds that release some tasks and bid for them anew.
+"""A negotiation about tasks: a first allocation by CBBA, then rounds that release some tasks and bid for them again.
 
-The bundle algorithm alone ends at the allocation of the sequential greedy algorithm. Each later round releases tasks,
-and those that no robot has; they are allocated by bids again, and the result is kept if all paths together are worth
-about as much as at best. This is ruin and recreate (G. Schrimpf and others, Record Breaking Optimization Results Using
-the Ruin and Recreate Principle, J. Computational Physics 159, 2000) with record-to-record acceptance (G. Dueck, New
-Optimization Heuristics, J. Computational Physics 104, 1993). What is released is in turn, by a hash, what is near one
-place, or the whole routes of the robots around it (route removal: S. Ropke, D. Pisinger, An Adaptive Large
-Neighborhood Search Heuristic, Transportation Science 40, 2006; proximity of strings: J. Christiaens, G. Vanden Berghe,
-Slack Induction by String Removals, Transportation Science 54, 2020). In some rounds one robot gives all its tasks to
-the others. Rounds score in ways of their own, see `RouteScorer.begin`.
+The bundle algorithm alone ends at the allocation of the sequential greedy algorithm. Each later round releases some
+tasks and adds those that no robot has. They are allocated by bids again. The result is kept if all paths together are
+worth about as much as in the best allocation. This is ruin and recreate (G. Schrimpf and others, Record Breaking
+Optimization Results Using the Ruin and Recreate Principle, J. Computational Physics 159, 2000) with record-to-record
+acceptance (G. Dueck, New Optimization Heuristics, J. Computational Physics 104, 1993). A hash selects in turn which
+tasks are released: tasks near one place, or the whole routes of the robots around it (route removal: S. Ropke, D.
+Pisinger, An Adaptive Large Neighborhood Search Heuristic, Transportation Science 40, 2006; proximity of strings: J.
+Christiaens, G. Vanden Berghe, Slack Induction by String Removals, Transportation Science 54, 2020). In some rounds one
+robot gives all its tasks to the others. Each round uses its own scores, see `RouteScorer.begin`.
 
-Robots that run (`while_working`) begin tasks between the rounds. A robot begins a task only if all that it has said in
-this round leaves it the task, and bids more than anybody can for it from then on. So no round can end that gives it to
-another: for that, all robots would have to say so, this one too. Since a task may then be begun by the allocation
-agreed last, only better ones are gone on from.
+Robots that run (`while_working`) begin tasks between the rounds. A robot begins a task only if all its messages of this
+round leave it the task. From then on it bids more for the task than any other robot can. So no round can end that gives
+the task to another robot, because all robots, including this one, would have to agree. Tasks may be begun by the last
+agreed allocation, so only better allocations are continued from.
 
-All robots choose alike, by hashes of the number of the round and by what all have said: who has which task, and what
-each path is worth. A round ends when every robot has said the same winners.
+All robots choose alike, by hashes of the round's number and of the published state. This state is the robot of each
+task and the value of each path. A round ends when every robot has published the same winners.
 """
 
 import math
@@ -35,8 +35,8 @@ ROUTES_SHARE, ROUTES = 1 / 3, 2
 RESTS_SHARE = 0.15
 """Share of the rounds in which one robot gives its tasks away: it may be worth nothing to have it drive at all."""
 SLACK = 0.03
-"""Share of its worth by which an allocation may be worse than the best at first, and still be gone on from; none in the
-last round."""
+"""Initial share by which an allocation may be worth less than the best and still be continued from. The share is 0 in
+the last round."""
 GAIN_MIN = 1e-6
 """Allocations must be worth more by this to replace another, against rounding."""
 
@@ -95,13 +95,13 @@ class Negotiation:
         self._standings: dict[str, Standing] = {}
 
     def open(self, term: int, team: Iterable[str], tasks: Iterable[str], apart: Apart) -> None:
-        """Begin anew.
+        """Begin a new negotiation.
 
         Args:
-            term: greater than that of every earlier negotiation that this robot has heard of.
-            team: the robots that take part.
+            term: greater than that of every earlier negotiation known to this robot.
+            team: the participating robots.
             tasks: ids of the tasks to allocate.
-            apart: how far two of them are from each other.
+            apart: distance between two tasks.
 
         """
         self.term, self.round, self.improvements = term, 0, 0
@@ -126,7 +126,7 @@ class Negotiation:
 
     @property
     def path(self) -> list[str]:
-        """What this robot does, in order, by the allocation agreed last; nothing without one."""
+        """Tasks of this robot, in order, by the last agreed allocation; empty without one."""
         return list(self._base.path)
 
     @property
@@ -136,7 +136,7 @@ class Negotiation:
 
     @property
     def value(self) -> float:
-        """What all paths together are worth, by the allocation agreed last."""
+        """Value of all paths together, by the last agreed allocation."""
         return self._base_value
 
     def may_begin(self, task: str) -> bool:
@@ -227,7 +227,7 @@ class Negotiation:
             self._begin_round(self._base_digest, self._base_value)
 
     def _least_value(self) -> float:
-        """What an allocation has to be worth more than to be gone on from: at first a little less than the best."""
+        """Value that an allocation must exceed to be continued from: at first a little less than the best."""
         if self._best_value == -math.inf:
             return -math.inf
         left = 1.0 - self.round / self._rounds if self._rounds and not self._while_working else 0.0
@@ -245,7 +245,7 @@ class Negotiation:
         if digest not in (self._base_digest, self._best_digest):
             self._base = self._said[digest]
         if self._while_working and self.round == 0:
-            self._tasks = sorted(self._base.winners)  # all know these; other tasks some may not have heard of
+            self._tasks = sorted(self._base.winners)  # all robots know these; some may not know other tasks
         self._base_digest, self._base_value = digest, value
         if value > self._best_value:
             self.improvements += self.round > 0

@@ -1,4 +1,4 @@
-"""What tasks are worth to a robot that drives to them: their prize, less the energy that its route takes more.
+"""Values tasks for a robot that drives to them: their prize less the additional energy of its route.
 
 A route ends at a charger. A task that would be late, or make another late, or leave too little energy for the way to
 the charger, cannot be inserted.
@@ -37,7 +37,7 @@ class RouteStop(NamedTuple):
     place: int
     """Index into the costs."""
     prize_j: float
-    """What it is worth, in joules."""
+    """Value of the task, in joules."""
     service_s: float = 0.0
     service_j: float = 0.0
     earliest_s: float = 0.0
@@ -47,7 +47,7 @@ class RouteStop(NamedTuple):
 
 
 class DriveCost(NamedTuple):
-    """What a robot's driving takes, and from where."""
+    """Costs of a robot's driving, and its start."""
 
     energy_j: Costs
     time_s: Costs
@@ -134,7 +134,10 @@ class RouteScorer:
         self._insertions.clear()
 
     def insertion(self, path: Sequence[str], task: str) -> Insertion | None:
-        """See Scorer. What would cost more than its prize is never inserted."""
+        """See Scorer.
+
+        A task that would cost more than its prize is never inserted.
+        """
         known = self._insertions.setdefault(tuple(path), {})
         if task not in known:
             known[task] = self._insertion(path, task)
@@ -202,7 +205,7 @@ class RouteScorer:
         return found
 
     def ordered(self, path: Sequence[str]) -> list[str]:
-        """The path after moves of one task and reversals of stretches (2-opt), as long as one saves energy."""
+        """The path after moves of one task and reversals of stretches (2-opt), repeated while one saves energy."""
         best = list(path)
         if self._is_plain:
             shorter = self._ordered_by_legs(list(best))
@@ -272,10 +275,11 @@ DETOUR = 1.5
 """How much longer than a straight line a way is taken to be (chosen, as in `plugins/behavior/budget.py`)."""
 CONFIDENCE = 0.95
 PRIZE_SHARE = 10.0
-"""A task of priority 1 is worth so many times the longest way of the problem (chosen: every task is worth its way)."""
+"""Prize of a task of priority 1, as a multiple of the longest path of the problem (chosen: every task is worth its
+path)."""
 NOISE = 1.0
-"""Width of the noise of scores in rounds of improvement: few rounds are to differ much (measured: 20 rounds of 5 robots
-with 15 tasks then save 12 % of the way, and 5 % with 0.3)."""
+"""Width of the noise of scores in rounds of improvement. There are few rounds, so they should differ much. Measured for
+5 robots with 15 tasks: 20 rounds save 12 % of the path length, and 5 % with a width of 0.3."""
 WorkOf = Callable[[Task], Work]
 
 

@@ -1,10 +1,10 @@
-"""What batteries say beside their measurements."""
+"""Reports of batteries beside their measurements."""
 
 import msgspec
 
 
 class BatteryReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What a battery says of its charge, and whether it measures its current."""
+    """Charge that a battery reports, and whether it measures its current."""
 
     has_current: bool = True
     """False: nothing measures the current, and that of the measurement is a guess."""

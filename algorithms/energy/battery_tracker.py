@@ -1,8 +1,8 @@
-"""Following one battery through its measurements: those that are believed correct the estimate, the others widen it.
+"""Tracks one battery by its measurements: believed ones correct the estimate, others widen it.
 
-Each measurement is held against the one before and against the estimate. None is believed for as long as anything is
-wrong, and for some seconds after: an estimate that goes on by itself and says how unsure it is serves better than one
-that follows a lie.
+Each measurement is compared with the one before and with the estimate. While anything is wrong, and for some seconds
+after, no measurement is believed. An estimate that continues alone and reports its uncertainty is better than one that
+follows a false measurement.
 """
 
 import math
@@ -17,14 +17,18 @@ USUAL_OVER_S = 60.0
 DOUBT_AT_ONCE = 0.05
 """Added to the deviation of the state of charge when a lie is noticed: it may have gone on for a while. Chosen."""
 SNAPSHOT_S = 6.0
-"""What was believed in the last 6 to 12 s is forgotten when a lie is noticed: longer than it takes to notice one."""
+"""Measurements believed in the last 6 to 12 s are discarded when a false one is noticed. This is longer than noticing
+takes."""
 DOUBT_SHARE = 0.5
 """Unsureness of the current while nobody measures it, as a share of the usual one. Chosen."""
 KNOWN_START_SD = 0.02
 
 
 class GaugeLimits(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a sound gauge never says. Chosen for four lithium-ion cells; raises ValueError where it is not above 0."""
+    """Limits that a sound gauge never exceeds.
+
+    Chosen for four lithium-ion cells; raises ValueError where it is not above 0.
+    """
 
     voltage_min_v: Positive = 8.0
     voltage_max_v: Positive = 17.5
@@ -63,7 +67,7 @@ class GaugeCheck:
     def __init__(self, limits: GaugeLimits) -> None:
         self.limits = limits
         self.why = ""
-        """What is wrong, in words; empty while the gauge is believed."""
+        """Reason for doubt, in words; empty while the gauge is believed."""
         self._voltage_v = math.nan
         self._current_a = math.nan
         self._same_s = 0.0
@@ -187,7 +191,7 @@ class BatteryTracker:
 
     @property
     def doubt_reason(self) -> str:
-        """What is wrong with the measurements, in words; empty while they are believed."""
+        """Reason to doubt the measurements, in words; empty while they are believed."""
         return self._check.why
 
     def begin(self, measured: TrackedReading, report: BatteryReport = NOTHING_MORE) -> None:

@@ -24,9 +24,11 @@ PRIOR_BATCHES = 4
 
 
 class PowerPrior(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is believed before anything is measured. Chosen for a base of 4 kg with a small computer.
+    """Values assumed before anything is measured.
 
-    Raises ValueError where it is built with an impossible figure.
+    Chosen for a base of 4 kg with a small computer.
+
+    Raises ValueError if a value is impossible.
     """
 
     standing_w: Positive = 8.0
@@ -111,7 +113,7 @@ class PowerLearner:
         if self._batch_s < BATCH_S:
             return
         self._batches = min(RESIDUAL_BATCHES, self._batches + 1)
-        # One batch is one draw of a chi-square; a huge one tells of something else, such as a load that was taken up.
+        # One batch is one draw of a chi-square; a huge one has another cause, such as a load that was picked up.
         seen_w2_s = min(self._batch_j * self._batch_j / self._batch_s, 9.0 * self.residual_w2_s)
         self.residual_w2_s += (seen_w2_s - self.residual_w2_s) / self._batches
         self._batch_j = self._batch_s = 0.0
@@ -240,7 +242,7 @@ class Consumption:
         self.learner.pass_by(speed_m_s, yaw_rate_rad_s, elapsed_s)
 
     def draw(self, drawn: Drawn) -> bool:
-        """What has been drawn up to now; True if something was learned from it."""
+        """Learn from the charge drawn up to now; returns whether anything was learned."""
         last, self._last = self._last, drawn
         if not drawn.trusted:
             self._begun = None
@@ -264,7 +266,7 @@ class Consumption:
         return True
 
     def compare(self, work: Work, cost_j: float) -> None:
-        """Take in what a work has cost that was done as planned; waiting does not tell of ways."""
+        """Learn from the cost of a work that was done as planned; waiting shows nothing about paths."""
         model = self.model(0.0)
         planned = estimate(model, work)
         on_the_way_j = planned.mean_j - model.coefficients[0] * work.wait_s - model.packet_j * work.radio_packets
@@ -275,11 +277,11 @@ class Consumption:
         error = min(OUTCOME_MOST, max(-OUTCOME_MOST, (cost_j - planned.mean_j) / on_the_way_j))
         self._outcomes = min(OUTCOMES, self._outcomes + 1)
         self._path_ratio *= 1.0 + error / self._outcomes
-        # What the power alone explains is not held against the way.
+        # The path ratio does not change for a difference that the power alone explains.
         self._relative_variance += (max(0.0, error * error - known) - self._relative_variance) / self._outcomes
 
     def model(self, usable_j: float) -> EnergyModel:
-        """What is known now."""
+        """The model learned so far."""
         learner = self.learner
         return EnergyModel(
             coefficients=learner.coefficients,

@@ -1,7 +1,7 @@
 """State of charge: coulomb counting fused with the open-circuit voltage by an extended Kalman filter.
 
-Plett: Extended Kalman filtering for battery management systems of LiPB-based HEV battery packs, part 3, Journal
-of Power Sources 134 (2004), in its joint form: state and slow parameters in one filter. The states:
+Source: Plett, Extended Kalman filtering for battery management systems of LiPB-based HEV battery packs, part 3, Journal
+of Power Sources 134 (2004). The filter has the joint form: state and slow parameters in one filter. The states:
 
 - state of charge z, of the capacity as it is now
 - overpotential u of one RC pair behind the resistance (Thevenin's circuit)
@@ -31,16 +31,18 @@ HEALTH_LEAST, HEALTH_MOST = 0.3, 1.3
 RESISTANCE_LEAST = 0.2
 """Shares of the nominal values that the filter does not leave."""
 SAME_ERROR_S = 60.0
-"""Errors of a guessed current, or of a state of charge that the battery reports, are the same for about this long: all
-reports of that time are worth one measurement. Chosen."""
+"""Errors of a guessed current, or of a state of charge that the battery reports, stay the same for about this time. All
+reports of that time count as one measurement. Chosen."""
 _SD_95 = 1.959964
 """Half of a two-sided 95 % interval of a normal distribution, in standard deviations."""
 
 
 class PackModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the datasheet says of a pack, and how far it is trusted. The values are chosen for four cells in series.
+    """Datasheet values of a pack, and their uncertainties.
 
-    Raises ValueError where it is built with an impossible figure.
+    The values are chosen for four cells in series.
+
+    Raises ValueError if a value is impossible.
     """
 
     capacity_wh: Positive = 20.0

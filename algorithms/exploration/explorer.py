@@ -39,8 +39,8 @@ SAME_M = 0.6
 LOOK_M = 0.6
 """Robots judge a frontier by the unknown cells within 0.5 m of it; this adds the edge."""
 VISIT, FAILURE, GIVEN_UP = 2, 1, 6
-"""Weights of the attempts at a place, and the sum without a gain at which it is given up (chosen): a robot that failed
-may have been blocked for a moment."""
+"""Weights of the attempts at a place, and the sum without a gain at which the place is given up (chosen). A robot that
+failed may have been blocked for a moment."""
 LOST_SHARE = 0.2
 """Share of the cells around a place that become unknown again before a robot is sent there again (chosen)."""
 PITCH_M = 0.5
@@ -162,7 +162,7 @@ BEYOND_M = 2.0
 
 
 class KnownFloor(Protocol):
-    """What is known of the floor; the coordinator's `TeamMap` is one."""
+    """Knowledge about the floor; the coordinator's `TeamMap` is one implementation."""
 
     @property
     def grid(self) -> "OccupancyGrid | None":
@@ -221,7 +221,7 @@ class Explorer:
         self._version = 0
         self._failures: list[_Failure] = []
         self._vain: _Question | None = None
-        """What was last asked with nothing found: the same question has the same answer."""
+        """The last question without a result: the same question has the same answer."""
         self._attempts = Attempts()
         self.idle: dict[str, IdleReason] = {}
         """Why each robot got no goal at the last decision."""
@@ -320,7 +320,9 @@ class Explorer:
         return choices
 
     def left(self, robots: Sequence[Scout]) -> "ExplorationLeft | None":
-        """What is left if exploration ends now; None before anything is known. Takes some tens of milliseconds.
+        """Regions that remain if exploration ends now; None before anything is known.
+
+        Takes some tens of milliseconds.
 
         Args:
             robots: all robots of the team.
@@ -384,10 +386,10 @@ class Explorer:
         return self.strategy(Situation(open_to, seekers, busy, paths.costs_m, is_narrow=True))
 
     def _last(self, grid: "OccupancyGrid", navigation: "NavigationGrid", radius_m: float) -> list[FrontierCandidate]:
-        """Frontiers in which a robot may stand, for when nothing else is left: short ones, and once more those visited.
+        """Frontiers that a robot may enter, for use when no others remain: short ones, and visited ones once more.
 
-        The frontier behind a bend of the narrowest passable corridor is as long as the corridor is wide on the map. One
-        that was visited may have been looked at from too far away.
+        Behind a bend of the narrowest passable corridor, the length of the frontier is only the width of the corridor
+        on the map. A visited frontier may have been observed from too far away.
         """
         from robrain.algorithms.navigation.frontier import MIN_CELLS, find_frontiers
 

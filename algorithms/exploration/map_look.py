@@ -1,4 +1,4 @@
-"""What the team's map shows beside the paths: rooms, and how much unknown floor each frontier stands for."""
+"""Features of the team's map beside the paths: rooms, and the amount of unknown floor behind each frontier."""
 
 import math
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it
 def unknown_shares(classes: NDArray[np.int8], cells: Sequence[tuple[int, int]], reach: int) -> NDArray[np.int64]:
     """Number of unknown cells that are nearer to each frontier than to the others, (frontiers,).
 
-    Nearer by a path through unknown cells, from cell to cell above, below, left and right; a cell as near to several
-    counts for the first.
+    Distance is that of a path through unknown cells, from cell to cell above, below, left and right. A cell as near to
+    several frontiers counts for the first.
 
     Args:
         classes: (H, W) as of `OccupancyGrid.classes`.
@@ -194,8 +194,8 @@ class FrontierPaths:
 class FrontierFields:
     """Path costs from frontiers to everywhere, each kept for some seconds while the frontier is there.
 
-    The costs between frontiers would else be most of what a decision takes. A frontier that has just come has a new
-    field; a way between older ones that has closed counts as open until their fields are due.
+    Otherwise the costs between frontiers would be most of the time of a decision. A new frontier has a new field. A
+    path between older frontiers that has closed counts as open until their fields are due.
     """
 
     def __init__(self) -> None:
@@ -221,7 +221,7 @@ class FrontierFields:
 SHARE_REACH_M = 6.0
 """Unknown floor farther than this from all frontiers belongs to none."""
 LEAST_ROOM_M2 = 1.0
-"""What is smaller is a niche, and no room."""
+"""A smaller area is a niche and not a room."""
 
 
 class MapSurvey:

@@ -1,8 +1,8 @@
-"""The regions that exploration leaves, found on the team's map, and why each is left. Pure functions.
+"""Pure functions that find the regions that exploration leaves on the team's map, each with its reason.
 
-Floor counts as reached if a robot can sweep it from where one of the robots is now, through gaps that may be wide
-enough (`clearance.mapped_clearance_m`) and in which no robot has failed. What is free beyond that is left; so is the
-unknown beyond frontiers that robots reach.
+Floor counts as reached if a robot can sweep it from the present place of one of the robots. The sweep uses gaps that
+may be wide enough (`clearance.mapped_clearance_m`) and in which no robot has failed. Free floor beyond these gaps
+remains, and so does the unknown beyond frontiers that robots reach.
 """
 
 import math
@@ -110,7 +110,7 @@ Cells = NDArray[np.bool_]
 
 
 class Evidence(NamedTuple):
-    """What is known besides the map; places in the arena frame."""
+    """Evidence besides the map; places are in the arena frame."""
 
     robots: Sequence[Point2D]
     """Where the robots are."""
@@ -361,8 +361,8 @@ class _Search:
 class _Gaps:
     """How wide the widest way from where robots have room to other free floor is.
 
-    Distances are measured on a lattice of half a cell, so that the middle of a gap of an even number of cells is a
-    point of it. A gap between walls that leaves `n` cells free has a width of `n` to `n + 2` cells.
+    Distances are measured on a lattice of half a cell. The middle of a gap of an even number of cells is then a point
+    of the lattice. A gap between walls that leaves `n` cells free has a width of `n` to `n + 2` cells.
     """
 
     def __init__(self, classes: NDArray[np.int8], roomy: Cells, resolution_m: float) -> None:

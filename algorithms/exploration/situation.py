@@ -1,4 +1,4 @@
-"""What an exploration strategy decides on: frontiers, robots, and the paths between them."""
+"""Input of an exploration strategy: frontiers, robots, and the paths between them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -70,7 +70,7 @@ PathCosts = Callable[[Point2D], NDArray[np.float64]]
 
 
 class FloorSurvey(Protocol):
-    """What the map shows beside the paths."""
+    """Features of the map beside the paths."""
 
     @property
     def shares_m2(self) -> NDArray[np.float64]:
@@ -98,7 +98,7 @@ class FloorSurvey(Protocol):
 
 
 class Situation:
-    """What a strategy decides on; read-only.
+    """Input of a strategy; read-only.
 
     Args:
         candidates: the frontiers.
@@ -107,7 +107,7 @@ class Situation:
         path_costs: computes path costs from a place to the frontiers.
         is_narrow: whether paths may have less than the preferred clearance; copied into each choice.
         costs_between: the same between frontiers, where a little age does no harm; None: `path_costs`.
-        floor: what the map shows beside the paths; None: nothing, all is one room.
+        floor: features of the map beside the paths; None: the whole floor is one room.
 
     """
 

@@ -1,8 +1,8 @@
 """Exploration strategies by name: which idle robot is sent to which frontier.
 
-`[planning] exploration` of a scenario or a planning file chooses one. One of another distribution is checked: if it
-fails, or chooses what it may not, that is counted and reported with the line of its file, and `joint` stands in. A
-lockstep run ends with the failure.
+`[planning] exploration` of a scenario or a planning file chooses one. A strategy of another distribution is checked. If
+it fails or makes a forbidden choice, this is counted and reported with the line of its file. The strategy `joint` then
+replaces it. A lockstep run ends with the failure.
 """
 
 import math
@@ -19,9 +19,9 @@ from robrain.protocol.registry import Registry, failure_text
 GAIN_M_PER_M2 = 1.0
 """Metres of way that a square metre of unknown floor is worth."""
 GAIN_LIMIT_M = 10.0
-"""Most that it is worth. So pockets between shelves wait for the halves of a building, but not for ever. With ideal
-motion, goals revised every second and 8 seeds, two robots know 95 % of a hospital's floor after 127 s, where half of
-this worth and kept goals took 162 s."""
+"""Largest value of a frontier's unknown floor. Pockets between shelves wait for the halves of a building, but not for
+ever. With ideal motion, goals revised every second and 8 seeds, two robots know 95 % of a hospital's floor after 127 s.
+With half of this value and kept goals they take 162 s."""
 CROWD_RADIUS_M = 5.0
 CROWD_PENALTY_M = 10.0
 UNREACHABLE = 1e9
@@ -46,7 +46,7 @@ def joint(situation: Situation) -> list[Choice]:
 
 
 def worth_m(situation: Situation) -> NDArray[np.float64]:
-    """What each frontier promises, (frontiers,), in metres of way."""
+    """Value of each frontier, (frontiers,), in metres of path."""
     return np.array([min(GAIN_M_PER_M2 * candidate.unknown_m2, GAIN_LIMIT_M) for candidate in situation.candidates])
 
 
@@ -62,8 +62,8 @@ def _crowding_m(candidates: tuple[FrontierCandidate, ...], claimed: list[Point2D
 SEEN_M = 6.0
 """Burgard's strategy: a robot at a frontier may see others within this path, as far as its lidar reaches."""
 UTILITY_M = 8.0
-"""Metres of path that a frontier's full utility is worth (chosen: the best of 4, 8, 16 and 32 on the maps of
-`robrain bench exploration`; Burgard and others report little influence)."""
+"""Metres of path that a frontier's full utility is worth. Chosen: the best of 4, 8, 16 and 32 on the maps of `robrain
+bench exploration`. Burgard and others report little influence."""
 
 
 def nearest(situation: Situation) -> list[Choice]:
@@ -105,11 +105,11 @@ def minpos(situation: Situation) -> list[Choice]:
 
 
 def burgard(situation: Situation) -> list[Choice]:
-    """The pair of robot and frontier with the best utility less path cost, again and again.
+    """The pair of robot and frontier with the best utility less path cost, repeatedly.
 
-    A frontier's utility falls by the chance that it is seen from one that was given away: 1 at none, falling linearly
-    with the path between them to 0 at the range of the sensor. After Burgard, Moors, Stachniss, Schneider, Coordinated
-    Multi-Robot Exploration, IEEE Transactions on Robotics 21(3), 2005, algorithm 1.
+    A frontier's utility falls by the chance that it is seen from an assigned frontier. This chance is 1 at distance 0
+    and falls linearly with the path between them to 0 at the sensor's range. After Burgard, Moors, Stachniss,
+    Schneider, Coordinated Multi-Robot Exploration, IEEE Transactions on Robotics 21(3), 2005, algorithm 1.
     """
     utility = 1.0 - _seen_from(situation.taken_m).sum(axis=0)
     paths_m = situation.ways_m.copy()
@@ -220,7 +220,7 @@ def _checked(name: str, strategy: Strategy, on_failure: Callable[[str, str], Non
 
 
 def _choices_refusal(made: Sequence[object], situation: Situation) -> str:
-    """What is wrong with some choices, in words; empty if nothing is."""
+    """Error in some choices, in words; empty if there is none."""
     rows = {seeker.name: row for row, seeker in enumerate(situation.seekers)}
     columns = {candidate.place: column for column, candidate in enumerate(situation.candidates)}
     robots: set[str] = set()

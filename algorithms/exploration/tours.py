@@ -1,9 +1,9 @@
 """Which robot explores which frontiers, and in which order: tours that reach much unknown floor early.
 
-All frontiers are shared out in one tour for each robot, so that the sum over the frontiers of unknown floor times way
-until a robot is there is small; each robot is sent to the first of its tour. Frontiers of one room or of one branch lie
-together, so they fall to one robot, and the others are sent elsewhere. A robot leaves a room behind only if what it
-gains earlier elsewhere outweighs the way back.
+All frontiers are shared out in one tour for each robot. The tours keep small the sum over the frontiers of unknown
+floor times the path until a robot is there. Each robot is sent to the first frontier of its tour. Frontiers of one room
+or of one branch lie together, so they fall to one robot, and the others are sent elsewhere. A robot leaves a room only
+if the earlier gain elsewhere outweighs the path back.
 """
 
 from typing import NamedTuple
@@ -25,14 +25,14 @@ Ints = NDArray[np.int64]
 
 
 class Places(NamedTuple):
-    """What is to be visited."""
+    """Places to visit."""
 
     first_m: Floats
     """Way of each robot to each place (robots, places), metres; inf where there is none."""
     between_m: Floats
     """Ways between the places (places, places)."""
     weights: Floats
-    """What it is worth to reach each place early (places,), above 0."""
+    """Value of reaching each place early (places,), above 0."""
     stay_m: Floats
     """Way that could be made in the time which each place takes (places,)."""
     far_m: float
@@ -103,7 +103,7 @@ def _insert(tour: Ints, length: int, place: int, position: int, into: Ints) -> N
 
 @njit(cache=True, nogil=True)
 def _best_insertion(places: Places, tours: Tours, place: int) -> tuple[float, int, int]:
-    """What the best insertion of a place adds, with its robot and position; inf if no robot can reach it."""
+    """Cost of the best insertion of a place, with its robot and position; inf if no robot can reach the place."""
     best, best_robot, best_position = np.inf, -1, -1
     for robot in range(places.first_m.shape[0]):
         if places.first_m[robot, place] == np.inf:
@@ -206,9 +206,9 @@ LEAST_WEIGHT_M2 = 0.3
 UNKNOWN_LIMIT_M2 = 12.0
 """Most unknown floor that a frontier counts for (chosen), since the estimate says little beyond it."""
 STAY_M = 8.0
-"""Way that a robot of a team could make in the time that a frontier takes it (chosen): the longer, the more evenly
-frontiers are shared out. With ideal motion and 8 seeds, four robots know 95 % of five floors after 37.3 s on average;
-with half of it after 39.2 s, with one and a half times after 36.8 s."""
+"""Path that a robot of a team could drive in the time that a frontier takes it (chosen). A longer path shares out the
+frontiers more evenly. With ideal motion and 8 seeds, four robots know 95 % of five floors after 37.3 s on average. With
+half of this value they take 39.2 s, with one and a half times 36.8 s."""
 STAY_ALONE_M = 4.0
 """The same for a robot that explores alone, to which frontiers close together are close together."""
 FAR_M = 40.0
@@ -248,7 +248,7 @@ def tours(situation: Situation) -> list[Choice]:
 
 
 def _weights_m2(situation: Situation) -> NDArray[np.float64]:
-    """What each frontier promises, (frontiers,), square metres; next to nothing at other robots' goals."""
+    """Value of each frontier, (frontiers,), square metres; nearly 0 at other robots' goals."""
     unknown_m2 = np.array([min(one.unknown_m2, UNKNOWN_LIMIT_M2) for one in situation.candidates])
     return (LEAST_WEIGHT_M2 + unknown_m2) * taken_share(situation)
 
@@ -274,11 +274,11 @@ SHARE_LIMIT_M2 = 50.0
 ROOM_STAY_M = 4.0
 """Way that a robot could make in the time that the smallest frontier takes it (chosen)."""
 WORK_M_PER_M2 = 0.2
-"""Way that a robot could make in the time that a square metre of unknown floor takes it (chosen; one robot alone drives
-0.15 to 0.4 m for each square metre of the floors of `robrain bench exploration`)."""
+"""Path that a robot could drive in the time that a square metre of unknown floor takes it (chosen). One robot alone
+drives 0.15 to 0.4 m for each square metre of the floors of `robrain bench exploration`."""
 DOOR_M = 1.0
-"""Way that changing rooms counts for (chosen; with 4 m, four points take 24.9 instead of 23.4 s in a cave and 35.5
-instead of 32.9 s in a depot, whose halls are no rooms)."""
+"""Path that a change of rooms counts for (chosen). With 4 m, four points take 24.9 s instead of 23.4 s in a cave. In a
+depot, whose halls are no rooms, they take 35.5 s instead of 32.9 s."""
 MEET_M = 2.0
 """Way that a robot could make in the time that it and another give way to each other (chosen)."""
 MEET_OVER_M = 2.0
@@ -314,10 +314,10 @@ def rooms(situation: Situation) -> list[Choice]:
 
 
 def meetings_m(situation: Situation) -> NDArray[np.float64]:
-    """Way lost on the way to each frontier to robots that come towards the robot, (seekers, frontiers), metres.
+    """Path length lost to oncoming robots on the path to each frontier, (seekers, frontiers), metres.
 
-    Two ways, from a to b and from c to d, run against each other over half of ab + cd − ad − cb, if the paths between
-    all of them are those of a tree, as in a building of rooms and corridors they nearly are.
+    Two paths, from a to b and from c to d, run against each other over half of ab + cd − ad − cb. This holds if the
+    paths between all of them form a tree, as they nearly do in a building of rooms and corridors.
     """
     paths_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
     goals = [*(seeker.goal for seeker in situation.seekers), *(robot.goal for robot in situation.busy)]
@@ -343,14 +343,15 @@ def _shares_m2(situation: Situation) -> NDArray[np.float64]:
 
 
 TOUR_ROBOTS = 4
-"""Largest number of robots that are sent on tours. With the full stack, four robots know 95 % of five floors after
-42.2 s on average by tours and 44.6 s jointly; eight know three after 43.9 and 44.4 s (decision 0046)."""
+"""Largest number of robots that are sent on tours. With the full stack, four robots know 95 % of five floors after 42.2
+s on average by tours and 44.6 s jointly. Eight robots know three floors after 43.9 s and 44.4 s (decision 0046)."""
 ROOM_ROBOTS = 3
 """Least number of robots that are sent by rooms: one and two are slower so (decisions 0047, 0058 and 0063)."""
 SMALL_ROOMS_M2 = 45.0
-"""Area of the room around a place, mean over the known floor, below which rooms are small. While a floor is explored,
-it is up to 40 m² in a clinic, up to 48 in a hospital section, 45 to 69 in a laboratory, 40 to 74 in an office, 44 to 99
-in a hospital; above 75 in the end in a cave, above 190 in a depot (decision 0058)."""
+"""Area of the room around a place, mean over the known floor, below which rooms are small. Measured while a floor is
+explored: up to 40 m² in a clinic and up to 48 m² in a hospital section. The area is 45 to 69 m² in a laboratory, 40 to
+74 m² in an office, 44 to 99 m² in a hospital. In the end it is above 75 m² in a cave and above 190 m² in a depot
+(decision 0058)."""
 
 KNOWN_M2 = 150.0
 """Known floor below which more than four robots are not sent by rooms: at first every building seems to have small ones

@@ -25,11 +25,13 @@ from robrain.protocol.model.grid_geometry import GridGeometry
 
 
 class DivergenceSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When innovations are too large. Raises ValueError where it is built with a window below 2.
+    """Limits for innovations.
+
+    Raises ValueError for a window below 2.
 
     The mean normalised innovation squared (NIS) of `window` measurements is that of a chi-square variable divided by
-    the window (Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*, section 5.4.2):
-    for a window of 32 it exceeds 2.6 once in a million times if all is well.
+    the window. Source: Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*, section
+    5.4.2. For a window of 32 it exceeds 2.6 once in a million times for a correct estimate.
     """
 
     window: Annotated[int, Meta(ge=2)] = 32
@@ -37,7 +39,7 @@ class DivergenceSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     refused_max: float = 0.3
     """Share of the window that the gate may refuse."""
     misfits_max: int = 8
-    """So many scans in a row may lie badly on the map."""
+    """Number of consecutive scans that may match the map badly."""
     fit_min: float = 0.65
     """Share of a scan's beams that have to end at the map's walls."""
 
@@ -96,27 +98,27 @@ class DivergenceMonitor:
 
 
 COMPARE_EVERY = 24
-"""After so many signals the estimate is held against all other places."""
+"""Number of signals after which the estimate is compared with all other places."""
 ELSEWHERE_MAX = 8.0
 """Logarithm of the likelihood by which another place may be better; chosen: no false alarm in the benchmark."""
 FIND_EVERY = 8
-"""After so many further signals it is tried again."""
+"""Number of further signals after which the search is repeated."""
 FOUND_SIGMA_M, FOUND_SIGMA_RAD = 1.5, 0.5
 """An answer that is less sure than this is none."""
 SEARCH_WITHIN_RAD = 0.6
 TURN_M_PER_RAD = 0.3
 """A turn shows as much of new as this way."""
 MATCH_M, MATCH_SIGMA_M = 0.02, 0.05
-"""A robot this sure of its place is corrected by walls only after so much way: where in its cell each wall lies is the
-same unknown for all scans from one spot, and nothing that more of them would average away."""
+"""Distance between two corrections by walls of a robot with this small uncertainty. The place of each wall in its cell
+is the same unknown for all scans from one spot. More scans from there do not average it away."""
 DOUBT_PATH_M = 1.0
 WALL_BEAMS = 20.0
-"""So many beams on one wall err together: it is one wall, drawn in one row of cells; chosen."""
+"""Number of beams on one wall that share one error, because the wall is drawn in one row of cells; chosen."""
 SCAN_GATES = (10.83, 13.82, 16.27)
 """99.9 % of a chi-square variable, by the number of directions in which walls hold the robot."""
 REFUSED_SIGMA_M, REFUSED_SIGMA_RAD = 0.1, 0.05
-"""Doubt that a scan adds which lies where the robot cannot be: wheels may be worse than was told, or have slipped, and
-of the next scan that says the same it is believed; chosen."""
+"""Uncertainty that a scan adds if it places the robot where it cannot be; chosen. The wheels may be worse than
+specified, or may have slipped. A later scan with the same result is then believed."""
 JUMP_M, JUMP_RAD, JUMP_SIGMAS = 0.3, 0.35, 3.0
 """A scan that fits this far from the pose by the wheels, after scans that did not fit, shows another place; chosen."""
 ADAPTATION, NIS_MAX = 0.1, 5.0
@@ -128,11 +130,11 @@ SIGNALS_TO_AGREE = 12
 SIGNALS_NIS_MAX = 2.0
 """A place is not believed if the last signals of motes are off by more, in units of their variance."""
 OWN_SIGMA_M, OWN_SIGMA_RAD = 0.02, 0.01
-"""Standard deviations of a robot's pose where it begins a frame of its own."""
+"""Standard deviations of a robot's pose where it begins its own map frame."""
 
 
 class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """All that a localiser is told of its sensors."""
+    """Sensor parameters of a localiser."""
 
     drift: DriftModel = DriftModel()
     path_loss: PathLoss = PathLoss()
@@ -142,8 +144,8 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     """Where in its cell a wall lies is not known: offsets below this many cells are taken for none. Slack leaves a good
     odometry alone and lets a bad one drag the map along."""
     wall_sigma_m: float = 0.01
-    """Standard deviation of what a match says beyond that. What a match does not correct is drawn into the map, and the
-    next one holds on to it: taken for larger, the map turns with the odometry."""
+    """Standard deviation of a match beyond that. An error that a match does not correct is drawn into the map, and the
+    next match keeps it. With a larger value, the map turns with the odometry."""
     floor_m: float = 0.03
     """Matching does not make the place on the map surer than this; a better odometry alone does …"""
     floor_rad: float = 0.005
@@ -163,13 +165,13 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     """A place or a yaw less sure than this is looked for before it is refined."""
     search_within_m: float = 2.5
     maps: bool = True
-    """Whether the robot maps by itself. A lost one that does goes on in a frame of its own."""
+    """Whether the robot maps by itself. A lost robot that maps continues in its own map frame."""
     lost_sigma_m: float = 5.0
     """Added to the place's uncertainty when the estimate of a robot that does not map has diverged."""
 
 
 class Estimate(msgspec.Struct, frozen=True):
-    """What a `Localiser` knows; each is its property of the same name."""
+    """State of a `Localiser`; each field is its property of the same name."""
 
     pose: Pose2D
     covariances: tuple[float, ...]
@@ -458,9 +460,9 @@ class Localiser:
         self._share = min(max(share, self.spec.least_share), 1.0)
 
     def lose(self, reason: str) -> None:
-        """The estimate is not to be believed any more.
+        """Declare the estimate invalid.
 
-        A robot that maps begins a frame of its own in which it is where it was believed to be.
+        A robot that maps begins its own map frame, in which it keeps its last estimated pose.
         """
         self._restart(reason)
         if self.spec.maps:

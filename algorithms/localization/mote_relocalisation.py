@@ -1,8 +1,8 @@
-"""Finding a robot again by the motes it hears, from a stretch of odometry and with no idea of where it began.
+"""Relocalises a robot by the motes that it receives along a stretch of odometry, without a known start.
 
-A grid over place and yaw, then a finer one about the best: the posterior of a flat prior, in which each mote's
-shadowing is integrated out in closed form. Markov localisation on a grid, as in Thrun, Burgard, Fox, *Probabilistic
-Robotics*, section 8.2.
+A grid over place and yaw is followed by a finer grid around the best cell. The result is the posterior of a flat prior,
+with each mote's shadowing integrated out in closed form. Markov localisation on a grid, as in Thrun, Burgard, Fox,
+*Probabilistic Robotics*, section 8.2.
 """
 
 import math
@@ -40,7 +40,10 @@ PATH_TO_FIND_M = 2.0
 
 
 class Signals(NamedTuple):
-    """What was heard on a stretch of way. N signals of M motes."""
+    """Signals received on a stretch of path.
+
+    N signals of M motes.
+    """
 
     places: Floats
     """(N, 2) where the robot was when it heard, in its own frame *now*: metres, x ahead."""
@@ -208,7 +211,7 @@ def _log_likelihood(
 
 
 class RecentSignals:
-    """Follows the way by odometry, in a frame of its own, and remembers the last `RECORDS` signals on it."""
+    """Tracks the path by odometry, in its own frame, and keeps the last `RECORDS` signals on it."""
 
     def __init__(self) -> None:
         self.has_received = False
@@ -229,7 +232,7 @@ class RecentSignals:
         self.has_received = True
 
     def forget(self) -> None:
-        """What was heard before may have been heard elsewhere."""
+        """Discard all signals, because they may belong to another place."""
         self._records.clear()
 
     def can_find(self, path_m: float) -> bool:

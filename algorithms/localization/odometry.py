@@ -72,7 +72,7 @@ STILL_RAD_S = 0.02
 BIAS_MAX_RAD_S = 0.2
 """Largest bias that is believed."""
 ELSEWHERE_WINDOWS = 10
-"""So many windows in a row with another steady value are another bias, not a turn."""
+"""Number of consecutive windows with another steady value that mean another bias, not a turn."""
 WINDOWS_MAX = 60
 """The bias is the mean of at least this many recent windows, once there have been as many."""
 COMPARED_RAD = 0.4
@@ -82,7 +82,7 @@ COMPARED_NS = 10_000_000_000
 RATIO_MIN, RATIO_MAX = -0.3, 4.0
 """Of the gyroscope's turning to the wheels'. Blocked wheels give 0, a track taken for 3 times its size gives 3."""
 REFUSED_AFTER, TRUSTED_AFTER = 2, 3
-"""So many comparisons in a row decide: one may be a person who pushes the robot."""
+"""Numbers of consecutive comparisons that decide; a single one may be a person who pushes the robot."""
 
 
 class YawRate(NamedTuple):
@@ -253,8 +253,8 @@ class GyroYaw:
 def moved(pose: Pose2D, displacement: Twist2D) -> Pose2D:
     """A pose after a small displacement in its own frame (a twist times the time it lasted: m, m, rad).
 
-    Exact for constant velocity over the step: the exponential map of SE(2) (Solà, Deray, Atchuthan: A micro Lie
-    theory for state estimation in robotics, 2018, equations 156 and 158).
+    It is exact for constant velocity over the step: the exponential map of SE(2). Source: Solà, Deray, Atchuthan, A
+    micro Lie theory for state estimation in robotics, 2018, equations 156 and 158.
     """
     forward, left, turn = displacement.forward_m_s, displacement.left_m_s, displacement.yaw_rad_s
     if abs(turn) < 1e-9:

@@ -36,10 +36,10 @@ def predict(
     shadow_variance: float,
     decorrelation_m: float,
 ) -> None:
-    """Move on by a displacement that the odometry measured, in the robot's frame.
+    """Predict the state after a displacement that the odometry measured, in the robot's frame.
 
-    `variances` (6,): m² per m of way, rad² per m, rad² per rad of turning; and the random walk of scale, curve and
-    turn error per m of way.
+    `variances` (6,) holds m² per m of path, rad² per m and rad² per rad of turning. It also holds the random walk of
+    scale, curve and turn error per m of path.
     """
     scale = 1.0 + mean[SCALE]
     turned_rad = turn_rad * (1.0 + mean[TURN]) + mean[CURVE] * forward_m
@@ -100,9 +100,9 @@ def update(
 ) -> float:
     """Update with a scalar measurement of x, y and one more state; returns the expected variance of its innovation.
 
-    Joseph form, (1 − K·H)·P·(1 − K·H)ᵀ + K·R·Kᵀ, which keeps the covariance symmetric and positive definite for
-    any gain (Bucy and Joseph 1968; Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and
-    Navigation*, section 5.2.3).
+    The Joseph form, (1 − K·H)·P·(1 − K·H)ᵀ + K·R·Kᵀ, keeps the covariance symmetric and positive definite for any gain.
+    Sources: Bucy and Joseph 1968; Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and
+    Navigation*, section 5.2.3.
     """
     along = np.empty(size)  # P·Hᵀ
     for i in range(size):
@@ -308,7 +308,7 @@ class DriftModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class MeasurementUpdate(msgspec.Struct, frozen=True):
-    """What the filter made of a measurement."""
+    """The filter's result for a measurement."""
 
     nis: float
     """Normalised innovation squared: about 1 if the filter is as good as it believes."""
@@ -322,14 +322,14 @@ class PoseFilter:
     """Estimates a pose in the arena frame.
 
     Args:
-        start: where the robot is believed to be.
+        start: estimated start pose of the robot.
         sigma_m: standard deviation of that place in x and in y.
         sigma_rad: standard deviation of that yaw.
-        drift: how the odometry goes wrong.
-        path_loss: what signals say of distances.
-        motes: for how many motes a shadowing is kept; the one that was heard longest ago makes place for a new one.
+        drift: error model of the odometry.
+        path_loss: relation between signal strength and distance.
+        motes: number of motes whose shadowing is kept; a new mote replaces the one received longest ago.
         spread: see SPREAD.
-        relinearisations: how often a measurement is linearised anew.
+        relinearisations: how often a measurement is linearised again.
 
     """
 

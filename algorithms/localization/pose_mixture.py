@@ -1,9 +1,10 @@
 """Where a robot is, when one Gaussian is not enough: a few pose filters, each for a narrow range of yaws.
 
-A robot whose yaw is unsure by a third of a radian is somewhere on an arc. A Gaussian about the arc's middle, updated by
-signals of motes, soon is sure of places beside it. So an unsure yaw is split, each part is filtered by itself, and what
-is heard decides between them: a Gaussian sum filter (Sorenson and Alspach, *Recursive Bayesian estimation using
-Gaussian sums*, Automatica 1971). Without signals, or while walls hold the yaw, it is one pose filter.
+A robot whose yaw is uncertain by a third of a radian is somewhere on an arc. A Gaussian about the arc's middle, updated
+by signals of motes, soon converges to places beside the arc. An uncertain yaw is therefore split, and each part is
+filtered separately. Received signals decide between the parts. This is a Gaussian sum filter (Sorenson and Alspach,
+*Recursive Bayesian estimation using Gaussian sums*, Automatica 1971). Without signals, or while walls hold the yaw, it
+is one pose filter.
 """
 
 import math
@@ -108,9 +109,9 @@ class PoseMixture:
             part.move(displacement)
 
     def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
-        """Take in the strength of a mote's signal; arguments and answer are those of `PoseFilter`.
+        """Update with the strength of a mote's signal; arguments and result are those of `PoseFilter`.
 
-        What a part's gate refuses counts against it as much as what the gate lets just pass.
+        A signal that a part's gate rejects counts against the part as much as a signal at the gate's limit.
         """
         self._split()
         received = [part.hear(sample, gate, map_variance_m2=map_variance_m2) for part in self._parts]

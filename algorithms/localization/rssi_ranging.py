@@ -1,7 +1,7 @@
-"""What the strength of a mote's signal says about the distance to it: log-distance path loss with shadowing.
+"""Distance to a mote by the strength of its signal: log-distance path loss with shadowing.
 
 Mean: Rappaport, *Wireless Communications, Principles and Practice*, 2nd ed., section 4.9. Shadowing that changes with
-the way driven: M. Gudmundson, *Correlation model for shadow fading in mobile radio systems*, Electronics Letters 1991.
+the driven path: M. Gudmundson, *Correlation model for shadow fading in mobile radio systems*, Electronics Letters 1991.
 """
 
 import math

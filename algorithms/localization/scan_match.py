@@ -1,10 +1,10 @@
 """Where a scan fits on the map: Gauss–Newton on the distance to the nearest wall, and a search over a window.
 
 The refinement is that of Kohlbrecher et al., *A flexible and scalable SLAM system with full 3D motion estimation*, SSRR
-2011, on a distance field in place of occupancy; the search is that of Olson, *Real-time correlative scan matching*,
-ICRA 2009, at one resolution. Directions in which the walls say nothing, as along a corridor, are found by the
-eigenvalues of the information and left as they were (Zhang, Kaess, Singh, *On degeneracy of optimization-based state
-estimation problems*, ICRA 2016).
+2011. It uses a distance field in place of occupancy. The search is that of Olson, *Real-time correlative scan
+matching*, ICRA 2009, at one resolution. In some directions the walls give no information, as along a corridor. The
+eigenvalues of the information reveal these directions, which stay unchanged. Source: Zhang, Kaess, Singh, *On
+degeneracy of optimization-based state estimation problems*, ICRA 2016.
 """
 
 import math
@@ -354,7 +354,7 @@ SEARCH_STEP_RAD = 0.035
 AMBIGUOUS = 0.75
 """A second place that fits this well, compared with the best, makes a search's answer worthless."""
 APART_M, APART_RAD = 0.5, 0.25
-"""What lies farther from the best than this is another place."""
+"""A pose farther from the best one than this is another place."""
 
 
 class Direction(msgspec.Struct, frozen=True):

@@ -1,10 +1,10 @@
 """Match a scan against a grid with surfaces, to a fraction of a cell.
 
 Each occupied cell of an `OccupancyGrid` with surfaces keeps the mean of the beam ends in it. The match minimises the
-distance of each beam end from the line through the means near it (point-to-line ICP: Censi, *An ICP variant using a
-point-to-line metric*, ICRA 2008; on a grid of means as in the normal distributions transform of Biber and Straßer, IROS
-2003). A match against the cells themselves is right to a third of a cell at best, and from one spot its error is always
-the same. The two sides of a thin wall are two surfaces.
+distance of each beam end from the line through the means near it. This is point-to-line ICP (Censi, *An ICP variant
+using a point-to-line metric*, ICRA 2008). The grid of means is that of the normal distributions transform of Biber and
+Straßer, IROS 2003. A match against the cells themselves is accurate to a third of a cell at best. From one spot its
+error is always the same. The two sides of a thin wall are two surfaces.
 """
 
 import math
@@ -120,8 +120,8 @@ ROUGH = 0.15
 FIT_CELLS = 2.0
 """Largest distance, cells, between a surface and the end of a beam that agrees with the map."""
 AROUND = 3
-"""Rows and columns about a beam's end in which surfaces are gathered: what the first step looks at, so that later ones,
-which look less far, find theirs there too."""
+"""Rows and columns around a beam's end in which surfaces are gathered. The first step searches all of them, so that
+later steps with shorter searches find their surfaces there too."""
 FAR = 1 << 30
 """Not the row or column of any cell."""
 

@@ -28,7 +28,7 @@ class SquareEnd(msgspec.Struct, frozen=True):
 
 
 class SquareErrors(msgspec.Struct, frozen=True):
-    """What the two kinds of squares show."""
+    """Errors that the two kinds of squares show."""
 
     corner_rad: float
     """α: by which each corner of 90° to the left was turned too far."""
@@ -45,7 +45,7 @@ class SquareErrors(msgspec.Struct, frozen=True):
 def odometry_errors(
     clockwise: Sequence[SquareEnd], counter_clockwise: Sequence[SquareEnd], side_m: float, track_m: float
 ) -> SquareErrors:
-    """What explains the ends of both kinds of squares, to first order.
+    """Odometry errors that explain the ends of both kinds of squares, to first order.
 
     Args:
         clockwise: ends of squares with corners to the right.
@@ -77,7 +77,7 @@ def odometry_errors(
     leg_rad = math.fsum(w * v for w, v in zip(weights, legs, strict=True)) / sum(weights)
     quarter_turn = 0.5 * math.pi
     half_track = 0.5 * track_m
-    # The leg's radius is (L/2) / sin(β/2); its inverse, so that a straight leg needs no case of its own.
+    # The leg's radius is (L/2) / sin(β/2). Its inverse also covers a straight leg.
     bend_per_m = math.sin(0.5 * leg_rad) / (0.5 * side_m)
     return SquareErrors(
         corner_rad,

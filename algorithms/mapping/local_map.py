@@ -72,13 +72,14 @@ class LocalPose(NamedTuple):
     sigma_m: float
     """Standard deviation of the robot's place on its own map; where that map lies in the arena may be less sure."""
     lost: str = ""
-    """Why the robot does not know its place in the arena: a trajectory that begins so has a map frame of its own."""
+    """Reason why the robot does not know its place in the arena. A trajectory that begins with a reason has its own map
+    frame."""
     checked: tuple[int, ...] | None = None
     """Stamps of the last scans that were matched; only these may be mapped. None if none has to be matched."""
 
 
 class OwnMap:
-    """What localisation and the mapper share of the robot's own map; nobody else writes to it."""
+    """The robot's own map, shared by localisation and the mapper; no other plugin writes to it."""
 
     def __init__(self) -> None:
         self.local_map: LocalMap | None = None

@@ -75,7 +75,7 @@ def _measure(
 ) -> tuple[int, int, int]:
     """Counts of occupied cells, of those off, and of those off beside a mapped wall.
 
-    The origin of the map, its step from cell to cell and the first two distances are in cells of `walls`;
+    The map's origin, its step from cell to cell and the first two distances are in cells of `walls`. The distance
     `doubled_within` is in cells of the map.
     """
     height, width = classes.shape

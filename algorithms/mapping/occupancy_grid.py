@@ -1,9 +1,9 @@
-"""What a robot believes about the arena's floor, cell by cell, and how two such beliefs become one.
+"""A robot's belief about the arena's floor, cell by cell, and the merge of two such beliefs.
 
-A cell holds its evidence as log odds and the time of its last observation. Scans add evidence with the inverse
-sensor model of Thrun, Burgard, Fox, *Probabilistic Robotics*, chapter 9; patches of team mates replace cells, the
-later statement winning, which makes merging commutative, associative and idempotent: robots that heard the same
-patches, in whatever order and however often, agree on the class of every cell.
+A cell holds its evidence as log odds and the time of its last observation. Scans add evidence with the inverse sensor
+model of Thrun, Burgard, Fox, *Probabilistic Robotics*, chapter 9. Patches of teammates replace cells, and the later
+statement wins. Merging is therefore commutative, associative and idempotent. Robots that received the same patches, in
+any order and any number of times, agree on the class of every cell.
 
 The sign of the log odds is the class; 0 is "never seen". Evidence that cancels out flips a cell instead of
 forgetting it, so a known cell stays known.
@@ -33,8 +33,8 @@ MERGED_LOG_ODDS = 60
 SURFACE_HITS_MAX = 30
 """Number of beams in the mean place of a cell; with more beams, older ones lose weight exponentially."""
 HIT_DEPTH_CELLS = 0.2
-"""How far behind the measured end a beam's obstacle is taken to be, so that a surface on the border of two cells
-(where a wall of a map lies, and where range noise would fall on either side) marks the cell behind the border."""
+"""Depth behind the measured end at which a beam's obstacle is assumed. A surface on the border of two cells then marks
+the cell behind the border. Walls of a map lie on such borders, where range noise falls on either side."""
 
 
 @njit(cache=True, nogil=True)
@@ -299,8 +299,8 @@ NO_CIRCLES = np.empty((0, 3))
 class PatchCells(msgspec.Struct, frozen=True, eq=False):
     """Statements about a box of cells.
 
-    Row and column are those of its first cell; `cells` int8 (h, w) holds classes, where UNKNOWN is no statement;
-    `stamp_ms` is the time to send the statements with.
+    Row and column are those of its first cell. The array `cells` int8 (h, w) holds classes, where UNKNOWN is no
+    statement. The stamp `stamp_ms` is the time to send the statements with.
     """
 
     row: int
@@ -312,10 +312,11 @@ class PatchCells(msgspec.Struct, frozen=True, eq=False):
 class OccupancyGrid:
     """The belief of one robot (or of the coordinator) about every cell of a grid.
 
-    With `surfaces` it also keeps the places of walls within their cells: `surface_at` float32 (H, W, 2), mean x and y
-    of the beams' ends in cells from the origin; `surface_view` float32 (H, W, 2), mean direction of these beams as a
-    vector; `surface_drift` float32 (H, W, 2), variances of the sensor's pose when it saw the wall first (m², rad²).
-    They are valid where `log_odds` > 0 and `surface_hits` > 0, which counts the beams up to `SURFACE_HITS_MAX`.
+    With `surfaces` it also keeps the places of walls within their cells. `surface_at` float32 (H, W, 2) is the mean x
+    and y of the beams' ends in cells from the origin. `surface_view` float32 (H, W, 2) is the mean direction of these
+    beams as a vector. `surface_drift` float32 (H, W, 2) holds the variances of the sensor's pose when it first saw the
+    wall (m², rad²). They are valid where `log_odds` > 0 and `surface_hits` > 0, which counts the beams up to
+    `SURFACE_HITS_MAX`.
 
     `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
     observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class
@@ -362,17 +363,17 @@ class OccupancyGrid:
     ) -> int:
         """Add the evidence of one scan; returns how many cells changed their class.
 
-        `sensor` is the sensor's pose in the arena frame, `angles_rad` (N,) the beams' directions in the sensor's
-        frame, `ranges_m` (N,) what they measured. A range of `range_max_m` or more, inf included, is a miss; NaN
-        and ranges that are not positive say nothing. `ignore` (K, 3) holds circles x, y, radius in metres of the
-        arena frame: a beam that ends in one (a team mate) frees its way there but marks no obstacle.
+        `sensor` is the sensor's pose in the arena frame, `angles_rad` (N,) the beams' directions in the sensor's frame,
+        `ranges_m` (N,) what they measured. A range of `range_max_m` or more, inf included, is a miss; NaN and ranges
+        that are not positive say nothing. `ignore` (K, 3) holds circles x, y, radius in metres of the arena frame. A
+        beam that ends in a circle (a teammate) frees its path there but marks no obstacle.
 
         `drift` are the variances of the sensor's pose (m², rad²), stored with new surfaces.
 
-        Every cell takes at most one update a scan, and none is freed that a beam of the same scan ended in
-        (Hornung et al., *OctoMap*, Autonomous Robots 2013). Nor does a beam free the unbroken run of occupied cells
-        just before its end: it grazes their surface. Raises ValueError for arrays of other shapes and for a
-        pose, a maximum range or a stamp out of bounds.
+        Every cell receives at most one update a scan. No cell is freed in which a beam of the same scan ended (Hornung
+        et al., *OctoMap*, Autonomous Robots 2013). Nor does a beam free the unbroken run of occupied cells just before
+        its end: it grazes their surface. Raises ValueError for arrays of other shapes and for a pose, a maximum range
+        or a stamp out of bounds.
         """
         if angles_rad.shape != ranges_m.shape or angles_rad.ndim != 1:
             raise ValueError(f"expected (N,) angles and ranges, got {angles_rad.shape} and {ranges_m.shape}")
@@ -402,7 +403,7 @@ class OccupancyGrid:
             (sensor.x_m - self.geometry.origin_x_m) / self.geometry.resolution_m,
             (sensor.y_m - self.geometry.origin_y_m) / self.geometry.resolution_m,
             float(sensor.yaw_rad),
-            # Arrays off the wire are read-only, a type of its own to numba, which would compile for it anew.
+            # Arrays off the wire are read-only. For this separate type numba would compile again.
             kernel_array(angles_rad, FLOAT64),
             kernel_array(ranges_m, FLOAT64),
             float(range_max_m),
@@ -448,9 +449,9 @@ class OccupancyGrid:
     def begin_stretch(self) -> None:
         """Begin a new stretch of the path: forget all cells that were not seen since the last call.
 
-        From here on the first observation of a cell counts as a change, even if its class stays. So the patches between
-        two calls contain all that was seen between them (a submap), and the grid holds what was seen since the last
-        call but one (the robot's recent surroundings).
+        From here on the first observation of a cell counts as a change, even if its class stays. The patches between
+        two calls thus contain all cells seen between them (a submap). The grid holds the cells seen since the last call
+        but one (the robot's recent surroundings).
         """
         old = self.known() & (self._seen_by < 2 * self._first_scan)
         self.log_odds[old] = 0
@@ -462,7 +463,7 @@ class OccupancyGrid:
         self._first_scan = self._scans + 1
 
     def contradict(self, others: NDArray[np.int8], first_row: int, first_column: int) -> None:
-        """Mark floor seen since the last call as changed where others have a wall, so that it is told again.
+        """Mark floor seen since the last call as changed where others have a wall, so that it is published again.
 
         `others` int8 (h, w) are the log odds of their map; its first cell is this grid's (`first_row`, `first_column`).
         Only floor with no wall in the neighbouring cells counts, because two maps of a wall may differ by a cell.

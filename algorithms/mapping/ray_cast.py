@@ -1,6 +1,6 @@
-"""What a range sensor would measure in a known world: exact rays through a grid and past circles.
+"""Measurements of a range sensor in a known world: exact rays through a grid and past circles.
 
-Lidars see through glass, and in mirrors what is in front of them: `cast_rays_on_surfaces`.
+`cast_rays_on_surfaces` adds glass, through which lidars see, and mirrors.
 """
 
 import math
@@ -34,11 +34,11 @@ def cast_rays(
 ) -> Floats:
     """Distances (N,) in metres to the first obstacle of each ray; exactly `range_max_m` where there is none nearer.
 
-    `occupied` (H, W) marks the obstacles; beyond the grid all is occupied, the arena's edge closes it. `sensor` is
-    in the arena frame, `angles_rad` (N,) in the sensor's frame. `circles` (K, 3) are further obstacles x, y,
-    radius in metres of the arena frame; one that holds the sensor is the body it sits in and is not seen. A sensor
-    within an occupied cell measures 0. Rays end where they enter a cell, found by the traversal of Amanatides and
-    Woo, *A Fast Voxel Traversal Algorithm for Ray Tracing*, Eurographics 1987.
+    `occupied` (H, W) marks the obstacles; beyond the grid all is occupied, the arena's edge closes it. `sensor` is in
+    the arena frame, `angles_rad` (N,) in the sensor's frame. `circles` (K, 3) are further obstacles x, y, radius in
+    metres of the arena frame. A circle around the sensor is the body that carries it and is not seen. A sensor within
+    an occupied cell measures 0. Rays end where they enter a cell, found by the traversal of Amanatides and Woo, *A Fast
+    Voxel Traversal Algorithm for Ray Tracing*, Eurographics 1987.
 
     Raises ValueError for an array whose shape does not fit, and for a pose or range that is not finite.
     """
@@ -100,8 +100,8 @@ def cast_rays_on_surfaces(
     """Distances (N,) in metres as `cast_rays` gives them, on a floor with glass and mirrors.
 
     A pane returns the beams that meet it within `echo_rad` of its normal. Other beams pass it straight on; behind a
-    pane at the grid's edge they meet nothing. A mirror reflects a beam once: its range is the length of the whole path,
-    and it may end at the body that the sensor sits in. A second mirror on the path is a wall.
+    pane at the grid's edge they meet nothing. A mirror reflects a beam once. The beam's range is the length of the
+    whole path, and it may end at the body that carries the sensor. A second mirror on the path is a wall.
 
     Args:
         surfaces: (H, W), the sum of the constants above for each cell.

@@ -19,7 +19,7 @@ class CoverageMap:
     Args:
         places: of the motes, arena frame.
         points: sample points of the floor, arena frame.
-        radius_m: a mote tells of the floor up to this distance.
+        radius_m: a mote senses the floor up to this distance.
 
     """
 
@@ -40,20 +40,20 @@ class CoverageMap:
         return self.spots(motes).bit_count() / self.points
 
     def spots(self, motes: Collection[int]) -> Spots:
-        """What some of these motes cover."""
+        """Sample points that these motes cover."""
         return reduce(or_, (self.covered[mote] for mote in motes), 0)
 
 
 def duty_set(cover: CoverageMap, left: Mapping[int, float]) -> list[int]:
-    """Few motes that cover all that the living ones cover; of these, the ones with much energy left.
+    """A small set of motes that covers all that the living ones cover, preferably with much remaining energy.
 
-    The greedy set cover (Chvátal, Mathematics of Operations Research 4(3), 1979), each mote's gain times the share of
-    energy that it has left, and then without those that turned out not to be needed, emptiest first. Repeated from time
-    to time with the energies of then, the motes take turns.
+    This is the greedy set cover (Chvátal, Mathematics of Operations Research 4(3), 1979). Each mote's gain is
+    multiplied by its remaining share of energy. Motes that prove unnecessary are then removed, emptiest first. Repeated
+    from time to time with the present energies, the motes take turns.
 
     Args:
-        cover: who covers what.
-        left: share of its energy that each living mote has left, above 0.
+        cover: the points that each mote covers.
+        left: remaining share of energy of each living mote, above 0.
 
     """
     wanted = cover.spots(left)

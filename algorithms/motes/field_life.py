@@ -31,12 +31,13 @@ from robrain.protocol.model.ranges import NotNegative, Positive
 def relay_places(graph: RadioGraph, alive: set[int] | None = None, most: int | None = None) -> list[Point2D]:
     """Places where relays connect every cut-off part of the field with the sink; as many per gap as it needs.
 
-    The gaps are those of a minimum spanning tree over the parts (Prim), which relays on the straight line between the
-    two nearest nodes bridge in equal steps: the heuristic for the fewest Steiner points with bounded edges (Lin and
-    Xue, Information Processing Letters 69(2), 1999; at most four times as many as the best).
+    The gaps are those of a minimum spanning tree over the parts (Prim). Relays bridge each gap in equal steps on the
+    straight line between the two nearest nodes. This is the heuristic for the fewest Steiner points with bounded edges
+    (Lin and Xue, Information Processing Letters 69(2), 1999). It needs at most four times as many relays as the best
+    solution.
 
     Args:
-        graph: who hears whom.
+        graph: the radio links between nodes.
         alive: motes that live; all if None.
         most: places at the most; parts that would need more stay cut off, the nearest gaps come first.
 
@@ -100,12 +101,12 @@ class MoteSite(Checked, frozen=True, kw_only=True):
     range_m: Positive = 22.0
     """Distance up to which two motes hear each other."""
     sensing_m: Positive = 15.0
-    """A mote tells of the floor up to this distance; chosen."""
+    """A mote senses the floor up to this distance; chosen."""
     period_s: Positive = 60.0
     """Time between two readings of a mote."""
     energy: MoteEnergy = mica2()
     log_readings: Annotated[int, Meta(ge=1, le=1000000)] = 30_000
-    """What a mote stores; of more, the oldest are lost."""
+    """Number of readings that a mote stores; the oldest of more are lost."""
 
 
 class RobotFigures(Checked, frozen=True, kw_only=True):
@@ -115,7 +116,7 @@ class RobotFigures(Checked, frozen=True, kw_only=True):
     standing_w: Positive = 8.0
     """All the time on a tour, for computer, sensors and radio: that of the simulated robots."""
     driving_j_per_m: Positive = 20.0
-    """What driving takes besides; about that of the simulated robots."""
+    """Additional energy for driving; about that of the simulated robots."""
     reach_m: Positive = 15.0
     """Distance up to which it collects, which leaves a margin to the radio's range."""
     readings_per_s: Positive = 25.0
@@ -145,7 +146,7 @@ class FieldPlan(Checked, frozen=True, kw_only=True):
 
 
 class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a field."""
+    """Outcome of a simulated field."""
 
     deaths_days: list[float]
     """When the motes died, in order."""

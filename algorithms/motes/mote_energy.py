@@ -1,7 +1,7 @@
-"""What a mote's states and packets take from its cells.
+"""Energy that a mote's states and packets draw from its cells.
 
-Figures of a Mica2: currents as PowerTOSSIM has them (Shnayder and others, Simulating the Power Consumption of
-Large-Scale Sensor Network Applications, SenSys 2004), CC1000 radio at 0 dBm and 19.2 kbit/s.
+The figures are those of a Mica2 with a CC1000 radio at 0 dBm and 19.2 kbit/s. The currents are those of PowerTOSSIM.
+Source: Shnayder and others, Simulating the Power Consumption of Large-Scale Sensor Network Applications, SenSys 2004.
 """
 
 import msgspec

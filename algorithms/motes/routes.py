@@ -102,7 +102,7 @@ class MoteRoutes(msgspec.Struct, frozen=True, kw_only=True):
 def min_hop_tree(graph: RadioGraph, alive: Collection[int]) -> Tree:
     """A collection tree with the fewest hops; of several parents the nearest.
 
-    What the Collection Tree Protocol (Gnawali and others, SenSys 2009) settles on where all links are alike.
+    The Collection Tree Protocol (Gnawali and others, SenSys 2009) settles on this tree where all links are alike.
     """
     usable = set(alive)
     parents, hops = [NO_ROUTE] * graph.sink, {graph.sink: 0}
@@ -120,7 +120,7 @@ def min_hop_tree(graph: RadioGraph, alive: Collection[int]) -> Tree:
 
 
 def routes_of(graph: LinkGraph, trees: Sequence[Tree], sources: Collection[int]) -> MoteRoutes:
-    """What trees ask of the motes if each source has one reading to send."""
+    """Load of these trees on the motes if each source has one reading to send."""
     count = graph.sink
     sent, received, hops = [0.0] * count, [0.0] * count, [0.0] * count
     part = 1.0 / len(trees)
@@ -145,14 +145,15 @@ def lifetime_routes(
     rate_hz: float,
     count: int = TREES,
 ) -> MoteRoutes:
-    """Trees in turn that make the first mote die as late as possible, as nearly as so many trees can.
+    """A cycle of trees that makes the first mote die as late as possible, approximated by `count` trees.
 
-    Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004) as a game: each tree
-    takes the cheapest ways for prices of the motes' energy, and a price grows with the share of its mote's energy that
-    the tree takes a second (multiplicative weights; Arora, Hazan, Kale, Theory of Computing 8, 2012).
+    Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004) is solved as a game.
+    Each tree takes the cheapest paths for prices of the motes' energy. A price grows with the share of its mote's
+    energy that the tree uses a second. The method is multiplicative weights (Arora, Hazan, Kale, Theory of Computing 8,
+    2012).
 
     Args:
-        graph: who hears whom.
+        graph: the radio links between motes.
         left_j: energy of each mote.
         alive: motes that send and forward.
         sources: of these, those that take readings.

@@ -34,10 +34,10 @@ def find_frontiers(
 ) -> list[Frontier]:
     """The frontiers of a map, largest first, then by row and column.
 
-    A frontier cell is FREE and has an UNKNOWN cell above, below, left or right of it; with `reachable` (H, W) it
-    must be reachable, too. Cells that touch, corners included, form a group. Groups of fewer than `min_cells` are
-    dropped; those longer than `split_cells` are cut across their principal axis until no piece is. `classes`
-    (H, W) as of `OccupancyGrid.classes`. Raises ValueError for shapes that differ and a split_cells below 1.
+    A frontier cell is FREE and has an UNKNOWN cell above, below, left or right of it. With `reachable` (H, W) it must
+    also be reachable. Cells that touch, corners included, form a group. Groups of fewer than `min_cells` are dropped;
+    those longer than `split_cells` are cut across their principal axis until no piece is. `classes` (H, W) as of
+    `OccupancyGrid.classes`. Raises ValueError for shapes that differ and a split_cells below 1.
     """
     if reachable is not None and reachable.shape != classes.shape:
         raise ValueError(f"expected reachable of shape {classes.shape}, got {reachable.shape}")

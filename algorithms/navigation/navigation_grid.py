@@ -1,8 +1,8 @@
 """Where a round robot may drive on a known map, what each place costs, and paths over it.
 
-A cell is traversable if its clearance from known obstacles is at least the robot's radius plus a margin and, unless
-the grid is told otherwise, if it is known to be free; near obstacles it costs more, so that paths keep away from walls
-where there is room.
+A cell is traversable if its clearance from known obstacles is at least the robot's radius plus a margin. It must also
+be known to be free, unless the grid is configured otherwise. Cells near obstacles cost more, so that paths keep away
+from walls where there is room.
 """
 
 import math
@@ -101,15 +101,15 @@ DISCOMFORT = 3.0
 COARSE = 2
 """Pitch of the grid on which lengths of paths are compared, in cells."""
 NARROW = 12.0
-"""Extra cost (chosen) of a metre in the narrowest place over one with the preferred clearance: a detour is taken unless
-it is longer by more than this."""
+"""Extra cost (chosen) of a metre in the narrowest place over one with the preferred clearance. A detour is preferred
+unless it is longer by more than this."""
 DEAR = 5.0
 """Extra cost (chosen) of a cell in a zone: more than `DISCOMFORT`, so that the width of a corridor is used."""
 
 
 CENTRED_M = 0.5
-"""Points of a path with less clearance are centred between the walls, by at most half a cell: in the narrowest corridor
-that is half of the room to spare."""
+"""Points of a path with less clearance are centred between the walls, by at most half a cell. In the narrowest corridor
+that is half of the spare room."""
 
 
 class Zone(NamedTuple):

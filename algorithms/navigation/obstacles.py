@@ -1,7 +1,7 @@
 """How much room there is among points that a robot has seen.
 
-Points are x and y, (2, N). Where a robot navigates they are an array, and the functions are compiled; else they are two
-lists, and the same functions run as they are written here. A robot without arrays drives by the same rules.
+Points are x and y, (2, N). A robot that navigates passes an array, and the functions are compiled. Otherwise the points
+are two lists, and the same functions run uncompiled. A robot without arrays thus drives by the same rules.
 """
 
 import math
@@ -11,13 +11,13 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 PASSAGE_BEHIND_M, PASSAGE_AHEAD_M = 0.15, 0.4
-"""Points from this far behind the centre to this far ahead count as walls beside the robot, but none beyond an obstacle
-that is straight ahead, such as a team mate."""
+"""Points from this far behind the centre to this far ahead count as walls beside the robot. Points beyond an obstacle
+straight ahead, such as a teammate, do not count."""
 FRONT_M = 0.05
 """Points count as walls up to this far before an obstacle straight ahead: a margin for noise of the lidar."""
 SURE_M = 0.03
-"""A single point that overlaps the disc's track by more than this is an obstacle; with less overlap it takes
-`WITNESSES` points (chosen: three standard deviations of a lidar's range)."""
+"""A single point that overlaps the disc's track by more than this is an obstacle. With less overlap, `WITNESSES` points
+are needed (chosen: three standard deviations of a lidar's range)."""
 WITNESSES = 3
 BARRIER_M = 0.2
 
@@ -65,7 +65,7 @@ def contact_distance_m(points_m: "Points", x_m: float, y_m: float, heading_rad: 
     """How far a disc can go straight ahead before it touches one of the points; inf if it never does.
 
     The points and the disc's centre x, y are in one frame, in which it goes towards `heading_rad`; `reach_m` is its
-    radius. What lies beside or behind is passed. A point within the disc and ahead of its centre gives a negative
+    radius. The disc passes points beside or behind it. A point within the disc and ahead of its centre gives a negative
     distance.
     """
     found: float = _for(points_m).contact_distance_m(points_m, x_m, y_m, heading_rad, reach_m)
@@ -75,8 +75,8 @@ def contact_distance_m(points_m: "Points", x_m: float, y_m: float, heading_rad: 
 def passage(points_m: "Points", x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
     """The room for a disc that squeezes straight ahead; arguments as for `contact_distance_m`.
 
-    Distances are to the third nearest point instead of the nearest: with walls this near, the noise of a single range
-    would close the passage again and again.
+    Distances are to the third nearest point instead of the nearest. With walls this near, the noise of a single range
+    would close the passage repeatedly.
     """
     return Passage(*_for(points_m).passage(points_m, x_m, y_m, heading_rad, radius_m))
 

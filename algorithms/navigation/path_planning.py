@@ -1,8 +1,8 @@
-"""Ways through a grid: one path, or the cost of the way from everywhere.
+"""Paths through a grid: one path, or the path cost from every cell.
 
-Cells are (row, column). A step goes to one of the eight neighbours and costs its length in cells (1 or √2) times the
-mean cost of its two cells, so that it costs the same in both directions; a diagonal step never cuts the corner of
-an untraversable cell. Equal costs are settled by the order of expansion, which only depends on the arguments.
+Cells are (row, column). A step goes to one of the eight neighbours. It costs its length in cells (1 or √2) times the
+mean cost of its two cells, the same in both directions. A diagonal step never cuts the corner of an untraversable cell.
+Equal costs are settled by the order of expansion, which only depends on the arguments.
 """
 
 import math
@@ -201,9 +201,9 @@ def distance_field(
 def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray[np.int32]:
     """The cells (M, 2) of a path at which it has to turn, its first and last included.
 
-    Straight lines between them touch traversable cells only (and pass no corner of others). A mask that is
-    stricter than the one the path was planned on, say of the cells with comfortable clearance, is fine: the path
-    is shortened where the mask allows and kept elsewhere. Raises ValueError for a path that leaves the grid.
+    Straight lines between them touch traversable cells only (and pass no corner of others). The mask may be stricter
+    than the one of the planned path, for example the cells with comfortable clearance. The path is then shortened where
+    the mask allows and kept elsewhere. Raises ValueError for a path that leaves the grid.
     """
     mask = kernel_array(traversable, BOOL)
     path = kernel_array(cells, INT32)
@@ -219,9 +219,9 @@ def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> ND
 def round_corners(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> Floats:
     """The corners of a path (N, 2) rounded where the mask allows: rows and columns (M, 2), whole at a cell's middle.
 
-    Twice each corner is cut, at a quarter of its shorter side and `CUT_CELLS` at most, in the manner of Chaikin (*An
-    Algorithm for High-Speed Curve Generation*, Computer Graphics and Image Processing 3, 1974). A cut that would touch
-    an untraversable cell is not made. First and last cell stay.
+    Each corner is cut twice, at a quarter of its shorter side and at `CUT_CELLS` at most. The method is that of Chaikin
+    (*An Algorithm for High-Speed Curve Generation*, Computer Graphics and Image Processing 3, 1974). A cut that would
+    touch an untraversable cell is not made. First and last cell stay.
     """
     mask = kernel_array(traversable, BOOL)
     path = kernel_array(cells, FLOAT64)

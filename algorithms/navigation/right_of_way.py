@@ -1,13 +1,13 @@
-"""How far a robot may drive where its way meets those of others.
+"""Decides how far a robot may drive where its path meets those of others.
 
-Each robot tells the team its path and its claim (`claim.py`). Claims are compared alike on both sides, so two robots
-that have heard each other agree on who yields, with nobody to ask. That is prioritised planning (Erdmann and
-Lozano-Pérez, *On Multiple Moving Objects*, Algorithmica 2, 1987; Silver, *Cooperative Pathfinding*, AIIDE 2005), one
-pair at a time: who goes first drives as if alone, who yields keeps out of the whole way that the other has still to go,
-unless it is through in time.
+Each robot publishes its path and its claim (`claim.py`). Claims are compared alike on both sides, so two robots that
+receive each other agree on which one yields, without an arbiter. This is prioritised planning, one pair at a time
+(Erdmann and Lozano-Pérez, *On Multiple Moving Objects*, Algorithmica 2, 1987; Silver, *Cooperative Pathfinding*, AIIDE
+2005). The robot that goes first drives as if alone. The robot that yields keeps out of the other's whole remaining
+path, unless it passes in time.
 
-Positions are (N, 2) in metres, arena frame, `STEP_M` apart along the way; a robot is at position k of its own at
-k · STEP_M / speed.
+Positions are (N, 2) in metres, arena frame, `STEP_M` apart along the path. A robot is at position k of its path at k ·
+STEP_M / speed.
 """
 
 import heapq
@@ -70,9 +70,9 @@ class Margins(msgspec.Struct, frozen=True, kw_only=True):
     contest_m: float = 0.12
     """Between two hulls, for a place to be out of the other's way."""
     guard_m: float = 0.08
-    """Between two hulls, whoever goes first: nobody drives on into less."""
+    """Least distance between two hulls, regardless of priority: no robot drives on into less."""
     slack_s: float = 1.0
-    """Who crosses before or behind somebody who goes first is earlier or later by this."""
+    """A robot that crosses before or behind one that goes first is earlier or later by this."""
     guard_s: float = 2.5
     """How far ahead in time the guard looks; beyond that, what is foreseen of a mate is not to be relied on."""
 
@@ -83,13 +83,13 @@ def sample_path(points: Floats, limit_m: float) -> Floats:
 
 
 def pass_on(routes: Sequence[Floats], passed: Sequence[int], places: Floats) -> list[int]:
-    """How far robots at `places` (N, 2) have come along their ways, each (M, 2): the position that each has passed.
+    """The position on its path (M, 2) that each robot at `places` (N, 2) has passed.
 
-    What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
+    A passed position stays passed. So a path that returns to an earlier place is not cut short.
 
     Args:
-        routes: positions of each way.
-        passed: the position of each that was passed before.
+        routes: positions of each path.
+        passed: the position of each that it had passed before.
         places: where the robots are now.
 
     """
@@ -191,7 +191,7 @@ class DrivenPath:
     def ahead(self, x_m: float, y_m: float, limit_m: float) -> Floats:
         """Positions from a place on, for `limit_m`: the place itself, then those that lie ahead of it.
 
-        What was passed stays passed, so that a path that comes back to where it was is not taken a short cut through.
+        A passed position stays passed. So a path that returns to an earlier place is not cut short.
         """
         self._passed = int(_passed_at(self._positions, self._passed, float(x_m), float(y_m)))
         rest = self._positions[self._passed + 1 : self._passed + 1 + round(limit_m / STEP_M)]
@@ -338,13 +338,13 @@ def _release(
                 j += 1
                 dx, dy = tracks[j, 0] - own[k, 0], tracks[j, 1] - own[k, 1]
                 if dx * dx + dy * dy >= reach_2:
-                    # The track takes so many positions at least to come within reach.
+                    # The track needs at least this number of positions to come within reach.
                     j += max(0, int((math.sqrt(dx * dx + dy * dy) - keep_m[teammate] - contest_m) / stride_m) - 1)
                     continue
                 if contested_by[k] < 0:
                     contested_by[k] = teammate
                 teammate_s = (j - first) * steps_s[teammate]
-                # Who is held comes later than foreseen, nobody knows when; who has arrived stays there.
+                # A held teammate comes later than foreseen, at an unknown time; one that has arrived stays there.
                 stays = held or j == last
                 if own_s + slack_s >= teammate_s and (stays or own_s - slack_s <= teammate_s):
                     late[k] = True
@@ -389,7 +389,7 @@ def _release(
             nearest_m = np.inf
             for j in range(low, high + 1):
                 nearest_m = min(nearest_m, math.hypot(tracks[j, 0] - own[k, 0], tracks[j, 1] - own[k, 1]))
-            # Who is too near already may go where that does not get worse.
+            # A robot that is already too near may go where that does not get worse.
             if nearest_m < reach_m and nearest_m < now_m - 0.02:
                 end, by = max(1, k - 1), teammate
                 break
@@ -413,12 +413,12 @@ def escape_cells(
     tracks: Sequence[Track],
     apart_m: float,
 ) -> NDArray[np.int32] | None:
-    """The way (N, 2), rows and columns, from a cell to the nearest one that nobody has still to pass; None for none.
+    """Path (N, 2), rows and columns, from a cell to the nearest one that no teammate still has to pass; None for none.
 
-    A cell closes when the first mate that goes first comes within its `keep_m + apart_m` of it, and a refuge is a cell
-    that never closes. Each cell of the way is reached before it closes. As cells only ever close, Dijkstra's search
-    finds the earliest arrival (Dreyfus, *An Appraisal of Some Shortest-Path Algorithms*, Operations Research 17, 1969).
-    No mate is approached within that distance, whoever goes first. `traversable` is (H, W).
+    A cell closes when the first teammate with priority comes within its `keep_m + apart_m` of the cell. A refuge is a
+    cell that never closes. Each cell of the path is reached before it closes. As cells only ever close, Dijkstra's
+    search finds the earliest arrival (Dreyfus, *An Appraisal of Some Shortest-Path Algorithms*, Operations Research 17,
+    1969). The path keeps this distance from every teammate, regardless of priority. `traversable` is (H, W).
     """
     row, column = start
     reach = round(WINDOW_M / geometry.resolution_m)
@@ -457,7 +457,7 @@ def _close_all(
         begin, end = end, end + counts[track]
         if steps_s[track] > 0.0:
             _close(closes_s, cells[begin:end], steps_s[track], HEAD_START_S, reaches_cells[track])
-        # Who is nearer already only has to get away.
+        # A robot that is already nearer only has to move away.
         away_cells = math.hypot(cells[begin, 0] - column, cells[begin, 1] - row)
         _close(closes_s, cells[begin : begin + 1], 1.0, 0.0, min(reaches_cells[track], away_cells))
 

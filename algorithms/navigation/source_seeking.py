@@ -20,7 +20,7 @@ RIDGE = 1e-3
 """Added to the slopes' share of the normal equations: of readings that lie in line, only the slope along counts."""
 TERMS = 4
 SIGNIFICANT = 3.0
-"""A maximum must be curved by so many standard deviations."""
+"""Number of standard deviations by which a maximum must be curved."""
 FIT_MIN = 6
 """Fewer readings make no fit."""
 

@@ -1,9 +1,9 @@
 """Kinematics of wheeled bases that are described by their geometry: omni, mecanum, differential, Ackermann.
 
-Each wheel i drives along a fixed line: its speed is r·ω_i = a_i·v_x + b_i·v_y + c_i·ω for the body's velocity
-(v_x, v_y, ω), frame of REP 103 (Siegwart, Nourbakhsh, Scaramuzza: Introduction to Autonomous Mobile Robots, 2nd ed.,
-section 3.2). The body's velocity from the wheels is the least-squares solution. What no wheel can do, such as the
-sideways motion of a differential base, is 0 in it.
+Each wheel i drives along a fixed line. Its speed is r·ω_i = a_i·v_x + b_i·v_y + c_i·ω for the body's velocity (v_x,
+v_y, ω), frame of REP 103. Source: Siegwart, Nourbakhsh, Scaramuzza, Introduction to Autonomous Mobile Robots, 2nd ed.,
+section 3.2. The body's velocity from the wheels is the least-squares solution. Motion that no wheel can drive, such as
+the sideways motion of a differential base, is 0 in it.
 """
 
 import math
@@ -85,7 +85,9 @@ Rows = tuple[tuple[float, float, float], ...]
 
 
 class DescribedBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True, tag_field="type"):
-    """What all have in common. Lengths are in metres, wheels count 1, 2, … in the order that each type says.
+    """Common part of all described bases.
+
+    Lengths are in metres, wheels count 1, 2, … in the order that each type says.
 
     Raises ValueError if a size is not above 0.
     """
@@ -125,7 +127,7 @@ class DescribedBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return tuple([(a * x + b * y + c * turn) / radius for a, b, c in self.rows])
 
     def commands(self, twist: Twist2D, wheel_speed_max_rad_s: float) -> tuple[float, ...]:
-        """What the motor controller is sent: wheel speeds, slower in proportion if one were too fast."""
+        """Commands for the motor controller: wheel speeds, slower in proportion if one were too fast."""
         wanted = self.wheel_speeds_rad_s(twist)
         share = wheel_speed_max_rad_s / max(wheel_speed_max_rad_s, *map(abs, wanted))
         return tuple([share * speed for speed in wanted])
@@ -139,7 +141,7 @@ class DescribedBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return Twist2D(radius * forward, radius * left, radius * turn)
 
     def commanded(self, values: Sequence[float]) -> Twist2D:
-        """What the base does when its controller is sent these `commands`."""
+        """Motion of the base under these `commands`."""
         return self.twist(*values)
 
     @cached_property
@@ -208,8 +210,8 @@ class Differential(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fiel
 class Ackermann(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="ackermann"):
     """A car: it is commanded by the rear wheels' speed and a steering angle; the rear wheels, left and right, count.
 
-    The commands are (speed of the rear axle in rad/s of a wheel, steering angle in rad, to the left if positive) of the
-    bicycle model: tan δ = L·ω / v_x.
+    The commands follow the bicycle model: tan δ = L·ω / v_x. They are the speed of the rear axle (rad/s of a wheel) and
+    the steering angle (rad, positive to the left).
     """
 
     wheelbase_m: Positive

@@ -1,7 +1,7 @@
-"""Arrays as compiled kernels take them: one type for each argument, whatever was passed.
+"""Arrays for compiled kernels: one type for each argument, for any input.
 
-numba compiles a kernel once for each combination of types; an array that is read-only or not contiguous is of a type
-of its own. What is as wanted is handed on as it is, in a tenth of the time that `numpy.require` takes to find that out.
+numba compiles a kernel once for each combination of types. An array that is read-only or not contiguous has a separate
+type. A suitable array is passed on unchanged, in a tenth of the time that `numpy.require` takes for this check.
 """
 
 from typing import Any

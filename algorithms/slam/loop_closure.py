@@ -2,7 +2,7 @@
 
 The match starts from the pose estimate. If the estimate is uncertain, a correlative search comes first (Olson,
 *Real-time correlative scan matching*, ICRA 2009), then Gauss–Newton. The match is accepted only if enough beams end in
-known cells of the submap, most of these agree with the submap, and the search found no second pose of similar score.
+known cells of the submap and most of them agree with it. The search must also find no second pose of similar score.
 """
 
 import math

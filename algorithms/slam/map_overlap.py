@@ -1,8 +1,9 @@
-"""How two maps lie to each other that were made in different frames, found from the walls that both show.
+"""Relative pose of two maps in different frames, found from the walls that both show.
 
-The walls about a place of one map are looked for on the other map; each answer is refined and held against all that
-either map knows: walls of one that are floor on the other speak against it (Birk, Carpin, *Merging occupancy grid maps
-from multiple robots*, Proceedings of the IEEE 94(7), 2006). Walls are compared as points, the middles of their cells.
+The walls around a place of one map are searched for on the other map. Each answer is refined and compared with both
+maps. Walls of one map that are floor on the other contradict the answer. Source: Birk, Carpin, *Merging occupancy grid
+maps from multiple robots*, Proceedings of the IEEE 94(7), 2006. Walls are compared as points, the middles of their
+cells.
 """
 
 import math
@@ -221,8 +222,9 @@ SMALL_MAX_M = 0.8
 """A cluster that is no longer and no wider than this may be a robot."""
 NOBODY = np.empty((0, 3))
 AGREES_MIN = 0.99
-"""Share of the compared wall cells that must agree. Measured on six floors: where maps truly overlap, 155 of 169
-answers have no cluster of contradicting cells; at wrong places of floors that repeat themselves 1.4 to 16 % do."""
+"""Share of the compared wall cells that must agree. Measured on six floors, where maps truly overlap: 155 of 169
+answers have no cluster of contradicting cells. At wrong places of floors that repeat themselves, 1.4 to 16 % have none.
+"""
 COMMON_MIN = 100
 """Wall cells that must be the same: 10 m of wall at 0.1 m."""
 CONTRADICTION = 2.0
@@ -252,7 +254,7 @@ UNMARKED, CONTRADICTS, COMMON = 0, 1, 2
 CLUSTER_MIN = 4
 """Least number of connected cells for a contradiction: single cells are noise of the lidar."""
 BESIDE = 3
-"""What is within so many cells of a wall may be a part of it: nearer cells contradict nothing."""
+"""Cells within this number of cells of a wall may be part of it and contradict nothing."""
 
 
 @njit(cache=True, nogil=True)
@@ -297,8 +299,8 @@ def compare(
 def in_clusters(marked: NDArray[np.uint8], own: NDArray[np.int8], small_max: float) -> tuple[int, NDArray[np.int64]]:
     """Contradicting cells connected with at least `CLUSTER_MIN` − 1 others, of the eight around each; unmarks them.
 
-    Returns how many are in clusters longer or wider than `small_max` cells or beside a wall of the own map, and the
-    number in each other one.
+    Returns the number of cells in clusters longer or wider than `small_max` cells or beside a wall of the own map. It
+    also returns the number in each other cluster.
     """
     height, width = marked.shape
     stack = np.empty((np.sum(marked == CONTRADICTS), 2), np.int32)
@@ -346,7 +348,7 @@ def _walls_about(own: NDArray[np.int8], first: int, last: int, left: int, right:
 
 
 class Overlap(NamedTuple):
-    """What two maps say of each other."""
+    """Comparison of two maps."""
 
     agreeing: int
     """Wall cells of the one that are walls on the other."""
@@ -386,11 +388,11 @@ class MapMatcher:
     Args:
         own: the map whose place is looked for.
         other: the map on which it is looked for, with cells of the same size.
-        own_bodies: (K, 3) x, y, radius in metres of robots in the frame of the own map: what either map shows there may
-            be a robot, and contradicts nothing.
+        own_bodies: (K, 3) x, y, radius in metres of robots in the frame of the own map. Obstacles of either map there
+            may be robots and contradict nothing.
         other_bodies: (M, 3) the same in the frame of the other map.
-        strangers: number of robots that either map may show without anybody knowing where: so many small things that
-            contradict and stand free, the largest, are left out.
+        strangers: number of robots that either map may show at unknown places. This number of small, free-standing
+            contradicting things is ignored, the largest first.
         evidence_min: least `Overlap.evidence` of an answer.
 
     """
@@ -451,7 +453,7 @@ class MapMatcher:
         return None if self._is_repeated(best, at) else best
 
     def overlap(self, T_other_own: Pose2D) -> Overlap:
-        """What the maps say of each other if they lie so."""
+        """Comparison of the maps at this relative pose."""
         return self._compared(T_other_own)[0]
 
     def fits_elsewhere(self, at: Pose2D, T_other_own: Pose2D) -> bool:
@@ -487,7 +489,7 @@ class MapMatcher:
         ).fits_elsewhere(at, found.T_other_own)
 
     def _compared(self, T_other_own: Pose2D) -> tuple[Overlap, NDArray[np.uint8]]:
-        """What the maps say of each other if they lie so, and which cells of the own map are common."""
+        """Comparison of the maps at this relative pose, and the common cells of the own map."""
         own, other = self._own.geometry, self._other.geometry
         # The middle of the own map's cell (0, 0), in cells of the other map.
         x_m, y_m = own.origin_x_m + 0.5 * own.resolution_m, own.origin_y_m + 0.5 * own.resolution_m

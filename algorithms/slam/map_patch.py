@@ -21,15 +21,15 @@ from robrain.protocol.model.map_frame import ARENA, MapFrame
 TOLD_SHARE = 0.75
 """Share of an atlas that messages may fill; the rest is reserved for the robot's own cells."""
 STEPS_MAX = 8
-"""What one patch does is kept for so many different cells of its submap."""
+"""Number of different states of a submap for which the effect of one patch is kept."""
 
 
 class _Kept:
-    """What was computed from a patch."""
+    """Values computed from a patch."""
 
     def __init__(self, _patch: MapPatch) -> None:
         self.geometry: GridGeometry | None = None
-        """The grid of those who have taken the patch; None as long as nobody has."""
+        """The grid of the robots that have integrated the patch; None before the first of them."""
         self.steps: dict[int, SubmapStep] = {}
         """By the `id` of the evidence before, which each step keeps alive: some may have missed an earlier patch."""
 
@@ -37,7 +37,7 @@ class _Kept:
 def step_of(
     patch: MapPatch, atlas: SubmapAtlas, key: SubmapKey, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]
 ) -> SubmapStep:
-    """What a patch with these cells makes of a submap of an atlas: computed once for all who hold the same of it."""
+    """Effect of a patch with these cells on a submap of an atlas, computed once for all holders of the same cells."""
     kept, submap = patch.derived(_Kept), atlas.shaped(key)
     step = kept.steps.get(id(submap.evidence))
     if step is None:
@@ -71,7 +71,7 @@ class SharedSteps:
         self._atlas = atlas
         self._steps: list[tuple[SubmapKey, SubmapStep]] = []
         self._evidence: dict[SubmapKey, NDArray[np.int8]] = {}
-        """What the submaps of these steps will hold."""
+        """Cells of the submaps after these steps."""
         self._more = 0
         """Bytes by which they grow."""
 
@@ -125,8 +125,8 @@ AHEAD_MAX_MS = 5_000
 def map_stamp_ms(stamp_ns: int) -> int:
     """A stamp as grids keep it: milliseconds in 31 bits.
 
-    They wrap every 24.8 days of the clock; cells seen before such a moment are replaced only by being seen again
-    24.8 days later, so restart the team's maps then.
+    Stamps wrap every 24.8 days of the clock. Cells seen before a wrap are replaced only when they are seen again 24.8
+    days later, so restart the team's maps then.
     """
     return stamp_ns // NS_PER_MS % STAMP_MODULUS_MS
 

@@ -1,9 +1,9 @@
 """A pose graph of submaps: their poses in the arena, from measured relative poses of pairs of them.
 
 Graph SLAM as in Grisetti et al., *A tutorial on graph-based SLAM*, IEEE Intelligent Transportation Systems Magazine
-2(4), 2010: Gauss–Newton on the residuals of the edges. Edges that may be false are weighed by dynamic covariance
-scaling (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, ICRA 2013), which is the closed
-form of the switchable constraints of Sünderhauf and Protzel (IROS 2012).
+2(4), 2010. The solver is Gauss–Newton on the residuals of the edges. Edges that may be false are weighed by dynamic
+covariance scaling (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, ICRA 2013). It is the
+closed form of the switchable constraints of Sünderhauf and Protzel (IROS 2012).
 
 Nodes are poses T_arena_node. An edge says that a pose fixed to one node and a pose fixed to another node are the same
 pose in the arena. A node may be held fixed: the arena itself, or a submap of another robot, which only its owner moves.

@@ -1,8 +1,8 @@
 """A submap: the part of the floor that one robot saw on a few metres of its path, as a grid that can be moved.
 
-Submaps are those of Cartographer (Hess et al., *Real-time loop closure in 2D LIDAR SLAM*, ICRA 2016): within one, the
-robot's drift is negligible; only the pose of the submap is corrected later. The cells are aligned with the team's grid,
-in the frame `local` of the robot that saw them. `T_arena_local` is the pose of that frame in the arena. It is the
+Submaps are those of Cartographer (Hess et al., *Real-time loop closure in 2D LIDAR SLAM*, ICRA 2016). Within a submap,
+the robot's drift is negligible. Only the pose of the submap is corrected later. The cells are aligned with the team's
+grid, in the frame `local` of the robot that saw them. `T_arena_local` is the pose of that frame in the arena. It is the
 identity until it is corrected, and cells need not be resampled.
 """
 
@@ -29,8 +29,9 @@ STATES_FREE, STATES_OCCUPIED = np.int8(-60), np.int8(60)
 """Evidence of a free and an occupied cell, as in `OccupancyGrid.log_odds`; 0 means unknown."""
 
 SURFACE = np.dtype([("row", "<i4"), ("column", "<i4"), ("right", "i1"), ("up", "i1"), ("view", "u1")])
-"""Place of a wall within a cell: row and column of the cell; the wall's offset from the cell's centre in x and y, in
-cells divided by `PARTS`; mean direction of the beams that ended there, in `VIEW_PARTS` of a turn from the x axis."""
+"""Place of a wall within a cell. The fields `row` and `column` are those of the cell. The offset of the wall from the
+cell's centre in x and y is in cells divided by `PARTS`. The field `view` is the mean direction of the beams that ended
+there, in `VIEW_PARTS` of a turn from the x axis."""
 PARTS = 64
 VIEW_PARTS = 256
 VIEWS = np.array(
@@ -56,7 +57,10 @@ class Tiles(NamedTuple):
 
 
 class SubmapStep(NamedTuple):
-    """What a patch makes of a submap: a value, so that all who hold the submap's cells before can share those after."""
+    """Effect of a patch on a submap.
+
+    It is a value, so that all holders of the submap's old cells can share the new ones.
+    """
 
     before: NDArray[np.int8]
     """The evidence to which the patch was applied, by identity."""
@@ -114,7 +118,10 @@ class Submap:
         self.become(self.after(row, column, cells, stamp_ms))
 
     def after(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> SubmapStep:
-        """What cells that `growth` has checked make of the submap, which itself stays as it is; arguments as `take`."""
+        """Effect on the submap of cells that `growth` has checked.
+
+        The submap stays unchanged; arguments as `take`.
+        """
         height, width = cells.shape
         latest_ms = latest(self.stamp_ms, row - self.row, column - self.column, height, width)
         stamps_ms = np.full((1, 1), stamp_ms, np.int32) if isinstance(stamp_ms, int) else kernel_array(stamp_ms, INT32)

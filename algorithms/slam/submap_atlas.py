@@ -22,7 +22,7 @@ from robrain.protocol.model.map_frame import ARENA, MapFrame
 SUBMAPS_MAX = 8192
 """Largest number of submaps of an atlas; further ones are refused."""
 CELLS_MAX = 1 << 27
-"""Limit for the bytes of all submaps: one for each cell, 11 for each surface. What needs more is refused."""
+"""Limit for the bytes of all submaps: one for each cell, 11 for each surface. A patch that needs more is refused."""
 
 SubmapKey = tuple[str, int]
 """Name of a robot and number of its submap."""
@@ -358,7 +358,7 @@ class SubmapAtlas:
             raise ValueError(f"expected submaps of at most {share * CELLS_MAX:.0f} bytes in all")
 
     def has_room(self, more: int, share: float) -> bool:
-        """Whether submaps may become so many bytes larger, if they may fill that share of the limit, 0 to 1."""
+        """Whether submaps may grow by this number of bytes, if they may fill that share of the limit, 0 to 1."""
         return self._size + more <= share * CELLS_MAX
 
     def set_surfaces(self, key: SubmapKey, surfaces: NDArray[np.void]) -> None:

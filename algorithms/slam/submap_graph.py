@@ -1,8 +1,9 @@
-"""One robot's part of the team's pose graph: the poses of its own submaps, and the loop closures that concern them.
+"""One robot's part of the team's pose graph: the poses and loop closures of its submaps.
 
 Each robot solves for its own submaps only and takes the poses that other robots publish for theirs. As all robots do so
-in turn, the poses converge to the solution of the whole graph (distributed Gauss–Seidel: Choudhary et al., *Distributed
-mapping with privacy and communication constraints*, IJRR 2017). No robot solves the whole graph, and any may be absent.
+in turn, the poses converge to the solution of the whole graph. This is distributed Gauss–Seidel (Choudhary et al.,
+*Distributed mapping with privacy and communication constraints*, IJRR 2017). No robot solves the whole graph, and any
+may be absent.
 """
 
 import math
@@ -224,7 +225,7 @@ class SubmapGraph:
             self.has_news = True
 
     def part(self, trajectory: int, frame: MapFrame) -> None:
-        """The submaps of a trajectory may lie wrong in their map frame: they lie in one of their own from now on."""
+        """Give the submaps of a trajectory their own map frame, because they may lie wrong in the present one."""
         parted = {node.number for node in self.own.values() if node.trajectory == trajectory}
         if not parted:
             return
@@ -263,7 +264,7 @@ class SubmapGraph:
 
         Args:
             place_of: returns T_arena_local, in a map frame, of another robot's submap or of an own one that cannot be
-                moved; None if it does not lie in that frame.
+                moved. It returns None for a submap outside that frame.
             variances_of: returns the variances of that pose.
 
         """
