@@ -1,7 +1,7 @@
-"""Budget: whether a robot can afford what it is asked to do and still get home, and which charger it finds free there.
+"""Budget: whether a robot can afford a task and still get home, and which charger is free.
 
-A task is begun, and gone on with, only as long as what the battery surely gives covers what is left of the task and
-the way home from its place, both at the 95 % bound of the robot's own estimate.
+A task begins and continues only while the battery's guaranteed energy covers the remaining task and the path home from
+its place. Both costs are at the 95 % bound of the robot's own estimate.
 """
 
 import itertools
@@ -21,19 +21,20 @@ from robrain.protocol.reasons import NeedsEnergy, told
 
 CONFIDENCE = 0.95
 NEAREST = 3
-"""So many chargers, nearest as the crow flies, are compared by their way."""
+"""Number of chargers, nearest by straight line, whose paths are compared."""
 DETOUR = 1.5
 """How much longer than a straight line a way is taken to be that is not known. Chosen."""
 REQUIRES = ("energy", "home", "planner")
-"""What a behavior with a budget names in its manifest, beside what travel needs."""
+"""Requirements of a behavior with a budget, in its manifest, beside those of travel."""
 AT_DOCK_M = 0.5
-"""Who is, or is bound, so near to a charger has it; two chargers do not stand nearer to each other."""
+"""A robot within this distance of a charger, or bound for a place that near, occupies it. Two chargers are never nearer
+to each other."""
 RECHARGES = "recharge"
-"""What the behavior of a robot that charges, or wants to, is called."""
+"""Behavior name of a robot that charges or wants to charge."""
 
 
 class BudgetVerdict(msgspec.Struct, frozen=True):
-    """What something needs, and what there is, in joules at the battery's terminals."""
+    """Required and available energy, in joules at the battery's terminals."""
 
     needed_j: float
     """95 % bound of the task and the way home."""
@@ -48,7 +49,7 @@ class BudgetVerdict(msgspec.Struct, frozen=True):
 
     @property
     def reason(self) -> NeedsEnergy:
-        """What speaks against it where it is not affordable."""
+        """Reason for a refusal if it is not affordable."""
         return NeedsEnergy(round(self.needed_j, 3), round(self.usable_j, 3))
 
     @property
@@ -62,7 +63,7 @@ class BudgetVerdict(msgspec.Struct, frozen=True):
 
 
 class Budget:
-    """What a behavior can afford; made in its `init`, connected in its `activate`.
+    """Energy budget of a behavior; made in its `init`, connected in its `activate`.
 
     Args:
         env: the behavior's.
@@ -138,13 +139,13 @@ def _away_m(one: Point2D, other: Point2D) -> float:
 
 
 class Docks:
-    """Who has which charger, and who goes to which, with nobody to ask.
+    """Occupancy of the chargers by present and approaching robots, without an arbiter.
 
-    Of two that are bound for the same charger the nearer one has it; of two equally near, the first by name.
+    Of two robots bound for the same charger, the nearer one has it; of two equally near, the first by name.
 
     Args:
         robot: the robot's name.
-        travel: knows where it is, and the mates.
+        travel: provides the robot's pose and its teammates.
 
     """
 
@@ -153,7 +154,7 @@ class Docks:
         self._travel = travel
 
     def holder(self, place: Point2D) -> str:
-        """Who stands at the charger at this place, or will be there before this robot; empty if nobody."""
+        """Name of the robot that is at the charger at this place, or will be there before this robot; empty if none."""
         mine = (self._travel.pose().distance_m(place), self._robot)
         for teammate in self._travel.teammates.mates(place, AT_DOCK_M):
             away_m = teammate.pose.distance_m(place)

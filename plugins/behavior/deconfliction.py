@@ -1,7 +1,7 @@
-"""Deconfliction: who goes first where robots meet, and how far along its path that lets a robot go.
+"""Deconfliction: priority where robots meet, and how far each may drive along its path.
 
-`Encounter` is the other robots around it at one moment, `TravelClaim` its own right of way among them, and `Leg` the
-path that it drives as far as they let it, and that it publishes.
+`Encounter` is the set of other robots around a robot at one moment. `TravelClaim` is its right of way among them. `Leg`
+is the path that it drives as far as they permit, and that it publishes.
 """
 
 import math
@@ -38,23 +38,25 @@ REFUGE_M = 0.22
 ZONE_AHEAD_M = 8.0
 """A mate's way that is better left to it, chosen: as far as mates are reckoned with."""
 ROOM_S = 8.0
-"""Who stands idle makes room for a mate that will be there within this."""
+"""An idle robot makes room for a teammate that will arrive within this time."""
 PRESSED_S = 2.5
-"""Who has no refuge says so when a mate could be there within this; before, the mate may be waiting for others."""
+"""A robot without a refuge reports this when a teammate could arrive within this time. Earlier, the teammate may be
+waiting for others."""
 CORNERED_AGAIN_S = 4.0
-"""Who has said that it has nowhere to go says so again only after this, chosen: the others need time to make room."""
+"""Least time between two reports of a robot that has nowhere to go, chosen. The others need time to make room."""
 NEAR_END_M = 0.3
-"""The driver is told of more released way when there is so much of it, or when it comes so near to the end."""
+"""The driver receives a longer released path when it grows by this length, or when the robot comes this near to its
+end."""
 
 
 class Encounter:
-    """Who is met, as the robot sees it.
+    """The other robots around a robot, as the robot sees them.
 
     Args:
         robot: the robot's name.
         claim: its claim.
         radius_m: its radius.
-        mates: those around it.
+        mates: the robots around it.
         speed_m_s: its speed.
 
     """
@@ -74,7 +76,7 @@ class Encounter:
         return release(ahead, self._speed_m_s, self.tracks, MARGINS, yields=False)
 
     def in_the_way_of(self, here: Floats, within_s: float) -> list[str]:
-        """Who of those who go first is to pass these positions (N, 2) within that time."""
+        """Names of the robots with priority that will pass these positions (N, 2) within that time."""
         found = []
         for teammate, track in zip(self.mates, self.tracks, strict=True):
             if track.goes_first:
@@ -84,7 +86,7 @@ class Encounter:
         return found
 
     def still_meets(self, ahead: Floats, names: Sequence[str]) -> bool:
-        """Whether the way of any of these mates meets that of the robot, whoever goes first."""
+        """Whether the path of any of these teammates meets that of the robot, regardless of priority."""
         return any(
             meet(ahead, track, MARGINS.contest_m)
             for teammate, track in zip(self.mates, self.tracks, strict=True)
@@ -92,9 +94,9 @@ class Encounter:
         )
 
     def to_escape(self, *, push: bool = False) -> tuple[float, list[Track], float]:
-        """What the planner has to know to find a refuge: own speed, tracks, distance between hulls.
+        """Input of the planner for finding a refuge: own speed, tracks, distance between hulls.
 
-        With `push`, mates that go after the robot do not count: they make room in their turn.
+        With `push`, teammates with lower priority do not count: they make room in turn.
         """
         tracks = [
             track
@@ -147,7 +149,7 @@ class TravelClaim:
         self._ageing_ns = to_ns(ageing_s)
         self._own = Claim()
         self._lent: Claim | None = None
-        """The claim of whoever it makes room for."""
+        """Claim of the robot for which it makes room."""
         self._held_ns: int | None = None
         self._counted_ns = 0
         self._waited_ns = 0
@@ -157,7 +159,7 @@ class TravelClaim:
 
     @property
     def claim(self) -> Claim:
-        """What the robot acts by, and tells the team."""
+        """Claim by which the robot acts, and which it publishes."""
         return self._lent or self._own
 
     def set_out(self, priority: int, path_m: float) -> None:
@@ -221,10 +223,10 @@ class Leg:
     """A path from where the robot is.
 
     Args:
-        outlet: who is told.
+        outlet: receives the released path.
         pose: T_arena_robot now.
         path: points to drive along, arena frame, at least one.
-        is_escape: whether it leads out of others' way instead of to the goal.
+        is_escape: whether it leads out of others' path instead of to the goal.
         is_narrow: whether it leads through narrow places, where the robot has to squeeze.
 
     """
@@ -270,7 +272,7 @@ class Leg:
         self._tell(claim, self.way.passed_m)
 
     def cut(self, pose: Pose2D, more_m: float) -> "Leg | None":
-        """What is left of it in that distance, as far as the robot was sent; None if that is nothing."""
+        """The remaining path within that distance, up to its released end; None if nothing remains."""
         until_m = min(self._released_m, self.way.passed_m + more_m)
         if until_m <= self.way.passed_m:
             return None

@@ -1,7 +1,7 @@
-"""Errand: what all behaviors have in common that do one kind of task at a place.
+"""Errand: the common part of all behaviors that do one kind of task at a place.
 
-A behavior says which kind, with which parameters, what is to be done at the place, and what that takes; the errand
-accepts or refuses offers, goes there, watches energy and deadline, and tells how it ended:
+A behavior defines the kind, its parameters, the work at the place and its cost. The errand accepts or refuses offers,
+goes there, monitors energy and deadline, and reports the result:
 
 class Sweep(TaskParameters, frozen=True):
     width_m: Length
@@ -16,8 +16,8 @@ class SweepBehavior(Errand[Sweep]):
         yield from self.go(Point2D(task.place.x_m + sweep.width_m, task.place.y_m))
         return {}
 
-`do` is a script: each `yield` gives the turn back until the next step, its return value is the task's result, and
-`raise Failed(why)` ends the task as failed. The same script runs in both drives, for it never waits by itself.
+`do` is a script: each `yield` ends a step. The return value is the task's result, and `raise Failed(why)` ends the task
+as failed. The same script runs in both drives, for it never waits by itself.
 """
 
 import math
@@ -45,7 +45,7 @@ STEP_S = 0.25
 MEASURED_S = 300.0
 """No two measurements of a task's energy are farther apart, also if the process stood still; else the clock was set."""
 CHECK_NS = to_ns(2.0)
-"""How often a running task's energy is judged anew."""
+"""Period of the energy checks of a running task."""
 SETTLE_S = 4.0
 """Having arrived, the robot rolls on to the very end of its path for at most so long."""
 ACTION_LIMIT_S = 20.0
@@ -149,12 +149,12 @@ class Errand(Behavior, ABC, Generic[P]):
 
     @abstractmethod
     def do(self, task: Task, parameters: P) -> Script:
-        """What is to be done at the place; see the module."""
+        """Script of the task at its place; see the module."""
 
     def work(self, task: Task, parameters: P) -> Work:
-        """What `do` takes: by the task's service time and parameters alone, for what it says is used for others alike.
+        """Cost of `do`, by the task's service time and parameters alone, because it is used for other robots too.
 
-        The coordinator asks for it as well. While the task runs, waiting that has been done is counted off.
+        The coordinator asks for it as well. While the task runs, past waiting is subtracted.
         """
         return Work(wait_s=task.service_s)
 
@@ -206,7 +206,7 @@ class Errand(Behavior, ABC, Generic[P]):
         return self.travel.pose().distance_m(place)
 
     def battery(self) -> BatteryState:
-        """What the battery says; Failed if it says nothing."""
+        """State of the battery; raises Failed if the battery reports none."""
         battery = self.env.board.battery
         if battery is None:
             raise Failed("the battery says nothing")
@@ -329,7 +329,7 @@ class Errand(Behavior, ABC, Generic[P]):
         return None
 
     def ended_own(self, state: TaskState, reason: str) -> None:
-        """What it did by itself has ended."""
+        """Handle the end of an activity that the robot began by itself."""
 
     def accept_task(self, run: Run[P]) -> None:
         """Have this to do from now on."""

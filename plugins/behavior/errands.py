@@ -29,7 +29,8 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.table.topics import MOTE_READING, ROBOT_IMAGE
 
 SLOTS = 16
-"""A behavior's keys are used in turn: late joiners get its last so many pictures, a recording has all."""
+"""Number of keys of a behavior, used in turn. Late joiners get its last pictures, one for each key; a recording has
+all."""
 
 
 class ImageOut:
@@ -46,7 +47,7 @@ class ImageOut:
         self._publishers: dict[str, Publisher] = {}
 
     def put(self, picture: Picture) -> str:
-        """Publish a picture; the key that it has, until so many others were published."""
+        """Publish a picture; returns its key, which is valid until `SLOTS` other pictures were published."""
         image = f"{self._env.plugin}-{self._count % SLOTS}"
         self._count += 1
         if image not in self._publishers:
@@ -101,7 +102,8 @@ class InspectBehavior(Errand[Inspect]):
 CHECK_S = 0.6
 """How often it is looked whether more has come."""
 ASK_AGAIN_S = 8.0
-"""A request may be lost, and a mote sends so many readings at the most for one."""
+"""Time after which a request is repeated. A request may be lost, and a mote sends a limited number of readings for
+each."""
 PACKETS = 64
 """That much radio is reckoned with."""
 
@@ -145,7 +147,7 @@ class CollectBehavior(Errand[Collect]):
 
 
 OWN_S = 1.0
-"""What the board takes."""
+"""Duration of a measurement by the board."""
 
 
 class SenseBehavior(Errand[Sense]):

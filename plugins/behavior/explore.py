@@ -1,7 +1,7 @@
-"""Explore: goes to the frontier that the coordinator hands out, until there is nothing unknown left around it.
+"""Explore: goes to the frontier that the coordinator assigns, until no unknown floor remains around it.
 
-Without a coordinator the robot chooses frontiers for itself, with regard to the other robots (`team_choice.py`). One
-that does not know where it is, and maps in a frame of its own, goes to the nearest (Yamauchi 1997).
+Without a coordinator the robot chooses frontiers for itself, with regard to the other robots (`team_choice.py`). A
+robot that does not know its place, and maps in its own frame, goes to the nearest frontier (Yamauchi 1997).
 """
 
 import math
@@ -42,11 +42,11 @@ from robrain.protocol.reasons import PositionLost, no_path
 CONFIDENCE = 0.95
 """One-sided, of the energy that a path takes: that of plans."""
 ALONE = "explore alone"
-"""What the board says of a robot that explores by its own choice."""
+"""Board text for a robot that explores by its own choice."""
 
 
 class OwnFloor:
-    """What is known of the floor, as the robot has it.
+    """The robot's knowledge about the floor.
 
     Args:
         board: the robot's.
@@ -178,7 +178,7 @@ class ExploreBehavior(Behavior):
         `auto`: `tours` would be compiled on the way, which stops a live robot for seconds. `none`: it chooses none."""
 
         reserve_share: Share = 0.1
-        """Share of the battery that stays in it on the way to a frontier of its own choice and on to a charger."""
+        """Share of the battery that remains unused on the path to a self-chosen frontier and on to a charger."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
@@ -202,7 +202,7 @@ class ExploreBehavior(Behavior):
         self._frame = ARENA
         """The map frame of the robot's own choice."""
         self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
-        """Frontiers of its own choice, in a frame of its own, that stayed although it had been there."""
+        """Self-chosen frontiers, in the robot's own frame, that remained after a visit."""
         strategy = strategy_of(self.parameters.exploration, self._record_strategy)
         self._team = TeamChoice(self.env.robot, self.env.board, strategy, self.parameters.reserve_share)
         self._decide_due_ns = 0
@@ -314,7 +314,7 @@ class ExploreBehavior(Behavior):
         return since_ns > to_ns(self.parameters.alone_s)
 
     def _may_roam(self) -> bool:
-        """Whether the robot, which is lost, maps in a frame of its own: the more it sees, the sooner it is found."""
+        """Whether the lost robot maps in its own frame: with more observations it is localised sooner."""
         battery = self.env.board.battery
         return self.env.board.frame != ARENA and not (battery is not None and battery.charging)
 
@@ -334,7 +334,7 @@ class ExploreBehavior(Behavior):
         return sorted(frontiers, key=pose.distance_m)[:OWN_CHOICES]
 
     def _choose(self) -> None:
-        """Set out to a frontier of its own choice, if there is one."""
+        """Set out to a self-chosen frontier, if there is one."""
         if not self._travel.roams:
             self._revise()
         else:
@@ -371,7 +371,7 @@ class ExploreBehavior(Behavior):
         return True
 
     def _record_own(self, goal: Point2D, state: TaskState, result: dict[str, float] | None) -> None:
-        """What became of a frontier of its own choice."""
+        """Record the result for a self-chosen frontier."""
         now_ns = self._decide_due_ns = self.env.clock.now_ns()
         if self._travel.roams:
             self._spent.append(goal)

@@ -1,6 +1,8 @@
-"""Idle: what a robot does with nothing to do. It stands, or goes back to a place of its own after a while.
+"""Idle: behavior of a robot without a task.
 
-One that does not know where it is looks for itself first.
+It stands, or returns to its parking place after a while.
+
+A robot that does not know its place searches for it first.
 """
 
 import math
@@ -108,7 +110,7 @@ class IdleBehavior(Behavior):
             now_ns = self.env.clock.now_ns()
             if not has_nothing_to_do or self._lost_ns is None:
                 self._lost_ns = now_ns
-            # Who maps in a frame of its own may explore instead, as soon as it sees where.
+            # A robot that maps in its own frame may explore instead, as soon as it sees a frontier.
             firm = self._travel.lost if board.frame == ARENA else ""
             is_due = has_nothing_to_do and now_ns - self._lost_ns >= to_ns(SEARCH_AFTER_S)
             if is_due and tasks.occupy(own, firm=firm):

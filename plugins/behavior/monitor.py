@@ -94,7 +94,7 @@ def _turn_rad(before: Colors, now: Colors, view_rad: float) -> float:
 
 
 def _turned(colors: Colors, turn_rad: float, view_rad: float) -> tuple[Colors, Mask]:
-    """What a camera would see that is turned by so much (positive to the right), and which pixels it can tell."""
+    """Image of a camera turned by this angle (positive to the right), and the mask of its known pixels."""
     rows, columns, _ = colors.shape
     focal = 0.5 * columns / math.tan(0.5 * view_rad)
     right = np.arange(columns) + 0.5 - 0.5 * columns
@@ -123,7 +123,7 @@ def _difference(before: Colors, now: Colors) -> Colors:
 
 
 def _squares(mask: Mask) -> Mask:
-    """What is set and lies in a square of `SQUARE` pixels that are all set (a morphological opening)."""
+    """Set pixels that lie in a square of `SQUARE` set pixels (a morphological opening)."""
     rows, columns = mask.shape[0] - SQUARE + 1, mask.shape[1] - SQUARE + 1
     steps = [(down, across) for down in range(SQUARE) for across in range(SQUARE)]
     whole = np.ones((rows, columns), np.bool_)
@@ -136,7 +136,7 @@ def _squares(mask: Mask) -> Mask:
 
 
 REPORTED_IMAGES = 6
-"""A result names so many pictures; all have been told as events."""
+"""Number of pictures that a result names; all pictures were published as events."""
 
 
 class RoomChange(msgspec.Struct, frozen=True, kw_only=True):

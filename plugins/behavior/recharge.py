@@ -1,7 +1,8 @@
-"""Recharge: docks at a charger and stays until the battery is full enough, when told and when it must.
+"""Recharge: docks at a charger and stays until the battery is full enough, on request and when it must.
 
-It must when another behavior has asked for the way home, or when what the battery surely gives comes down to what the
-way home takes: the running task is given back then, and no other is taken on before there is enough again.
+It must charge when another behavior has asked for the path home. It must also charge when the battery's guaranteed
+energy falls to the cost of the path home. The running task is then returned, and no other task is accepted before the
+energy suffices again.
 """
 
 import math
@@ -24,11 +25,11 @@ from robrain.protocol.model.tasks.stock_kinds import RECHARGE, VISIT, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 
 ASIDE_M = (1.3, 2.0)
-"""Who waits, or makes room, stands so far from a charger."""
+"""Distances from a charger at which a robot waits or makes room."""
 CLEAR_M = 1.0
 """… and no nearer to any."""
 NEAR_M = 3.0
-"""Who is so near to a charger already waits where it is."""
+"""A robot this near to a charger waits where it is."""
 APART_M = 0.3
 """Between the hulls of those who wait."""
 DIRECTIONS = 8
@@ -37,8 +38,8 @@ LEFT_OUT_S = 60.0
 GIVEN_S = 20.0
 """For so long a charger that was given to a mate counts as the mate's, wherever that is."""
 URGENT_S, SPARE_S, RICH_S = 150.0, 120.0, 600.0
-"""A charger is given to who lasts no longer than the first, by who lasts longer by the second; or by the third in any
-case. All chosen: changing places takes some 20 s."""
+"""A waiting robot that lasts less than the first time gets the charger of one that lasts longer by the second.
+Otherwise it gets the charger of one that lasts longer by the third. All chosen: changing places takes some 20 s."""
 
 
 class Queue:
@@ -123,7 +124,7 @@ class Queue:
         return mine[0] >= neediest_s + (SPARE_S if neediest_s < URGENT_S else RICH_S)
 
     def give_up_place(self, charger: ChargerPlace) -> Part:
-        """Leave it to whoever waits."""
+        """Leave the charger to the waiting robot."""
         self._given[charger.place] = self._now_ns() + to_ns(GIVEN_S)
         yield from self.move_aside()
 
@@ -290,9 +291,9 @@ RETRY_NS = to_ns(20.0)
 HOMEWARD = 10.0
 """Priority of who has just enough for the way home, where robots meet."""
 DOCK_S = 10.0
-"""What docking takes, about."""
+"""Approximate time of docking."""
 QUEUE_S = 180.0
-"""As long as others have all the chargers, it keeps what standing for so long takes as well. Chosen."""
+"""While others occupy all chargers, the robot also keeps the energy for standing this time. Chosen."""
 
 
 class RechargeBehavior(Errand[Recharge]):
@@ -388,7 +389,7 @@ class RechargeBehavior(Errand[Recharge]):
         return {"soc": round(soc, 3), "docked_m": round(docked_m, 3), "charged_j": round(self._charged_j, 1)}
 
     def _measure(self, run: Run[Recharge]) -> None:
-        """What is used at the charger comes from the charger: `energy_j` is what the way to it has cost."""
+        """Energy used at the charger comes from the charger; `energy_j` is the cost of the path to it."""
         before_j = run.energy_j
         super()._measure(run)
         battery = self.env.board.battery

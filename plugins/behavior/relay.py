@@ -1,7 +1,7 @@
 """Relay: is the link to a mote, to another robot, or between the two, as one of a chain.
 
-Holds its place while all its links are good enough. If one is not, it moves nearer to that end, by steps, as long as
-that link is clearly the weakest: between two weak links of like strength there is no better place.
+Holds its place while all its links are good enough. If one is not, it moves nearer to that end, by steps, while that
+link is clearly the weakest. Between two weak links of like strength there is no better place.
 """
 
 import math

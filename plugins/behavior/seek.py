@@ -45,7 +45,7 @@ SUMMIT_SD_M = 0.5
 MOVED_M = 0.3
 """A step that moves the robot less has led nowhere."""
 STUCK_MAX = 4
-"""So many steps in a row that lead no higher end the climb."""
+"""Number of consecutive steps without a gain that end the climb."""
 GOLDEN_RAD = math.radians(137.5)
 SPIRAL_M = 0.8
 """The first turn of the spiral; its radius grows by the square root."""
@@ -124,14 +124,14 @@ class SeekBehavior(Errand[Seek]):
         }
 
     def measured(self, quantity: str) -> float | None:
-        """What the robot's own board measures now; None if it does not answer or does not sense this."""
+        """Present measurement of the robot's board; None if it does not answer or does not sense this quantity."""
         try:
             return self._board.measure().values.get(quantity)
         except CallError:
             return None
 
     def told(self) -> list[MoteReading]:
-        """What motes have told since the last call."""
+        """Readings of motes received since the last call."""
         return [received.message for received in self._readings.drain()]
 
 

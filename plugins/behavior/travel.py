@@ -26,7 +26,7 @@ from robrain.protocol.reasons import PositionLost, told
 from robrain.protocol.table.topics import ROBOT_PATH
 
 FIND_ITSELF = "find itself"
-"""What the board says of a robot that searches and has nothing else to do."""
+"""Board text for a robot that searches for its place and has nothing else to do."""
 SPEED_M_S = 0.25
 LEG_M = 1.5
 CORNER_RAD = math.radians(100.0)
@@ -35,9 +35,10 @@ ASIDE_RAD = math.radians(137.5)
 """From a leg that is blocked to the next, the golden angle: the directions tried spread out evenly."""
 BLOCKED_S = 0.6
 PATIENCE_S = 120.0
-"""Chosen: some 25 m of way. Who has not found itself by then will not."""
+"""Chosen: some 25 m of path. A robot that is still lost after this time stays lost."""
 TASK_PATIENCE_S = 15.0
-"""So long a task waits for a robot that maps in a frame of its own: then others do it, and the robot may explore."""
+"""Time that a task waits for a robot that maps in its own frame. After it, other robots do the task, and this robot may
+explore."""
 
 
 class LostSearch:
@@ -77,20 +78,20 @@ class LostSearch:
 
 
 REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")
-"""What a behavior that travels names in its manifest."""
+"""Requirements of a behavior that travels, in its manifest."""
 NEXT_CHECK_M = 0.4
-"""How far beyond the robot the path is looked at for changes of the map: its start may be nearer to a wall than it
-should be, and leads away from there."""
+"""Distance beyond the robot at which the check of the path for map changes begins. The path's start may be nearer to a
+wall than it should be, and leads away from there."""
 CREEP_S = 2.0
 CREEP_POSITIONS = 3
-"""After the driver was blocked it is sent this far at a time for `CREEP_S`: it takes no short cut then, which is what
-gets a robot stuck at the corner of a narrow place."""
+"""Number of positions sent at a time for `CREEP_S` after the driver was blocked. The driver then takes no short cut,
+which blocks robots at the corner of a narrow place."""
 DETOUR_GAIN_M = 1.0
 """Another way on which the robot has to wait as well has to lead it so much farther before that."""
 PRIORITY_MAX = 100.0
 """Where robots meet, a task's priority counts up to this."""
 IDLE = Claim(priority=-1)
-"""Who has nothing to do goes after everybody who has."""
+"""An idle robot yields to every robot with a task."""
 
 GAP = "gap_m"
 """In the result of a task: the width of the gap that the robot does not fit through."""

@@ -16,7 +16,7 @@ from robrain.protocol.model.ranges import Positive
 
 STEP_S = 0.25
 TRIES = 8
-"""So many directions are drawn; the first with room for a whole leg is taken, else the one with the most."""
+"""Number of directions drawn. The first with room for a whole leg is chosen, otherwise the one with the most room."""
 BESIDE_RAD = math.radians(25.0)
 """The room ahead is that of the nearest thing within this of the direction."""
 BLOCKED_S = 0.6

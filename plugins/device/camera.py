@@ -19,7 +19,10 @@ from robrain.protocol.table.topics import ARENA_CAMERA
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True):
-    """What a camera saw. It does not know where it was: whoever asked for it does."""
+    """An image of a camera.
+
+    It has no place; the requester knows the place.
+    """
 
     png: bytes
     width: int
@@ -48,7 +51,7 @@ class Backend(Protocol):
         """One picture as a PNG; CallError if there is none."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the camera."""
 
 
 class WireCamera:
@@ -59,7 +62,7 @@ class WireCamera:
         self._timeout_s = timeout_s
 
     def take(self) -> bytes:
-        """What the arena draws for this robot."""
+        """The image that the arena draws for this robot."""
         try:
             return self._env.wire.ask(ARENA_CAMERA, robot=self._env.robot, timeout_s=self._timeout_s)
         except NobodyThere as error:
@@ -109,7 +112,7 @@ class VideoCamera:
             raise HardwareAbsent(env.plugin, f"no video device {number}")
 
     def take(self) -> bytes:
-        """What the device sees now."""
+        """The present image of the device."""
         there, pixels = self._device.read()
         if not there:
             raise CallError(ErrorCode.FAILED, "the video device gives no picture")

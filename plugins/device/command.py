@@ -27,7 +27,7 @@ class Command(Device):
 
     interface = CommandInterface
 
-    # What is called lies higher: to hold a lock of one's own meanwhile could end in a circle.
+    # The called code holds its own locks: a lock held here meanwhile could end in a deadlock.
 
     @unlocked
     def execute(self, text: str) -> str:

@@ -251,7 +251,7 @@ class GpioEmergencyStop(Device):
         lines: Annotated[tuple[LineName, ...], Meta(max_length=LINES_MAX)] = ()
         """One for each contact of the button; any that is open halts the robot."""
         wired_to: Literal["ground", "supply"] = "ground"
-        """What a closed contact connects its line to."""
+        """The potential to which a closed contact connects its line."""
         own_pull: bool = True
         """Whether the chip's resistor pulls an open line the other way; false if the board has resistors."""
         debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005

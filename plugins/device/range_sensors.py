@@ -25,7 +25,7 @@ RING_ANGLES_RAD = tuple(math.tau * sensor / 6 for sensor in range(6))
 SENSORS_A_FRAME = 6
 SENSORS_MAX = 12
 NO_ECHO_M = 2.55
-"""What a frame says for "nothing heard"."""
+"""Range in a frame that means no echo."""
 BUMP_SECTORS = 8
 """A contact each; the first looks straight ahead, and covers 22.5° to either side."""
 
@@ -89,7 +89,7 @@ class RangeSensorsInterface(Protocol):
 
 
 POLL_S = 0.04
-"""Period of the step where the bus does not tell of arrivals."""
+"""Period of the step where the bus does not signal arrivals."""
 CHECK_S = 0.08
 """Where it does: to see that the node is silent."""
 FRAMES_ID, FRAMES_MASK = 0x280, 0x7FC
@@ -101,7 +101,7 @@ class RangeSensorFault(PluginError):
 
 
 class RangeCounters(msgspec.Struct, frozen=True):
-    """What the device has seen of its node."""
+    """Counters of the device's node."""
 
     believed: int
     rejected: int

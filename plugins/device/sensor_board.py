@@ -16,7 +16,7 @@ from robrain.protocol.table.topics import ARENA_SENSE
 
 
 class Sensed(msgspec.Struct, frozen=True, kw_only=True):
-    """What was measured where the robot is; names as in `MoteReading`, with the unit."""
+    """Measurements at the robot's place; names as in `MoteReading`, with the unit."""
 
     values: dict[str, float]
     stamp_ns: int

@@ -124,8 +124,8 @@ class WheelLineCodec:
             raise ValueError(f"lines.command: {error}, for {commands} values") from error
         self._left = b""
         self._skips = not words.poll
-        """Whether what comes until the next ending is the rest of a line: one that was given up, or the first one of a
-        controller that sends by itself, which may have begun before it was heard."""
+        """Whether the bytes until the next ending are the rest of a line. It may be a line that was given up, or the
+        first line of a controller that sends by itself. Such a first line may have begun before the port was open."""
         self._modulus = 1 << words.count_bits
 
     def command(self, values: Sequence[float]) -> bytes:
@@ -196,7 +196,7 @@ class SerialBase(WheelDevice):
         start_s: Annotated[float, Meta(gt=0, lt=60.0)] = 3.0
         """How long the controller may be silent after its line was opened; many boards start again then."""
         lines: LineWords = LineWords()
-        """What is said and heard."""
+        """Texts of the commands and replies."""
         codec: Annotated[str, Meta(max_length=200)] = ""
         """`module:Class` of a codec of one's own instead of `lines`; it is made with the base."""
         count_bits: Annotated[int, Meta(ge=8, le=64)] = 32

@@ -181,14 +181,14 @@ def _number(word: bytes) -> float:
 
 
 class ImuProtocol(StrEnum):
-    """What the unit speaks."""
+    """Protocol of the unit."""
 
     WITMOTION = "witmotion"
     LINES = "lines"
 
 
 class ImuCounters(msgspec.Struct, frozen=True):
-    """What came over the line."""
+    """Counters of the line."""
 
     samples: int
     rejected: int

@@ -20,7 +20,7 @@ class Counter(Skill):
     """Counts the seconds since it was activated."""
 
     interface = CounterInterface
-    """What other plugins may call."""
+    """Interface for other plugins."""
 
     def activate(self) -> None:
         # Time comes from the run's clock, never from the wall: in lockstep it is the simulated one.

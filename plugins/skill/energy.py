@@ -13,10 +13,10 @@ __all__ = ["EnergyEstimate", "EnergyInterface", "EnergyModel", "Work"]
 
 
 class EnergyInterface(Protocol):
-    """What things cost this robot, in joules at the battery's terminals."""
+    """Energy costs of this robot, in joules at the battery's terminals."""
 
     def estimate(self, work: Work) -> EnergyEstimate:
-        """What this work will cost; ask for `high_j(0.95)` before promising anything."""
+        """Cost of this work; use `high_j(0.95)` before a promise."""
 
     def usable_j(self) -> float:
         """Lower 95 % bound of the energy before the cut-off; 0 while the battery is unknown."""
@@ -32,7 +32,7 @@ class Energy(Skill):
     """Learns the robot's power model and predicts the energy of work."""
 
     class Parameters(PowerPrior, frozen=True, kw_only=True, forbid_unknown_fields=True):
-        """What is believed before anything is measured, and what is never measured."""
+        """Values assumed before anything is measured, and values that are never measured."""
 
         packet_j: float = 0.0008
         """One packet of 36 bytes by a Mica2 at full power: 26.9 mA at 3 V (CPU and sending) for 10 ms."""

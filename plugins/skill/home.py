@@ -39,7 +39,7 @@ class HomeInterface(Protocol):
         """Where the robot started, arena frame, as far as it knows now; None before it knows where it is."""
 
     def ask(self, why: str) -> None:
-        """Say that the robot should go home; whoever drives it there observes `asked`."""
+        """Request that the robot goes home; the plugin that drives it there observes `asked`."""
 
 
 SAME_M = 0.3

@@ -1,6 +1,7 @@
 """Localisation: dead reckoning from a known start, corrected by motes of known place and by the walls of the map.
 
-What odometry says stays continuous in the frame odom; corrections move that frame in the arena, T_arena_odom (REP 105).
+The odometry's pose stays continuous in the frame odom. Corrections move that frame in the arena, T_arena_odom (REP
+105).
 """
 
 import logging
@@ -142,8 +143,8 @@ class Localisation(Skill):
         """Metres of path between two matches of a moving robot; turns count as in
         `algorithms/localization/localiser.py`."""
         wall_slack_cells: Share = 0.0
-        """Offsets of a scan below this many cells of the map count as zero: raise it for a base whose odometry is
-        better than the map's cells, as an exact one is."""
+        """Offsets of a scan below this many cells of the map count as zero. Raise it for a base whose odometry is
+        better than the map's cells, such as an exact one."""
         errors: OdometryErrors = OdometryErrors()
         path_loss: PathLoss = PathLoss()
         watch: DivergenceSpec = DivergenceSpec()
@@ -363,7 +364,10 @@ class Localisation(Skill):
         return self._odometry.inverse().compose(self._driver.pose_at(scan.stamp_ns))
 
     def _check_start(self, scan: LaserScan) -> None:
-        """Is the robot where it was told that it starts? What the others had mapped before it came may tell."""
+        """Check whether the robot is at its configured start.
+
+        The map that the others made before it came may show it.
+        """
         others = self._own_map.map_of_others
         if others is None or others.version == self._checked_version:
             return

@@ -1,7 +1,7 @@
-"""Mote ranges: hands the signals of motes that know their place to localisation, by the board.
+"""Mote ranges: passes the signals of motes with known places to localisation, by the board.
 
-A plugin of its own, so that a robot without a mote base station is localised all the same: a plugin whose requirements
-do not start is left out, and localisation does not require this one.
+It is a separate plugin, so that a robot without a mote base station is still localised. A plugin whose requirements do
+not start is omitted, and localisation does not require this one.
 """
 
 from robrain.agent.plugin import Skill, external

@@ -34,11 +34,11 @@ class PlannerInterface(Protocol):
         *,
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
-        """Waypoints from start to as near to goal as the robot can stand; None if there is no way.
+        """Waypoints from start to as near to goal as the robot can stand; None if there is no path.
 
-        The path avoids circles, and zones unless the way around is much longer. With `is_narrow` it may lead through
-        places with less than the preferred clearance, down to what a robot can squeeze through by the map; the driver
-        finds out on the spot whether it fits.
+        The path avoids circles, and zones unless the detour is much longer. With `is_narrow` the path may lead through
+        places with less than the preferred clearance, down to the squeezing limit of the robot on the map. The driver
+        checks on the spot whether the robot fits.
         """
 
     def escape(

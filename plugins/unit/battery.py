@@ -105,7 +105,7 @@ class Battery(Unit):
 
     def _follow(self, last: BatteryMeasurement, measured: BatteryMeasurement) -> None:
         elapsed_s = to_seconds(measured.stamp_ns - last.stamp_ns)
-        if elapsed_s <= 0:  # the clock of whoever stamps frames was set back
+        if elapsed_s <= 0:  # the clock of the frames was set back
             return
         charge_c, energy_j = measured.charge_c - last.charge_c, measured.energy_j - last.energy_j
         if measured.counted_from_ns != last.counted_from_ns:
@@ -133,7 +133,7 @@ class Battery(Unit):
             charging=charging and not reason,
             implausible=reason,
         )
-        # What is only guessed teaches nothing about the cost of work.
+        # A guessed value teaches nothing about the cost of work.
         report = measured.report
         is_own = not reason and measured.current_a > 0 and (isinstance(report, msgspec.UnsetType) or report.has_current)
         self._drawn = Drawn(measured.stamp_ns, self._energy_j, is_own)

@@ -47,7 +47,7 @@ SQUEEZED_GAP_M = 0.03
 
 
 def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> "Points":
-    """What a scan has hit (2, N), in the frame of the pose that it was taken from."""
+    """Points that a scan has hit (2, N), in the frame of its pose."""
     x_m, y_m, yaw_rad = seen_from.x_m, seen_from.y_m, seen_from.yaw_rad
     if not has_arrays():
         hits = [
@@ -65,7 +65,7 @@ def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> "Points":
 
 
 def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> "Points":
-    """What the range sensors hear (2, N), on their axes, in the frame of the pose that they heard it from.
+    """Echoes of the range sensors (2, N), on their axes, in the frame of the pose of the measurement.
 
     `before` is the measurement before: an echo that is missing once does not open the way.
     """
@@ -174,7 +174,7 @@ class Lookout:
         self._ranges = ranges
         self._obstacles = ObstaclePoints(moc.pose_at)
         self._touched_rad = ranges.pressed_rad()
-        # What the swept disc, a little wider than the robot, would touch.
+        # Points that the swept disc, a little wider than the robot, would touch.
         self._reach_m = moc.radius_m() + 0.25 * stop_distance_m
         self._gap_m = 0.75 * stop_distance_m
         self._radius_m = moc.radius_m()

@@ -42,7 +42,7 @@ WAITING_LINES = 256
 END_TIMEOUT_S = 1.0
 """A program that was asked to end is killed after this."""
 STDERR_LINES_A_SECOND = 100
-"""What a program says to stderr beyond this is counted, not logged."""
+"""Lines that a program writes to stderr beyond this are counted, not logged."""
 
 
 class LineProcess:
@@ -343,7 +343,7 @@ class Program(Unit):
         restart: Literal["no", "on-failure"] = "no"
         """After an exit status other than 0, a signal or a late answer; else the plugin is faulted."""
         restart_limit: NotNegativeInt = 5
-        """After so many restarts in a row the plugin is faulted."""
+        """Number of consecutive restarts after which the plugin is faulted."""
         folder: str = ""
         """Where it runs; relative to where the robot's agent runs, which is the default."""
         environment: dict[str, str] = msgspec.field(default_factory=dict)

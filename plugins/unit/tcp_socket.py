@@ -128,13 +128,13 @@ class LineServer:
 
     Args:
         host: address to listen on.
-        port: 0 takes a free one.
+        port: 0 selects a free one.
         execute: answers one command; called on the clients' threads, several at a time.
-        max_clients: one more is told that the server is busy, and cut off.
-        idle_s: a client that says nothing for so long is cut off.
+        max_clients: a further client is disconnected with a message that the server is busy.
+        idle_s: a client that is silent for this time is disconnected.
 
     Raises:
-        OSError: the address is not to be had.
+        OSError: the address is not available.
 
     """
 

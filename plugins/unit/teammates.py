@@ -44,15 +44,15 @@ class Teammate(msgspec.Struct, frozen=True):
 
 
 class Doing(StrEnum):
-    """What is to be expected of a mate."""
+    """Expected motion of a teammate."""
 
     UNDER_WAY = "under way"
     """It follows its path, or waits on it for others."""
     STANDING = "standing"
     """It has no path, and may be given one at any time."""
     OBSTACLE = "obstacle"
-    """It is halted, silent, does not know where it is, or does not move although nobody holds it up: it is taken to
-    stay where it was seen last."""
+    """It is halted, silent or lost, or it does not move although no robot holds it up. It is assumed to stay where it
+    was last seen."""
 
 
 class Mate(msgspec.Struct, frozen=True, eq=False):
@@ -71,7 +71,7 @@ class Mate(msgspec.Struct, frozen=True, eq=False):
     bound: Point2D
     """Where its path ends; where it is if it has none."""
     behavior: str = ""
-    """What drives it."""
+    """Behavior that drives the robot."""
     endurance_s: float = math.inf
     """For how long its battery surely lasts at what it usually draws; inf if it does not say."""
     rank: Rank | None = None
@@ -79,7 +79,10 @@ class Mate(msgspec.Struct, frozen=True, eq=False):
 
 
 class TeammatesInterface(Protocol):
-    """The other robots. Those whose poses are told in another map frame than this robot's are nowhere to it."""
+    """The other robots.
+
+    A robot that publishes its pose in another map frame than this robot's has no known place.
+    """
 
     def others(self) -> list[Teammate]:
         """Those heard within the last two seconds, by name, in the robot's map frame."""
@@ -107,7 +110,7 @@ AHEAD = round(TEAMMATE_AHEAD_M / STEP_M)
 """Positions of a way that are looked at."""
 ROLLS_M_S = 0.1
 ROLLS_S = 1.5
-"""Who moves faster than that without a path is taken to go straight on for so long."""
+"""Time that a robot faster than `ROLLS_M_S` without a path is assumed to go straight on."""
 LEAST_W = 0.1
 LOST_MARGIN_M = 0.5
 """Kept from a mate that does not know where it is, beyond its radius; chosen."""
@@ -118,12 +121,12 @@ Box = tuple[float, float, float, float]
 
 
 class KnownTeammate:
-    """What one other robot has told of its state and its path.
+    """State and path that one other robot has published.
 
     Args:
         name: its name.
-        stalled_ns: who is under way, waits for nobody and has not moved for so long is an obstacle.
-        speed_m_s: taken for a mate that does not say how fast it goes.
+        stalled_ns: a robot that is under way, waits for no other and has not moved for this time is an obstacle.
+        speed_m_s: assumed for a teammate that does not report its speed.
 
     """
 

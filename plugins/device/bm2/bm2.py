@@ -34,11 +34,11 @@ from robrain.protocol.model.checked import Checked
 
 SIGNALS_MAX = 8
 RECENT_NS = to_ns(5.0)
-"""What another frame reported longer ago than this is not taken with a measurement."""
+"""Values that another frame reported longer ago than this are not combined with a measurement."""
 
 
 class PackValue(StrEnum):
-    """What a signal carries, and in which unit."""
+    """Meaning of a signal, and its unit."""
 
     VOLTAGE_V = "voltage V"
     VOLTAGE_MV = "voltage mV"

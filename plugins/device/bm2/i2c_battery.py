@@ -24,7 +24,7 @@ class Chip(StrEnum):
 
 
 class Registers(NamedTuple):
-    """What is in a chip's registers."""
+    """Contents of a chip's registers."""
 
     configuration: int
     """Continuous, and averaged over about the time between two readings."""
@@ -126,7 +126,7 @@ ABSOLUTE_ZERO_C = -273.15
 
 
 class SmartBatteryStatus(msgspec.Struct, frozen=True):
-    """What a smart battery reports beside its measurements."""
+    """Reports of a smart battery beside its measurements."""
 
     alarms: tuple[str, ...]
     remaining: int

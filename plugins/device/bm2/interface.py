@@ -1,4 +1,4 @@
-"""What the battery manager offers."""
+"""Interface of the battery manager."""
 
 from typing import NamedTuple, Protocol
 
@@ -19,13 +19,14 @@ class BatteryMeasurement(msgspec.Struct, frozen=True):
     current_a: float
     temperature_c: float
     charge_c: float = 0.0
-    """Charge drawn since `counted_from_ns`: nothing is lost to whoever looks less often than frames come."""
+    """Charge drawn since `counted_from_ns`. Users that poll less often than frames arrive lose nothing."""
     energy_j: float = 0.0
     """The same for energy at the terminals."""
     counted_from_ns: int = 0
     """Stamp of the first frame; another one means that the count started again."""
     report: BatteryReport | msgspec.UnsetType = msgspec.UNSET
-    """What the battery says of its charge, and whether its current is measured; unset if it is, and it says nothing."""
+    """The battery's report of its charge, and whether its current is measured. It is unset if the current is measured
+    and the battery reports no charge."""
 
 
 class Bm2Interface(Protocol):
@@ -46,7 +47,7 @@ class BadReading(ValueError):
 
 
 class Reading(NamedTuple):
-    """What a battery was read to be."""
+    """Values read from a battery."""
 
     voltage_v: float
     current_a: float

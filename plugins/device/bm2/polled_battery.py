@@ -1,8 +1,8 @@
-"""A battery that is asked: what all of these have in common, whatever is read and over which bus.
+"""Common part of all polled batteries, for any values and any bus.
 
 A reading that fails is tried again at the next step, with the bus opened again; `battery` goes on by its estimate
-meanwhile. After `silent_s` without a reading the device faults, and the manifest's restart policy tries for as long as
-it takes.
+meanwhile. After `silent_s` without a reading the device faults, and the manifest's restart policy tries until the
+battery answers.
 """
 
 import errno
@@ -49,7 +49,7 @@ class PolledBattery(Device):
     """Reads a battery again and again; subclasses open and read it."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """What all of them have in common."""
+        """Common parameters of all polled batteries."""
 
         silent_s: Annotated[float, Meta(gt=0, lt=3600.0)] = 5.0
         """Time without a reading after which the battery counts as gone."""
@@ -59,7 +59,7 @@ class PolledBattery(Device):
     parameters: Parameters
 
     where = "the battery"
-    """What is read, such as `the smart battery at /dev/i2c-1, 0x0b`."""
+    """Name of the polled battery, such as `the smart battery at /dev/i2c-1, 0x0b`."""
 
     def open(self) -> None:
         """Open what the battery is read by (OSError if that fails)."""
@@ -144,7 +144,7 @@ VALUE_BYTES_MAX = 64
 """Longer values than this are none."""
 MICRO = 1e-6
 NO_VALUE = (errno.ENODATA, errno.EINVAL, errno.EOPNOTSUPP)
-"""What drivers answer for a file that is there and has no value at the moment."""
+"""Errors of drivers for an existing file that has no value at the moment."""
 CHARGING, DISCHARGING, IDLE = "Charging", "Discharging", ("Full", "Not charging")
 """Status files; they decide the sign of the current, which drivers report in either way."""
 
@@ -217,7 +217,7 @@ class PowerSupply(PolledBattery):
 
 
 def _text(path: Path) -> str | None:
-    """What is in a file, without the line's end; None if there is no such file."""
+    """Contents of a file, without the line's end; None if there is no such file."""
     try:
         with path.open("rb") as file:
             data = file.read(VALUE_BYTES_MAX + 1)

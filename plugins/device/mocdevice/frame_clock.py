@@ -2,9 +2,9 @@
 
 The controller sends a frame every 20 ms and counts them. Frames delayed by an adapter or a busy computer arrive in
 bursts; by stamps of arrival all the motion would happen at once. The counter gives the time of each frame on the
-controller's clock. The offset from that clock to the robot's is the minimum of the offsets observed recently, because
-delays only increase it (Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements,
-1999; the skew is neglected, because windows are short).
+controller's clock. The offset from that clock to the robot's is the minimum of the recently observed offsets, because
+delays only increase it. The skew is neglected, because windows are short. Source: Moon, Skelly, Towsley, Estimation and
+removal of clock skew from network delay measurements, 1999.
 """
 
 from enum import StrEnum

@@ -50,7 +50,7 @@ class SignalUnit(StrEnum):
 
 
 class Counted(StrEnum):
-    """What an encoder signal carries."""
+    """Meaning of an encoder signal."""
 
     COUNTS = "counts"
     """Counts that wrap with the signal's length."""

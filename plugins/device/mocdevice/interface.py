@@ -1,4 +1,4 @@
-"""What the motor controller offers."""
+"""Interface of the motor controller."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -29,7 +29,7 @@ class DriveCondition(msgspec.Struct, frozen=True):
 
 
 class Counters(msgspec.Struct, frozen=True):
-    """What the device has seen on its bus."""
+    """Counters of the device's bus."""
 
     believed: int
     rejected: int
@@ -100,7 +100,7 @@ class MocDeviceInterface(Protocol):
 
 
 class WheelCounts(msgspec.Struct, frozen=True):
-    """What the encoders say, and how to read it."""
+    """Counts of the encoders, and their scale."""
 
     counts: tuple[int, ...]
     """One for each wheel, with its sign from the robot's file."""
@@ -110,7 +110,7 @@ class WheelCounts(msgspec.Struct, frozen=True):
 
 
 class WheelsInterface(MocDeviceInterface, Protocol):
-    """What a base offers besides whose wheels are commanded and counted one by one: for bring-up."""
+    """Additional interface of a base whose wheels are commanded and counted one by one, for bring-up."""
 
     def drive_wheels(self, values: Sequence[float]) -> None:
         """Give the base's commands themselves, in SI units. They hold for 200 ms."""

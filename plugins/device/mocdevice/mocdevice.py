@@ -293,7 +293,7 @@ class CanLink:
         try:
             self._port.send_data(codec.arbitration_id, data)
         except (can.CanError, OSError) as error:
-            # The caller is not to blame, and may be a halt: the device's own step tells of it.
+            # The caller is not at fault, and may be a halt: the device's own step reports the error.
             self.broken = BusFault(self._plugin, f"the CAN bus takes no frames: {error}")
 
     def _refuse(self, error: BadFrame) -> None:

@@ -1,8 +1,8 @@
-"""A base on wheels: velocities down as wheel commands, wheel counts up as odometry, whatever the bus and the wheels.
+"""A base on wheels: velocities down as wheel commands, wheel counts up as odometry, for any bus and wheels.
 
-What goes wrong on the bus is a fault of this device: a controller that falls silent, a bus that is off or cannot be
-read, a power stage that has failed. The fault is reported to the team, plugins that require the device are set aside,
-and the manifest's restart policy opens the bus again until it answers. The odometry continues where it was.
+A bus error is a fault of this device: a silent controller, a bus that is off or unreadable, a failed power stage. The
+fault is reported to the team, and plugins that require the device are set aside. The manifest's restart policy opens
+the bus again until the controller answers. The odometry continues where it was.
 """
 
 import itertools
@@ -65,7 +65,7 @@ class WheelLink(Protocol):
 
     @property
     def refusal(self) -> str:
-        """What has come since the last report and is none, and why; empty if nothing has come."""
+        """Messages since the last report that are no report, with the reason; empty if there are none."""
 
     def command(self, values: Sequence[float]) -> None:
         """Send the base's commands."""
@@ -74,10 +74,10 @@ class WheelLink(Protocol):
         """Stop the wheels at once."""
 
     def take(self) -> list[WheelReport]:
-        """What has arrived since the last call."""
+        """Reports that have arrived since the last call."""
 
     def counters(self, believed: int, rejected: int) -> Counters:
-        """What was seen on the bus; the device adds the reports that it believed and rejected."""
+        """Counters of the bus; the device adds the numbers of believed and rejected reports."""
 
     def close(self) -> None:
         """Leave the bus."""
@@ -97,7 +97,7 @@ Ticks = tuple[int, ...]
 
 
 class Counting(NamedTuple):
-    """What the counts of wheels mean."""
+    """Meaning of the wheels' counts."""
 
     modulus: int
     """At which they wrap."""
@@ -221,7 +221,7 @@ class OpenLink(NamedTuple):
 
     link: WheelLink
     where: str
-    """What is missing if it is silent, such as `the CAN bus socketcan:can0 is cut or its controller gone`."""
+    """Description of the fault of a silent bus, such as `the CAN bus socketcan:can0 is cut or its controller gone`."""
     counting: Counting
     period_s: float
     """Of the reports."""
@@ -234,7 +234,7 @@ class WheelDevice(Device):
     """Turns velocities into wheel commands and wheel counts into odometry; subclasses open the link."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """What all bases have in common."""
+        """Common parameters of all wheeled bases."""
 
         radius_m: Annotated[float, Meta(gt=0, lt=1000.0)] = 0.20
         """Radius of the round footprint."""

@@ -1,4 +1,4 @@
-"""What the base station offers."""
+"""Interface of the base station."""
 
 from typing import Literal, Protocol
 

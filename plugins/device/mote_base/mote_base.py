@@ -47,10 +47,10 @@ class PacketLink(Protocol):
         """Why the line is lost; empty while it is not."""
 
     def counters(self) -> dict[str, int]:
-        """What this kind of line counts."""
+        """Counters of this kind of line."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the line."""
 
 
 SERIAL_CHUNK_BYTES = 16_384
@@ -110,7 +110,7 @@ class SerialLineLink:
         return self._down_reason
 
     def counters(self) -> dict[str, int]:
-        """What line and packets have met with."""
+        """Counters of the line and the packets."""
         line, link = self._link.line, self._link.counters
         return {
             "bad_crc": line.bad_crc,
@@ -190,7 +190,7 @@ class SimulatedAirLink:
         return ""
 
     def counters(self) -> dict[str, int]:
-        """Nothing of its own."""
+        """No counters of the line."""
         return {}
 
     def close(self) -> None:
@@ -323,13 +323,13 @@ class SfLink:
 
 
 POLL_S = 0.05
-"""Period of the step with a line that does not tell of arrivals."""
+"""Period of the step with a line that does not signal arrivals."""
 CHECK_S = 0.25
 """With one that does."""
 
 
 class FloodGuard:
-    """Lets so many packets through in each second, and knows whether there were more.
+    """Limits the number of packets in each second, and reports whether there were more.
 
     Args:
         limit: packets in a second.
@@ -357,7 +357,7 @@ class FloodGuard:
 
 
 class PacketCounters(msgspec.Struct, frozen=True):
-    """What the base station has heard and said."""
+    """Counters of the base station's received and sent packets."""
 
     packets: int
     malformed: int
@@ -370,7 +370,7 @@ class PacketCounters(msgspec.Struct, frozen=True):
     flooding: bool
     why_down: str
     line: dict[str, int]
-    """What the kind of line counts beside these."""
+    """Additional counters of the kind of line."""
 
 
 class LineHealth(msgspec.Struct, frozen=True):
@@ -389,9 +389,9 @@ class LineHealth(msgspec.Struct, frozen=True):
 class MoteBase(Device):
     """Passes on each packet that the radio receives, and sends packets.
 
-    A base station that floods, or whose line is lost, is told to the team by `trouble`. The robot listens to as many
-    packets a second as the manifest allows, and seeks the line again; a flood that does not end is a fault. So is a
-    line that is not there at the start: as with any fault, the host starts the plugin again, less and less often.
+    A flood or a lost line is reported to the team by `trouble`. The robot accepts the number of packets a second that
+    the manifest allows, and tries to open a lost line again. A flood that does not end is a fault. So is a line that is
+    not there at the start: as with any fault, the host starts the plugin again, less and less often.
     """
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):

@@ -1,1 +1,1 @@
-"""What the plugins for ROS 2 robots share: one node of the process, times, and the stop of a robot that drives."""
+"""Common code of the plugins for ROS 2 robots: one node of the process, times, and the stop of a driving robot."""

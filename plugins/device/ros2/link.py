@@ -1,7 +1,7 @@
 """One ROS 2 node of this process, with its context, executor and the thread that spins it.
 
-All plugins of a robot share it. It ends `LINGER_S` after the last of them has released it, so that plugins that are
-restarted find it with the publishers that it has discovered; at the latest it ends with the process.
+All plugins of a robot share it. It ends `LINGER_S` after the last plugin has released it, at the latest with the
+process. Restarted plugins thus find it with its discovered publishers.
 """
 
 import atexit
@@ -270,7 +270,7 @@ class Ros2Link:
 
 
 class Ros2Subscription(Ros2Inbox[M]):
-    """What comes on a topic; see `Ros2Link.subscribe`."""
+    """Messages of a topic; see `Ros2Link.subscribe`."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What is believed of a nav_msgs/Odometry: finite numbers in range, and an orientation that is one."""
+"""Checks of a nav_msgs/Odometry: finite numbers in range, and a valid orientation."""
 
 import math
 from typing import NamedTuple, Protocol
@@ -87,7 +87,7 @@ class OdometryReading(NamedTuple):
     """Odometry as the robot reported it."""
 
     stamp_ns: int
-    """By the clock of whoever stamped it; 0 if it has no stamp."""
+    """Time by the publisher's clock; 0 if the message has no stamp."""
     pose: Pose2D
     """Of the body in the robot's own odometry frame."""
     velocity: Twist2D

@@ -122,7 +122,7 @@ JUMP_SLACK = 2.0
 JUMP_M, JUMP_RAD = 0.05, 0.1
 """Less than this is no jump."""
 BLIND_S = 1.0
-"""How long a base may have moved while nothing was heard of it: its watchdog stops it."""
+"""Longest time that a base may have moved without a message from it: its watchdog then stops it."""
 
 
 class ReportedPath(PoseTrack):
@@ -356,7 +356,7 @@ class Ros2Base(Device):
 
     @external
     def trouble(self) -> str:
-        """What hinders the robot from driving, in words; empty if nothing is seen."""
+        """Reason why the robot cannot drive, in words; empty if none is known."""
         link, publisher, wanted = self._link, self._publisher, self.parameters
         if link is None or publisher is None:
             return "the device is not active"

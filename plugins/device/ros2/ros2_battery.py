@@ -19,7 +19,10 @@ CHARGING, DISCHARGING = 1, 2
 
 
 class BatteryMessage(Protocol):
-    """sensor_msgs/BatteryState. What is not measured is NaN."""
+    """sensor_msgs/BatteryState.
+
+    Values that are not measured are NaN.
+    """
 
     header: Header
     voltage: float
@@ -33,7 +36,7 @@ class BatteryReading(NamedTuple):
     """A measurement of the battery."""
 
     stamp_ns: int
-    """By the clock of whoever stamped it; 0 if it has no stamp."""
+    """Time by the publisher's clock; 0 if the message has no stamp."""
     reading: Reading
 
 

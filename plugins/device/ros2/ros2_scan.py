@@ -56,7 +56,7 @@ class ScanReading(NamedTuple):
     """A turn in the robot's frame."""
 
     stamp_ns: int
-    """Middle of the turn, by the clock of whoever stamped it; 0 if it has no stamp."""
+    """Middle of the turn, by the publisher's clock; 0 if the message has no stamp."""
     angles_rad: tuple[float, ...]
     ranges_m: tuple[float, ...]
     """From the robot's centre; `range_max_m` where nothing was hit."""
@@ -67,9 +67,9 @@ class ScanReader:
     """Turns messages into turns of the robot's own lidar.
 
     Args:
-        mount: where the lidar is, and how it looks around.
-        beams: directions of a turn, evenly around the robot, of which those that the lidar sees are given; 0 gives the
-            lidar's own beams, if it is mounted at the robot's centre.
+        mount: pose of the lidar, and its field of view.
+        beams: number of directions of a turn, evenly around the robot, of which those that the lidar sees are given.
+            The value 0 gives the lidar's own beams, if it is mounted at the robot's centre.
         range_max_m: greatest range that is used; 0 for that of the message.
 
     """

@@ -1,4 +1,4 @@
-"""What devices share that hear one topic of ROS 2: they leave it when they are stopped, and count what they reject."""
+"""Common part of devices that subscribe to one ROS 2 topic: they unsubscribe at a stop and count rejected messages."""
 
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
@@ -59,7 +59,7 @@ class StampClock:
 
 
 class Stamped(Protocol):
-    """What a message reads as."""
+    """Value read from a message."""
 
     @property
     def stamp_ns(self) -> int:
@@ -126,7 +126,7 @@ class CheckedTopic(Generic[T]):
         return bool(self._inbox)
 
     def take(self) -> list[CheckedMessage[T]]:
-        """What has come since the last call, in order."""
+        """Messages received since the last call, in order."""
         accepted = []
         for arrived in self._inbox.drain():
             try:

@@ -1,4 +1,4 @@
-"""What the lidar offers."""
+"""Interface of the lidar."""
 
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol

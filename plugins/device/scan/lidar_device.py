@@ -1,8 +1,8 @@
-"""What all lidar devices have in common: the last turn, silence, and turns that cannot be true.
+"""Common part of all lidar devices: the last turn, silence, and implausible turns.
 
-A lidar that falls silent is a fault of this device, and so is one that a user doubts, as the driver does when the
-ranges stay equal while the robot moves. Both are told to the team. A turn that was doubted is not handed on again, also
-after a restart, so that no map is made of it.
+A silent lidar is a fault of this device. So is a lidar that a user doubts, as the driver does when the ranges stay
+equal while the robot moves. Both faults are reported to the team. A doubted turn is not passed on again, even after a
+restart, so that no map is made of it.
 """
 
 import logging
@@ -66,13 +66,13 @@ class ScanMaker:
         self._is_central = mount.x_m == 0.0 == mount.y_m
 
     def scan(self, seen: Iterable[Placed], before: Iterable[Placed], stamp_ns: int) -> LaserScan:
-        """A turn as a scan; beams of which nothing is known are not in it.
+        """A turn as a scan; it omits beams without points.
 
         Args:
-            seen: points of the turn, in the sensor's frame, with where the robot was when they were measured, in its
-                frame at the time of the scan.
-            before: those of the turn before, for beams that this one has no points of: a robot that turns against
-                its lidar leaves a gap of some degrees.
+            seen: points of the turn, in the sensor's frame, with the robot's place at their measurement. This place is
+                in the robot's frame at the time of the scan.
+            before: points of the turn before, for beams without points in this one. A robot that turns against its
+                lidar leaves a gap of some degrees.
             stamp_ns: robot's time of the scan.
 
         """
@@ -202,7 +202,7 @@ class LidarDevice(Device):
             self.fail(f"the lidar has sent {what} for {silent_s:.1f} s{self.where()}")
 
     def where(self) -> str:
-        """What is missing when the lidar is silent, with a colon before it; nothing if that is all to be said."""
+        """Description of a silent lidar after a colon; empty if there is none."""
         return ""
 
     def latest(self) -> LaserScan | None:

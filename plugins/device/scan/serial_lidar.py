@@ -31,8 +31,8 @@ WAIT_NS = to_ns(0.06)
 class SerialLidar(LidarDevice):
     """Reads a lidar's line; subclasses name its protocol.
 
-    Points are moved to where the robot is at the end of the turn, by the odometry on the board: at 0.6 m/s and five
-    turns a second they would be up to 0.12 m off, and while it turns at 1.5 rad/s, 17°.
+    Points are moved to the robot's place at the end of the turn, by the odometry on the board. Otherwise, at 0.6 m/s
+    and five turns a second, they would be up to 0.12 m off. While the robot turns at 1.5 rad/s, they would be 17° off.
     """
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):

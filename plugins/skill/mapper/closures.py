@@ -21,10 +21,11 @@ CONTRADICTS = 0.45
 CONTRADICTIONS_MIN, SUBMAPS_MIN, ROBOTS_MIN = 6, 3, 2
 """Number of scans, of submaps and of robots that must contradict before the robot's place counts as wrong."""
 CHECKS_MAX = 9
-"""So many of the last scans are counted that a mate's submap agreed with or that any contradicted.
+"""Number of recent scans that are counted. A scan counts if a teammate's submap agreed with it or any submap
+contradicted it.
 
-Measured in runs of 3 and 8 robots on four floors, wheels slipping: of 565 scans laid on mates' submaps none did. That
-the robot's own submaps agree says nothing: those that it made since it went wrong always do.
+Measured in runs of 3 and 8 robots on four floors, wheels slipping: of 565 scans laid on teammates' submaps none did.
+That the robot's own submaps agree says nothing: those that it made since it went wrong always do.
 """
 SLACK_ARM_M = 5.0
 """Distance of the walls, metres, that turns the slack in position into one in yaw."""
@@ -226,7 +227,7 @@ class ClosureFinder:
                 continue
             key = part.robot, part.submap
             if len(self._variances) >= OTHER_SUBMAPS_MAX and key not in self._variances:
-                # A mate may tell of submaps that do not exist: drop the variances of submaps without cells.
+                # A teammate may report submaps that do not exist: drop the variances of submaps without cells.
                 self._variances = {
                     each: reported for each, reported in self._variances.items() if each in self._atlas.submaps
                 }

@@ -1,9 +1,9 @@
-"""In which map frame a robot maps, and how it gets into the team's.
+"""The map frame of a robot, and its change to the team's frame.
 
-A robot that does not know its place maps in a frame of its own. It looks for its map on the maps of better frames, and
-moves all its submaps when several searches, from places apart, have found the same answer (pairwise consistency:
-Mangelson et al., *Pairwise consistent measurement set maximization*, ICRA 2018). Mates that mapped in the frame that is
-left follow by themselves.
+A robot that does not know its place maps in its own frame. It searches for its map on the maps of better frames. All
+its submaps move when several searches, from places apart, have found the same answer. This is pairwise consistency
+(Mangelson et al., *Pairwise consistent measurement set maximization*, ICRA 2018). Teammates that mapped in the
+abandoned frame follow by themselves.
 """
 
 import logging
@@ -117,12 +117,12 @@ class Frames:
         return self._own.frame
 
     def begin(self, number: int, reason: str) -> None:
-        """A trajectory begins with this submap: in a frame of its own if there is a reason why the place is unknown."""
+        """Begin a trajectory with this submap, in its own frame if there is a reason why the place is unknown."""
         self._prior = None
         self._enter(MapFrame(number, self._robot) if reason else ARENA, reason)
 
     def part(self, reason: str) -> None:
-        """The submaps of this trajectory may lie wrong: take them out of the team's map, into a frame of their own."""
+        """Move the submaps of this trajectory, which may lie wrong, from the team's map into their own frame."""
         numbers = [node.number for node in self._graph.own.values() if node.trajectory == self._own.trajectory]
         if not numbers:
             return
@@ -188,7 +188,7 @@ class Frames:
         own, other = self._atlas.grid, self._atlas.composed(frame)
         known, teammates = self._robot_places_in(self.frame), self._robot_places_in(frame)
         bodies = np.concatenate((self._own_bodies(here), known))
-        # Whoever tells no place in a map's frame may be drawn there as an obstacle.
+        # A robot that publishes no place in a map's frame may be drawn there as an obstacle.
         strangers = min(max(2 * self._others() - len(known) - len(teammates), 0), STRANGERS_MAX)
         evidence_min = KNOWN_EVIDENCE_MIN if self._was_in(frame) else EVIDENCE_MIN
         evidence_min = min(evidence_min, round(EVIDENCE_SHARE * other.geometry.width * other.geometry.height))

@@ -230,7 +230,10 @@ class MapSender:
             self._untold.append(joined_message(self._robot, self._geometry, messages))
 
     def withdrawn(self, numbers: list[int]) -> None:
-        """Submaps are wrong. What was not sent of them is not sent any more."""
+        """Forget withdrawn submaps.
+
+        Their unsent parts are dropped.
+        """
         self._untold = [each for each in self._untold if each.submap not in numbers or each.parts]
         nowhere: Pose2D = IDENTITY
         self.moved([pose_message(self._robot, self._geometry, each, nowhere, withdrawn=True) for each in numbers])

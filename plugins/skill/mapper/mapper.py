@@ -50,7 +50,7 @@ class MapView(msgspec.Struct, frozen=True, eq=False):
 
 
 class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of what the mapper was told."""
+    """Counters of the mapper's input."""
 
     scans: int
     """Put into the map."""
@@ -359,10 +359,10 @@ class Mapper(Skill):
         return not sees_through(scan.angles_rad, scan.ranges_m, scan.range_max_m, pose, self._robot_places_in(frame))
 
     def _refusal(self, local_pose: LocalPose) -> str:
-        """Why a scan must not be put into the map now; walls in the wrong place are worse than none.
+        """Reason why a scan must not be mapped now; walls in the wrong place are worse than none.
 
-        How unsure it is where the robot's own map lies does not count: loop closures move submaps as a whole, and only
-        a robot that maps finds any.
+        The uncertainty of the place of the robot's own map does not count. Loop closures move submaps as a whole, and
+        only a robot that maps finds any.
         """
         board = self.env.board
         if self._own_map.misplaced:
@@ -376,7 +376,7 @@ class Mapper(Skill):
         return ""
 
     def _publish_others(self) -> None:
-        """What the others had mapped before is the measure of where the robot starts."""
+        """Share the earlier map of the others, by which localisation checks the robot's start."""
         others = self._incoming.others
         self._own_map.map_of_others = None if others is None else others.grid
 

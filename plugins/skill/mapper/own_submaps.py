@@ -22,8 +22,8 @@ from robrain.protocol.model.ranges import PositiveInt
 GRID_REACH_M = 20.0
 """Distance from the frame's origin, metres, at which its yaw must not shift cells."""
 LEAST, LEAST_SHARE = 1e-6, 0.1
-"""Least variance (m², rad²) of a submap's pose relative to the one before; it is at most that share of the pose's own,
-since exact odometry is better."""
+"""Least variance (m², rad²) of a submap's pose relative to the one before. It is at most that share of the pose's own
+variance, since exact odometry is better."""
 TURN_M_PER_RAD = 0.3
 """Metres of path that a turn by one radian counts as: it shows new surroundings too."""
 
@@ -36,7 +36,7 @@ class SubmapSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
     margin_m: float = 3.0
     """Metres by which the robot's own map extends beyond the team's grid, because it may be shifted."""
     misses_min: PositiveInt = 4
-    """So many neighbouring beams without a return mean that the way is free; 1 for a lidar that misses no wall."""
+    """Number of neighbouring beams without a return that mean a free path; 1 for a lidar that misses no wall."""
 
 
 class OwnPatch(NamedTuple):

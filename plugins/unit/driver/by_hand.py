@@ -1,8 +1,8 @@
 """Driving by hand under a deadman's lease: the wheels turn only while the lease's holder goes on asking.
 
 A holder takes the lease, and each velocity that it asks for renews it. A holder that vanishes, hangs or loses its link
-renews nothing: the lease lapses and the robot stands. A lease that has lapsed is never renewed, so that commands that a
-stalled process or link delivers late move nothing; the holder takes a new one.
+renews nothing: the lease lapses and the robot stops. A lapsed lease is never renewed, so late commands of a stalled
+process or link move nothing. The holder must take a new lease.
 """
 
 import math
@@ -19,7 +19,7 @@ RENEWALS = 4
 
 
 class ByHand:
-    """Who may drive by hand, at what velocity, and until when.
+    """Lease for driving by hand: its holder, velocity and end.
 
     Args:
         lease_s: how long the wheels turn after the last command.
@@ -42,7 +42,7 @@ class ByHand:
         self._commanded_ns: int | None = None
 
     def holder(self, now_ns: int) -> str:
-        """Who holds the lease now; empty if nobody does."""
+        """Present holder of the lease; empty if there is none."""
         return self._holder if now_ns < self._lapses_ns else ""
 
     def take(self, by: str, now_ns: int) -> HandLease:
@@ -108,6 +108,6 @@ class ByHand:
         self.wanted = Twist2D()
 
     def let_go(self) -> None:
-        """End the lease as well: whoever drives has to take it again."""
+        """End the lease as well: the next driver has to take it again."""
         self.stand()
         self._lapses_ns = 0

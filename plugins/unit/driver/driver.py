@@ -1,10 +1,10 @@
 """Driver: moves an omnidirectional base smoothly, and stops in front of what lidar and range sensors see.
 
-`follow` is for plugins that replan all the time. `drive_path`, `drive`, `turn` and `go_to` are long actions: they
-return an id, and end as done, as superseded by the next call that moves the robot, or as failed if it stays blocked.
+`follow` is for plugins that replan continuously. `drive_path`, `drive`, `turn` and `go_to` are long actions and return
+an id. They end as done, as superseded by the next call that moves the robot, or as failed if it stays blocked.
 
-The robot stands whenever it does not know what is ahead or where it goes: without a fresh scan, with a frozen lidar,
-without word from its wheels; and after a bump it does not press on.
+The robot stops whenever it does not know the space ahead or its motion: without a fresh scan, with a frozen lidar,
+without wheel reports. After a bump it does not press on.
 """
 
 import itertools
@@ -365,7 +365,7 @@ class Driver(OnBase):
         self._give_up_if_blocked()
 
     def _by_arcs(self, pose: Pose2D, blocked_why: str, fastest_m_s: float) -> Twist2D:
-        """What a base drives that may have no room to turn."""
+        """Velocity of a base that may have no room to turn."""
         twist = self._steering.twist(pose, fastest_m_s=min(fastest_m_s, self.parameters.speed_m_s))
         has_room = self._arcs is None or self._arcs.has_room
         self._record(blocked_why if blocked_why or has_room else NO_ROOM)

@@ -1,4 +1,4 @@
-"""What the driver offers."""
+"""Interface of the driver."""
 
 import math
 from enum import StrEnum
@@ -25,12 +25,12 @@ class Motion(StrEnum):
 
 
 class OdometryNoise(msgspec.Struct, frozen=True, kw_only=True):
-    """How uncertain the odometry grows with the way, as standard deviations of independent white noise.
+    """Growth of the odometry's uncertainty with the path, as standard deviations of independent white noise.
 
-    After `s` metres of way and `t` radians of turning, both added up without sign, the distance is known to
-    `sigma_m_per_sqrt_m`·√s and the yaw to √(`sigma_rad_per_sqrt_m`²·s + `sigma_rad_per_sqrt_rad`²·t): the covariance
-    grows linearly with the way, as in Thrun, Burgard, Fox: Probabilistic Robotics, section 5.4. Systematic errors, such
-    as wrong wheel radii, are not in it.
+    The standard deviations follow after `s` metres of path and `t` radians of turning, both summed without sign. The
+    distance is known to `sigma_m_per_sqrt_m`·√s, and the yaw to √(`sigma_rad_per_sqrt_m`²·s +
+    `sigma_rad_per_sqrt_rad`²·t). The covariance grows linearly with the path, as in Thrun, Burgard, Fox: Probabilistic
+    Robotics, section 5.4. Systematic errors, such as wrong wheel radii, are not in it.
     """
 
     sigma_m_per_sqrt_m: float

@@ -32,13 +32,13 @@ class Path:
     Args:
         points: at least one; the last is the goal.
         arrived_m: the goal is reached within this.
-        yaw_rad: where to look on the way; where it goes if None.
-        turned_rad: the goal is reached only when it looks there to within this; however it looks if None.
+        yaw_rad: heading on the path; the driving direction if None.
+        turned_rad: the goal is reached only within this error of the heading; at any heading if None.
         fastest_m_s: never faster than this.
         is_narrow: whether it leads through narrow places, where the robot has to squeeze.
-        is_straight: whether it is driven without turning, also backwards; the goal is then reached once the robot has
-            gone as far, although it may be beside it.
-        steers: whether the base cannot drive sideways: it looks where it goes until it is at the goal.
+        is_straight: whether it is driven without turning, also backwards. The goal is then reached once the robot has
+            gone as far, even if it is beside the goal.
+        steers: whether the base cannot drive sideways: it faces its driving direction until it is at the goal.
 
     """
 
@@ -148,12 +148,12 @@ class Path:
         return now_ns - self._moved_ns > STUCK_NS
 
     def speed_m_s(self, pose: Pose2D, acceleration_m_s2: float, ahead_m: float, delay_s: float) -> float:
-        """How fast the way ahead can be driven: to be at rest at its end, and slow enough at each corner before.
+        """Speed on the path ahead: at rest at its end, and slow enough at each corner before.
 
         `ahead_m` is driven before a wish to slow down has its effect, see `Ramp.ahead`.
 
         At a corner the velocity changes by 2·v·sin(θ/2). With the acceleration a this takes v·sin(θ/2)/a before the
-        corner and as long after, thus a blend that begins d before it allows v² = a·d / sin(θ/2).
+        corner and the same time after it. A blend that begins d before the corner therefore allows v² = a·d / sin(θ/2).
         """
         first = self._points[0]
         left_m = math.hypot(pose.x_m - first.x_m, pose.y_m - first.y_m) - ahead_m
@@ -208,10 +208,10 @@ class Ramp:
         return math.hypot(self.x, self.y)
 
     def ahead(self, direction_x: float, direction_y: float) -> float:
-        """How far it goes in this direction (a unit vector) before a wish to slow down has its full effect.
+        """Distance in this direction (a unit vector) before a wish to slow down has its full effect.
 
-        To turn its present acceleration round into the full deceleration takes as long as the jerk allows; until it has
-        gone, the speed still grows by its square over twice the jerk.
+        The jerk limits how fast its present acceleration turns into the full deceleration. Until the acceleration is 0,
+        the speed still grows by the acceleration's square over twice the jerk.
         """
         limits = self.limits
         speeding_up = max(0.0, direction_x * self._acceleration_x + direction_y * self._acceleration_y)
@@ -220,10 +220,11 @@ class Ramp:
         return lead_s * (direction_x * self.x + direction_y * self.y + gained)
 
     def stopping(self, delay_s: float) -> float:
-        """How far it goes until it is at rest, if it begins to slow down smoothly after `delay_s`.
+        """Distance until it is at rest, if it begins to slow down smoothly after `delay_s`.
 
-        An S-curve from v to rest takes v²/(2a) + v·a/(2j) (Biagiotti, Melchiorri: Trajectory Planning for Automatic
-        Machines and Robots, 2008, section 3.4, for speeds that reach the full deceleration; more than lower ones take).
+        An S-curve from v to rest takes v²/(2a) + v·a/(2j). Lower speeds than those that reach the full deceleration
+        need less. Source: Biagiotti, Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, section
+        3.4.
         """
         speed, limits = math.hypot(self.x, self.y), self.limits
         lag_s = limits.acceleration / (2.0 * limits.jerk) + delay_s

@@ -185,7 +185,7 @@ class Ros2Navigator(OnBase):
     """Drives by Nav2."""
 
     class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
-        """Nav2's action, and when a goal is sent anew."""
+        """Nav2's action, and when a goal is sent again."""
 
         action: str = "navigate_to_pose"
         """Name of the action nav2_msgs/NavigateToPose."""

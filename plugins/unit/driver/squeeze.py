@@ -1,8 +1,8 @@
 """Squeezing: how the driver passes a place that is hardly wider than the robot.
 
-The robot follows the direction of the path, slower the narrower the place, and centres itself between what it sees on
-its left and right, because the map behind the path is coarser than the room to spare. It never comes nearer than
-`KEEP_M` to anything the lidar sees.
+The robot follows the direction of the path, more slowly in a narrower place. It centres itself between the obstacles on
+its left and right, because the map behind the path is coarser than the spare room. It never comes nearer than `KEEP_M`
+to anything the lidar sees.
 """
 
 import math
@@ -36,7 +36,7 @@ KEEP_PER_S = 1.5
 
 
 class Squeeze(NamedTuple):
-    """What to do in a narrow place."""
+    """Motion in a narrow place."""
 
     heading_rad: float
     """Direction, frame odom."""

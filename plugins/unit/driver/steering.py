@@ -1,7 +1,7 @@
-"""How the ramps' velocity becomes one that the base can drive, and how fast it may go where.
+"""Converts the ramps' velocity to one that the base can drive, and limits its speed.
 
 A base that cannot drive sideways turns towards where it wants to go. It drives with the share of its wish that points
-along its own axis, and slower the less it faces that way, so that it turns on the spot where the way bends sharply.
+along its own axis, and slower the less it faces the wish. It thus turns on the spot where the path bends sharply.
 """
 
 import math
@@ -89,7 +89,7 @@ class Arcs:
         ramp.point_along(speed, *axis)
 
     def _to_go_m(self, pose: Pose2D, begin: Pose2D) -> float:
-        """What is left of the arc: of its length, or of the room on the way."""
+        """Remaining length of the arc, limited by the free room on it."""
         axis_rad = pose.yaw_rad if self._direction > 0.0 else wrap_angle_rad(pose.yaw_rad + math.pi)
         ahead_m = self._speed.ahead(self._direction, 0.0)
         return min(self._leg_m - pose.distance_m(begin), self._lookout.free_m(pose, axis_rad)) - ahead_m
@@ -215,7 +215,7 @@ class Steering:
 
         Args:
             pose: where the robot is.
-            may_reverse: whether a base that cannot drive sideways may drive backwards; one that cannot turn on the
+            may_reverse: whether a base that cannot drive sideways may drive backwards. A base that cannot turn on the
                 spot then does not turn by driving to and fro.
             fastest_m_s: of the arcs by which such a base turns.
 

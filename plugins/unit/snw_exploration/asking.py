@@ -1,8 +1,8 @@
 """Asking motes for stored readings, over a radio that loses requests and answers alike.
 
-A mote listens for a moment after each packet that it sends, whether or not that packet is heard. So as long as it may
-be answering it is asked again for what is missing by then. Where the link is weak, more is asked for at once, each
-request is said several times, and when a mote was not heard at its time it is asked all the same.
+A mote listens for a moment after each packet that it sends, whether or not that packet is heard. While it may be
+answering, it is asked again for the readings still missing. Where the link is weak, each request asks for more and is
+repeated. A mote that was not received at its time is asked all the same.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,7 @@ Send = Callable[[int, int, bytes], None]
 
 
 class OverHops:
-    """What is said over hops by one base station.
+    """Packets of one base station over hops.
 
     Args:
         send: puts a packet on the air.
@@ -166,12 +166,12 @@ class OverHops:
 
 
 SEEK_PERIODS = 6
-"""A mote that has been silent for so many of its periods is out of reach."""
+"""Number of silent periods after which a mote is out of reach."""
 SEEK_EARLY_NS, SEEK_LATE_NS = to_ns(-0.3), to_ns(0.6)
 """When a mote may be listening, about the time of its next packet: two random back-offs and its listening."""
 SEEK_EACH_NS = to_ns(0.1)
 SEEK_MOTES = 3
-"""So many are asked unheard: others need the air as well."""
+"""Number of unreceived motes that are asked: others need the air as well."""
 
 
 class AskingParameters(Checked, frozen=True, forbid_unknown_fields=True):
@@ -229,7 +229,7 @@ class Asking:
             elif quiet_ns < self._repeat_ns:
                 continue
             elif quiet_ns <= self._listens_ns + self._gap_ns * record.asked.wanted.bit_count():
-                # What it says, if it says anything, does not arrive; it listens for a moment after the last of it.
+                # Its packets, if it sends any, do not arrive; it listens for a moment after the last of them.
                 if now_ns - record.spoke_ns >= self._repeat_ns:
                     self._ask_again(record, now_ns)
             elif sought < SEEK_MOTES and self._is_weak(record) and _is_near(record, now_ns):

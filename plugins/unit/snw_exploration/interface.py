@@ -1,4 +1,4 @@
-"""What the sensor network's Unit offers to others in the robot."""
+"""Interface of the sensor network's Unit for others in the robot."""
 
 from typing import Protocol
 

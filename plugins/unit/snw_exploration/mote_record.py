@@ -33,7 +33,7 @@ Put = Callable[[MoteReading], object]
 
 
 class ReadingStore:
-    """What a gateway has heard and not yet told.
+    """Readings that a gateway has received and not yet published.
 
     Args:
         wire: the gateway's endpoint.
@@ -213,7 +213,7 @@ class MoteRecord:
         self.number = number
         self.window = SequenceWindow(window)
         self.latest: ReadingPayload | None = None
-        """The last packet heard by this robot; None as long as only others have brought in its readings."""
+        """The last packet received by this robot; None while only others have provided its readings."""
         self.latest_live: ReadingPayload | None = None
         self.publisher: Publisher | None = None
         self.readings = 0

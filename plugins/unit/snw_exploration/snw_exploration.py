@@ -302,7 +302,7 @@ class SNwExploration(Unit):
         self._receive_team()  # somebody may have put it on the wire a moment ago
         record.record_packet(reading, packet.stamp_ns, self._place())
         is_new = record.window.add(reading.sequence, is_live=message.type == READING_TYPE)
-        if message.type == READING_TYPE:  # of a stored reading it is told how things were before that one
+        if message.type == READING_TYPE:  # a stored reading reports an earlier state
             record.window.mote_holds_from(reading.oldest)
         if is_new:
             record.readings += 1
@@ -435,7 +435,7 @@ class SNwExploration(Unit):
         return record
 
     def _record(self, number: int) -> MoteRecord | None:
-        """What is known of a mote; None if it is one too many."""
+        """Record of a mote; None if it exceeds the limit."""
         record = self._records.get(number)
         if record is None:
             if len(self._records) >= self.parameters.max_motes:
