@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.map_look import FrontierFields, FrontierPaths
-from robrain.algorithms.exploration.regions_left import NarrowPassages
+from robrain.algorithms.exploration.frontier_paths import FrontierFields, FrontierPaths
+from robrain.algorithms.exploration.narrow_passages import NarrowPassages
 from robrain.algorithms.exploration.situation import (
     SAME_GOAL_M,
     Busy,

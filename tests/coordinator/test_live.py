@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow
 SLOW = ("numba", "scipy", "pyvrp", "pandas", "matplotlib", "viser", "mcap", "PIL", "rich", "can", "prompt_toolkit")
 LOADED = """
 import sys
-import robrain.cli, robrain.deploy.recordings.replaying
+import robrain.cli, robrain.deploy.processes.coordinator_process
 import robrain.coordinator.live, robrain.coordinator.journal.journal
 print(*sorted({name.partition(".")[0] for name in sys.modules}))
 """

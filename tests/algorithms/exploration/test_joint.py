@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.exploration.map_look import FrontierPaths
+from robrain.algorithms.exploration.frontier_paths import FrontierPaths
 from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import (
     CROWD_PENALTY_M,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.algorithms.exploration.regions_left import SHUT_RADIUS_M, TRIES, NarrowPassages
+from robrain.algorithms.exploration.narrow_passages import SHUT_RADIUS_M, TRIES, NarrowPassages
 from robrain.protocol.model.geometry import Point2D
 
 GOAL = Point2D(4.0, 2.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.exploration.map_look import FIELD_KEPT_NS, FrontierFields, FrontierPaths
+from robrain.algorithms.exploration.frontier_paths import FIELD_KEPT_NS, FrontierFields, FrontierPaths
 from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.exploration.tours import CONSIDERED, FAR_M, LEAST_SAVING, Places, auto, plan_tours, tours
