@@ -12,7 +12,7 @@ import pytest
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.part import Cause, CoreWait, Part, PartEvent, PartEventKind, RestartPolicy
-from robrain.deploy.supervision.up import Supervisor
+from robrain.deploy.supervision.supervisor import Supervisor
 from tests.waiting import has_ended, until
 
 QUICK = RestartPolicy(first_delay_s=0.01, limit=2, hang_s=1.0)

@@ -1,0 +1,238 @@
+"""Watches the processes of a team's parts, and starts again those that end or hang."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from robrain.deploy.errors import ChildFailed
+from robrain.deploy.processes.children import Child
+from robrain.deploy.processes.live_process import LifelineEnd
+from robrain.deploy.supervision import guard
+from robrain.deploy.supervision.part import (
+    HUB,
+    CoreWait,
+    Part,
+    PartEvent,
+    PartEventKind,
+    PartView,
+    Phase,
+    ProcessFigures,
+    Restarts,
+    RestartStep,
+    failed,
+)
+
+if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need
+    pass
+
+
+BAD_INPUT = 2
+"""Exit status of a process that refuses to start."""
+NOT_STARTED = 127
+"""Status of a process that the system could not start."""
+
+
+class Supervised:
+    """One part: its process, as long as it has one, and the state of its restarts."""
+
+    def __init__(self, part: Part) -> None:
+        self.part = part
+        self.restarts = Restarts(part.policy)
+        self.child: Child | None = None
+        self.figures: ProcessFigures | None = None
+        self._core_wait: CoreWait | None = None
+        self.last_lines: list[str] = []
+        """Output of the process before this one."""
+        self.failed_s: float | None = None
+        """When the failure was noticed from which it has not returned."""
+        self._lifeline: LifelineEnd | None = None
+
+    @property
+    def is_up(self) -> bool:
+        """Whether it does its work."""
+        return self.restarts.phase is Phase.UP
+
+    def start(self) -> None:
+        """Start its process (OSError if the system cannot)."""
+        self.restarts.started()
+        self._lifeline = LifelineEnd()
+        try:
+            words = self.part.arguments(self.restarts.starts)
+            self.child = Child(self.part.name, words, self.part.on_line, self._lifeline)
+        except OSError:
+            self._lifeline.close()
+            raise
+        self.figures, self._core_wait = ProcessFigures(self.child.pid), CoreWait(self.child.pid)
+
+    def hear(self) -> bool:
+        """Take in what its process says; whether it is ready since this call."""
+        if self._lifeline is None:
+            return False
+        pulse = self._lifeline.pulse()
+        was_up = self.is_up
+        if pulse.is_ready:
+            self.restarts.ready()
+        if pulse.beats:
+            self.restarts.beat()
+        return self.is_up and not was_up
+
+    def next_step(self, now_s: float) -> RestartStep:
+        """What to do with its process now."""
+        waited_s = 0.0
+        if self._core_wait is not None:
+            if self.restarts.is_quiet:
+                waited_s = self._core_wait.since_last_s()
+            else:
+                self._core_wait.forget()
+        return self.restarts.next_step(now_s, waited_s)
+
+    def came_up(self, now_s: float) -> PartEvent:
+        """It is up since now: the event that tells of it."""
+        name, failed_s, self.failed_s = self.part.name, self.failed_s, None
+        if failed_s is None:
+            return PartEvent(part=name, kind=PartEventKind.UP)
+        return PartEvent(part=name, kind=PartEventKind.UP_AGAIN, away_s=now_s - failed_s)
+
+    def release(self) -> None:
+        """Its process has ended: end what that has left, and keep its last lines."""
+        if self._lifeline is not None:
+            self._lifeline.close()
+            self._lifeline = None
+        if self.child is not None:
+            self.child.kill_group()
+            self.child.wait()
+            self.last_lines = list(self.child.lines)
+        self.child = self.figures = self._core_wait = None
+
+    def view(self, now_s: float, messages: str, words: str) -> PartView:
+        """How it is."""
+        cpu_share, memory_mb = self.figures.at(now_s) if self.figures is not None else (None, None)
+        phase, restarts = self.restarts.phase, self.restarts.restarts
+        pid = self.child.pid if self.child is not None else None
+        return PartView(self.part.name, phase, pid, cpu_share, memory_mb, messages, restarts, words)
+
+
+class Supervisor:
+    """The parts of a team on one machine. Leaving the `with` block stops all of them, the hub last.
+
+    Args:
+        on_event: told of failures and returns.
+        monotonic_s: the clock, in seconds.
+
+    """
+
+    def __init__(
+        self, on_event: Callable[[PartEvent], None], monotonic_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.all: list[Supervised] = []
+        self._on_event = on_event
+        self._monotonic_s = monotonic_s
+        self._guard: subprocess.Popen[str] | None = None
+
+    def add(self, parts: Sequence[Part]) -> None:
+        """Supervise more parts, and start them."""
+        self.all += map(Supervised, parts)
+        self.look()
+
+    def named(self, name: str) -> Supervised | None:
+        """The part of a name; None if there is none."""
+        return next((each for each in self.all if each.part.name == name), None)
+
+    @property
+    def given_up(self) -> list[str]:
+        """Names of the parts that have failed too often."""
+        return [each.part.name for each in self.all if each.restarts.phase is Phase.GIVEN_UP]
+
+    @property
+    def lost(self) -> str:
+        """A part that was given up and without which there is no team; empty if there is none."""
+        return next((e.part.name for e in self.all if e.part.is_vital and e.restarts.phase is Phase.GIVEN_UP), "")
+
+    def look(self) -> None:
+        """Notice what has happened, and do what is due; to be called ten times a second.
+
+        Raises:
+            ChildFailed: a part that must start refused to; the text says why.
+
+        """
+        for each in self.all:
+            now_s = self._monotonic_s()
+            if each.hear():
+                self._on_event(each.came_up(now_s))
+            if each.child is not None and (status := each.child.exit_status) is not None:
+                self._record_end(each, status, now_s)
+            step = each.next_step(now_s)
+            if step is RestartStep.KILL and each.child is not None:
+                each.child.kill_group()
+            elif step is RestartStep.START:
+                self._start(each, now_s)
+
+    def stop(self) -> None:
+        """Ask all parts to stop, and wait for them; those that others need stop last."""
+        hubs = [each for each in self.all if each.part.name == HUB]
+        for together in ([each for each in self.all if each not in hubs], hubs):
+            for each in reversed(together):
+                if each.child is not None:
+                    each.child.ask_to_stop()
+            asked_s = time.monotonic()
+            for each in reversed(together):
+                if each.child is not None:
+                    pid = each.child.pid
+                    each.child.wait(max(asked_s + each.part.stop_s - time.monotonic(), 0.0))
+                    each.release()
+                    self._send_to_guard(f"-{pid}")
+
+    def __enter__(self) -> Self:
+        script = str(Path(guard.__file__))
+        self._guard = subprocess.Popen(
+            [sys.executable, "-I", "-S", script], stdin=subprocess.PIPE, text=True, bufsize=1, start_new_session=True
+        )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+        if self._guard is not None and self._guard.stdin is not None:
+            with suppress(BrokenPipeError):
+                self._guard.stdin.close()
+            self._guard.wait()
+
+    def _start(self, each: Supervised, now_s: float) -> None:
+        try:
+            each.start()
+        except OSError as error:
+            each.last_lines = [f"cannot be started: {error.strerror}"]
+            self._report_failure(each, NOT_STARTED, now_s)
+            return
+        if each.child is not None:
+            self._send_to_guard(f"+{each.child.pid}")
+            self._on_event(PartEvent(part=each.part.name, kind=PartEventKind.STARTED, pid=each.child.pid))
+
+    def _record_end(self, each: Supervised, status: int, now_s: float) -> None:
+        pid = each.child.pid if each.child is not None else 0
+        each.release()
+        self._send_to_guard(f"-{pid}")
+        self._report_failure(each, status, now_s)
+
+    def _report_failure(self, each: Supervised, status: int, now_s: float) -> None:
+        said = next((line for line in reversed(each.last_lines) if line.strip()), "")
+        is_first = each.restarts.starts == 1 and not each.restarts.was_ready
+        if status == BAD_INPUT and is_first and each.part.must_start:
+            said = said.removeprefix("robrain: ") or "it printed nothing"
+            raise ChildFailed(f"the {each.part.name} did not start: {said}")
+        failure = each.restarts.ended(now_s, status)
+        if each.failed_s is None:
+            each.failed_s = now_s
+        self._on_event(failed(each.part.name, failure, said))
+
+    def _send_to_guard(self, line: str) -> None:
+        if self._guard is not None and self._guard.stdin is not None:
+            with suppress(BrokenPipeError, OSError):
+                os.write(self._guard.stdin.fileno(), f"{line}\n".encode())
