@@ -161,7 +161,7 @@ def _escapes() -> None:
 
 
 def _pose_filter() -> None:
-    localiser = Localiser(SENSOR, 0.1, 0.2, LocaliserSpec())  # so unsure a yaw is split
+    localiser = Localiser(SENSOR, 0.1, 0.2, LocaliserSpec())  # a yaw with this uncertainty is split
     localiser.move(Twist2D(0.01, 0.0, 0.01))
     localiser.hear(RssiSample("m", Point2D(0.7, 0.7), -60.0))
     localiser.filter.correct((1.0, 0.0, 0.0), 0.0, 1.0)
@@ -233,7 +233,7 @@ def _finding_by_motes() -> None:
     places = np.array([[0.0, 0.0], [-1.0, 0.0], [-2.0, 1.0]]).repeat(3, axis=0)
     motes, mote_places = np.tile(np.arange(3), 3), np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])
     distances_m = np.hypot(*(places + np.array([2.5, 1.0]) - mote_places[motes]).T)
-    clear = PathLoss(shadowing_db=0.5, fading_db=0.1)  # so that the place is sure enough to be given
+    clear = PathLoss(shadowing_db=0.5, fading_db=0.1)  # so that the place is certain enough to be given
     rssi_dbm = clear.rssi_at_1_m_dbm - clear.db_per_e_fold * log(distances_m)
     find_robot(Signals(places, motes, mote_places, rssi_dbm), clear)
 

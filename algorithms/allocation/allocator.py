@@ -51,7 +51,7 @@ class Allocator(Protocol):
 
 
 class Effort:
-    """The part of a search's deadline and iterations that is left.
+    """The remaining part of a search's deadline and iterations.
 
     Raises ValueError if neither is given, because the search would not end.
 
@@ -76,7 +76,7 @@ class Effort:
 
     @property
     def left_iterations(self) -> float:
-        """Iterations left; infinite if only the deadline limits the search."""
+        """Remaining iterations; infinite if only the deadline limits the search."""
         return self._iterations
 
     def spend(self) -> None:

@@ -183,7 +183,7 @@ class AuctionAllocator:
 
 
 class GreedyAllocator:
-    """The baseline: the robot that is free first takes the nearest job, without looking further ahead."""
+    """The baseline: the robot that is free first takes the nearest job, without planning further ahead."""
 
     def __init__(self, objective: Objective = Objective.ENERGY) -> None:
         self.objective = objective
@@ -235,7 +235,7 @@ def _indispensable(problem: Problem) -> set[int]:
 def hold_auction(
     team: TeamArrays, visits: VisitArrays, routes: RouteBatch, open_visits: NDArray[np.bool_], rule: int, choice: int
 ) -> None:
-    """Assign one visit per round until no bid is left; changes `routes` and `open_visits` in place.
+    """Assign one visit per round until no bid remains; changes `routes` and `open_visits` in place.
 
     Each worker bids the cost of its cheapest insertion for each open visit, and one bid wins. Only the winner's bids
     change afterwards. Under the energy rule no bid exceeds the prize.

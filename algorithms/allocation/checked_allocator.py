@@ -12,10 +12,10 @@ class CheckedAllocator:
     """Wraps an allocator that is not robrain's own, and validates each of its plans.
 
     A failure is one of `failures`: it raises, or its plan is infeasible. Then the stock allocator makes the plan; of a
-    search, the warm start is the plan. Jobs that are left out without a reason get one.
+    search, the warm start is the plan. Unassigned jobs without a reason get one.
 
     Args:
-        objective: what its plans are optimised for.
+        objective: the objective of its plans.
         allocator: makes the plans; None if it could not be made, which is a failure.
         failures: to which failures are added, in words, each with the line of its file.
         is_search: whether it only improves the plans of another allocator.

@@ -45,8 +45,8 @@ def place_coupled(
 
     With a generator, the next job is drawn among those that can be placed, and bids are scaled by a random factor.
 
-    Returns:
-        For each coupled job left out, the reason, or None if no single robot can do it. All coupled jobs are closed.
+    Returns: For each unassigned coupled job, the reason, or None if no single robot can do it. All coupled jobs are
+        closed.
 
     """
     waiting = problem.coupled

@@ -168,7 +168,7 @@ class Judgement(NamedTuple):
     start_s: float
     """Start of the job in that position; its earliest possible start if that is too late."""
     left_j: float
-    """Energy left of `usable_j`; below 0 if it does not suffice."""
+    """Remaining energy of `usable_j`; below 0 if it does not suffice."""
     position: int
 
 
@@ -277,7 +277,7 @@ def reasons(problem: Problem, arrays: ProblemArrays, plan: Plan, known: Mapping[
     """Return the plan with a reason for each unassigned job.
 
     The reason names a robot that could do the job at more than its prize; otherwise the robot that came closest.
-    `known` has reasons that are known already; those of assigned jobs are ignored.
+    `known` holds reasons from earlier; those of assigned jobs are ignored.
     """
     routes = routes_of(problem, arrays, plan)
     visit_of = {int(index): visit for visit, index in enumerate(arrays.visits.job)}

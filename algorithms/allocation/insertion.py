@@ -124,9 +124,9 @@ def insertion_at(
 ) -> tuple[float, float]:
     """Cost of inserting a visit at a position of a worker's route.
 
-    Returns:
-        The bid by the rule (additional joules, time of return, or minus the energy left) and the additional joules.
-        Both are infinite if a visit would be late or there is no path; the bid alone if the energy does not suffice.
+    Returns: The bid by the rule (additional joules, time of return, or minus the remaining energy) and the additional
+        joules. Both are infinite if a visit would be late or there is no path; the bid alone if the energy does not
+        suffice.
 
     """
     profile = team.profile[worker]

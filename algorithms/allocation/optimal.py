@@ -73,7 +73,7 @@ WARM = SearchParameters(
 """From a plan: large steps, and small violations are soon tolerated."""
 COLD = SearchParameters(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
 """From a random start, as PyVRP's defaults: small steps, and violations are not tolerated for a long time. Each of the
-two sometimes finds what the other does not."""
+two sometimes finds a plan that the other does not."""
 
 
 class VrpSearch:
@@ -109,7 +109,7 @@ class VrpSearch:
             effort: stops the search, and is spent by it.
             seed: of the search.
             patience: stop after this many iterations without improvement.
-            end_left_s: stop when no more than this is left of the deadline.
+            end_left_s: stop when no more than this remains of the deadline.
             iterations: stop after this many.
             is_enough: stop at a solution for which this is true.
 
@@ -184,7 +184,7 @@ class _Limits(IteratedLocalSearchCallbacks):
 SHARES = (0.5, 0.2, 0.8, 0.35, 0.65, 0.1)
 """Position within its slack at which each coupled job is fixed, round by round (chosen to try early and late)."""
 STEP = 0.1
-"""First step of a limit, as a share of the makespan or of the possible energy left."""
+"""First step of a limit, as a share of the makespan or of the possible remaining energy."""
 LEAST_STEP = 0.005
 PATIENCE = 100
 PATIENCE_PER_VISIT = 6
@@ -205,7 +205,7 @@ class OptimalAllocator:
     """Plans by search. It answers within its deadline, never worse than the auction or the warm start.
 
     Args:
-        objective: what its plans are optimised for.
+        objective: the objective of its plans.
         monotonic: the clock that deadlines refer to.
 
     """
@@ -272,7 +272,7 @@ class _Improvement:
         return self._effort.left_iterations > 0 and self._effort.left_s > self._model_s + 2 * self._check_s
 
     def _save_energy(self) -> None:
-        """Search from the best plan and from random ones in turn, until neither improves or the effort is spent."""
+        """Search alternately from the best plan and from random ones, until neither improves or the effort is spent."""
         fruitless = attempt = 0
         random_start_s = RANDOM_S_PER_CELL * len(self._arrays.visits.job) ** 2
         while fruitless < (COUPLED_FRUITLESS if self._is_coupled else FRUITLESS) and self._has_time:
@@ -312,7 +312,7 @@ class _Improvement:
         is_random: bool = False,
         base: Plan | None = None,
     ) -> bool:
-        """Run one search with a share of the effort, from `base`, or else from the best plan so far.
+        """Run one search with a share of the effort, from `base`, otherwise from the best plan so far.
 
         Returns:
             Whether it found a better plan within the limits.
@@ -362,7 +362,7 @@ class _Improvement:
                 step = max(step / 2, LEAST_STEP)
 
     def _level(self) -> None:
-        """Raise the least energy left: tighten the limit step by step, up to the energy of the weakest robot."""
+        """Raise the least remaining energy: tighten the limit step by step, up to the energy of the weakest robot."""
         most_j = min(float(worker.usable_j) for worker in self._problem.workers)
         step = 0.5
         while self._has_time and step >= LEAST_STEP:

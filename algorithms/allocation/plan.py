@@ -1,4 +1,4 @@
-"""An allocator's plan: assignments, times and energy left; and `make_plan`, which builds one from orders of jobs.
+"""An allocator's plan: assignments, times and remaining energy; and `make_plan`, which builds one from orders of jobs.
 
 `make_plan` starts each job as early as possible.
 """
@@ -21,7 +21,7 @@ class Stop(msgspec.Struct, frozen=True):
     start_s: float
     end_s: float
     left_j: float
-    """Energy left of the worker's `usable_j` after the job, before the path to the charger."""
+    """Remaining energy of the worker's `usable_j` after the job, before the path to the charger."""
 
 
 class Route(msgspec.Struct, frozen=True):
@@ -35,7 +35,7 @@ class Route(msgspec.Struct, frozen=True):
     """Arrival there."""
     energy_j: float
     left_j: float
-    """Energy left of `usable_j` there."""
+    """Remaining energy of `usable_j` there."""
 
     @property
     def jobs(self) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     makespan_s: float
     """When the last robot with a job arrives at its charger; 0 if no robot has one."""
     least_left_j: float
-    """The least energy left in any robot; infinite without robots."""
+    """The least remaining energy of any robot; infinite without robots."""
 
     @property
     def value(self) -> float:

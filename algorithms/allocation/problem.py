@@ -29,7 +29,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     id: str
     place: int
     prize_j: float
-    """Value in joules: under `Objective.ENERGY` the job is left out if it would cost more."""
+    """Value in joules: under `Objective.ENERGY` the job stays unassigned if it would cost more."""
     service_s: float = 0.0
     service_j: float = 0.0
     """Energy that each of its robots spends at the place."""
@@ -225,7 +225,7 @@ class VisitArrays(NamedTuple):
 
 
 class ProblemArrays(NamedTuple):
-    """Team and visits, and what was removed from them."""
+    """Team and visits, and the jobs and workers removed from them."""
 
     team: TeamArrays
     visits: VisitArrays

@@ -174,7 +174,7 @@ class VrpModel:
                     team.energy_j[profile], places, allowed, visits.service_j, end_j, self._units_per_j, forbidden, True
                 )
             )
-            # A missing way is forbidden by its distance; as a duration it may be anything.
+            # A missing path is forbidden by its distance; its duration does not matter.
             times.append(
                 fill_matrix(team.time_s[profile], places, everything, nothing, end_s, self._units_per_s, 0, False)
             )

@@ -1,1 +1,1 @@
-"""Allocation of tasks without a coordinator: robots bid, and agree by what they hear of each other's bids."""
+"""Allocation of tasks without a coordinator: robots bid, and agree by the bids that they exchange."""

@@ -25,7 +25,7 @@ class BidAction(StrEnum):
     UPDATE = "update"
     """Take over the sender's."""
     RESET = "reset"
-    """Forget it: nobody is known to win the task."""
+    """Forget it: no winner of the task is known."""
     LEAVE = "leave"
 
 
@@ -35,7 +35,7 @@ def action_for(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None,
     Args:
         receiver: name of the robot that received the ballot.
         sender: name of the robot that sent it.
-        mine: the receiver's winning bid; None if it knows of none.
+        mine: the receiver's winning bid; None if it knows none.
         theirs: the sender's.
         is_newer: whether the sender has more recent information about a robot.
 
@@ -99,7 +99,7 @@ class Scorer(Protocol):
     """Values tasks for one robot."""
 
     def begin(self, variant: int) -> None:
-        """Score in another way from now on; variant 0 is the plain gain, equal variants score alike."""
+        """Change the score from now on; variant 0 is the plain gain, equal variants score alike."""
 
     def insertion(self, path: Sequence[str], task: str) -> Insertion | None:
         """The best insertion of a task into a path; None if the robot cannot do it then."""
@@ -165,7 +165,7 @@ class Bidder:
 
         Args:
             tasks: ids, at most 256; of more the first ones by name count.
-            fixed: path of tasks that the robot does in any case and nobody bids for.
+            fixed: path of tasks that the robot does in any case and that receive no bids.
             rests: whether it leaves all of them to the others.
 
         """
@@ -178,7 +178,7 @@ class Bidder:
 
     @property
     def begun(self) -> list[str]:
-        """Tasks that the robot has begun, in that order; nobody takes them from it."""
+        """Tasks that the robot has begun, in that order; no other robot gets them."""
         return self._begun
 
     def begin(self, task: str) -> None:
@@ -188,7 +188,7 @@ class Bidder:
         self._is_stale = True
 
     def forget_begun(self) -> None:
-        """A new negotiation: what the robot has begun is not part of it."""
+        """Begin a new negotiation, which excludes the robot's begun tasks."""
         self._begun = []
         self.scorer.keep_first(0)
 

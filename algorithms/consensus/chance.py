@@ -1,4 +1,4 @@
-"""Numbers that look random and are equal for all robots: hashes of what all of them know."""
+"""Pseudo-random numbers that are equal for all robots: hashes of shared values."""
 
 from hashlib import blake2b
 

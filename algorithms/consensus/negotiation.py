@@ -44,18 +44,18 @@ VALUE_MAX = 1e15
 """The greatest value that a ballot can carry."""
 
 Apart = Callable[[str, str], float]
-"""How far two tasks are from each other; the same for all robots."""
+"""Distance between two tasks; the same for all robots."""
 
 
 class _Agreed(NamedTuple):
-    """An allocation that all robots have said, or may yet say."""
+    """An allocation that all robots have published, or may yet publish."""
 
     winners: Mapping[str, str]
     path: list[str]
 
 
 def digest_of(term: int, number: int, winners: Mapping[str, str]) -> int:
-    """A number that tells two allocations of one round apart."""
+    """A number that distinguishes two allocations of one round."""
     text = ";".join(f"{task}={winners[task]}" for task in sorted(winners))
     return crc32(f"{term}/{number}/{text}".encode())
 
@@ -65,7 +65,7 @@ class Negotiation:
 
     Args:
         robot: its name.
-        scorer: what tasks are worth to it.
+        scorer: values tasks for the robot.
         rounds: rounds of improvement after the first allocation.
         number: its ballots have greater numbers; after a restart, greater than before.
         while_working: whether robots begin tasks between the rounds.
@@ -91,7 +91,7 @@ class Negotiation:
         self._best, self._best_digest, self._best_value = self._base, 0, -math.inf
         """The best allocation so far; a round may start from one that is a little worse."""
         self._said: dict[int, _Agreed] = {}
-        """Allocations of this round that the robot has said, by digest."""
+        """Allocations of this round that the robot has published, by digest."""
         self._standings: dict[str, Standing] = {}
 
     def open(self, term: int, team: Iterable[str], tasks: Iterable[str], apart: Apart) -> None:
@@ -140,7 +140,7 @@ class Negotiation:
         return self._base_value
 
     def may_begin(self, task: str) -> bool:
-        """Whether the robot may begin a task of its path now: it has not said that another is to have it."""
+        """Whether the robot may begin a task of its path now: it has not assigned the task to another robot."""
         robot = self.bidder.robot
         return self.is_agreed and all(said.winners.get(task) == robot for said in self._said.values())
 
@@ -149,7 +149,7 @@ class Negotiation:
         self.bidder.begin(task)
 
     def ballot(self) -> Ballot:
-        """Bid, and say what to tell the others now."""
+        """Bid, and return the message for the others."""
         if not self.is_over:
             self.bidder.build()
             self._record_own()
@@ -203,7 +203,7 @@ class Negotiation:
             number=bidder.number + 1,
             round=self.round,
             digest=digest,
-            value=max(-VALUE_MAX, bidder.scorer.value(bidder.path)),  # what was begun may have made it impossible
+            value=max(-VALUE_MAX, bidder.scorer.value(bidder.path)),  # begun tasks may have made it impossible
         )
 
     def _kept(self) -> dict[str, str]:
@@ -212,7 +212,7 @@ class Negotiation:
         return {task: robot for task, robot in self._base.winners.items() if task not in open_tasks}
 
     def _conclude(self) -> None:
-        """End the round if every robot has said what this one says."""
+        """End the round if every robot has published the same allocation as this one."""
         own = self._standings[self.bidder.robot]
         values = []
         for name in sorted(self._team):

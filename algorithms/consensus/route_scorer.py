@@ -1,6 +1,6 @@
 """Values tasks for a robot that drives to them: their prize less the additional energy of its route.
 
-A route ends at a charger. A task that would be late, or make another late, or leave too little energy for the way to
+A route ends at a charger. A task that would be late, or make another late, or leave too little energy for the path to
 the charger, cannot be inserted.
 """
 
@@ -22,13 +22,13 @@ TWO_OPT_PASSES = 8
 NOISE = 0.3
 """Width of the noise of scores, unless another is given (chosen)."""
 FREE_START_SHARE = 0.25
-"""Share of the variants in which a robot without tasks does not count the way from where it is to a charger. Otherwise
-it never begins if this way takes more than any single task is worth, though it would be worth driving for several."""
+"""Share of the variants in which a robot without tasks does not count the path from its place to a charger. Otherwise
+it never begins if this path costs more than any single task is worth, though several tasks would be worth the drive."""
 LEAST_COST_J = 1e-3
 """Costs below this count as this, for the prize per joule."""
 
 Costs = Sequence[Sequence[float]]
-"""From a row's place to a column's; infinite where there is no way."""
+"""From a row's place to a column's; infinite where there is no path."""
 
 
 class RouteStop(NamedTuple):
@@ -60,14 +60,14 @@ class DriveCost(NamedTuple):
     wait_w: float = 0.0
     """Power while it waits for a task's earliest start."""
     counts_end: bool = True
-    """Whether the way to the charger is part of what a route costs. The energy for it is kept in any case."""
+    """Whether the path to the charger is part of a route's cost. The energy for it is kept in any case."""
 
 
 class RouteScorer:
     """Scores of tasks on the route of one robot.
 
     Args:
-        drive: what driving takes the robot.
+        drive: costs of the robot's driving.
         stops: the tasks that it is able to do, by id.
         noise: width of the noise of scores, relative to them.
 
@@ -80,13 +80,13 @@ class RouteScorer:
         end_of = [min(drive.ends, key=lambda end, place=place: (drive.energy_j[place][end], end)) for place in places]  # type: ignore[misc]
         self._home_j = [drive.energy_j[place][end] for place, end in zip(places, end_of, strict=True)]
         self._end_j = self._home_j if drive.counts_end else [0.0] * len(self._home_j)
-        """Of the way to the charger, as far as it counts."""
+        """Of the path to the charger, as far as it counts."""
         self._legs_j = [[*row, end_j] for row, end_j in zip(drive.energy_j, self._end_j, strict=True)]
-        """Energy between places; the last column is for the way to the charger."""
+        """Energy between places; the last column is for the path to the charger."""
         self._is_timed = drive.wait_w > 0 or any(s.earliest_s > 0 or s.latest_s < math.inf for s in stops.values())
         is_even = all(drive.energy_j[a][b] == drive.energy_j[b][a] for a in places for b in places[:a])
         self._is_plain = is_even and not self._is_timed
-        """Whether what a route costs is the sum of its legs, whichever way they are driven."""
+        """Whether a route's cost is the sum of its legs, in either direction."""
         self._variant = 0
         self._kept = 0
         """First tasks of every path that stay where they are."""
@@ -121,7 +121,7 @@ class RouteScorer:
         return math.fsum(self._stops[task].prize_j for task in path) - self.cost_j(path)
 
     def begin(self, variant: int) -> None:
-        """See Scorer: variants other than 0 score by prize and energy in three ways, with noise."""
+        """See Scorer: variants other than 0 score by prize and energy by three formulas, with noise."""
         self._variant = variant
         start = self._drive.start
         is_free = chance(variant, "start", start) < FREE_START_SHARE
@@ -171,7 +171,7 @@ class RouteScorer:
         return best._replace(gain=self._varied(task, stop.prize_j, best.gain + (0.0 if path else self._not_counted_j)))
 
     def _reserve_j(self, position: int, stop: RouteStop) -> float:
-        """Energy to be kept for the way to the charger, beside what counts, with a stop at a position."""
+        """Energy to keep for the path to the charger, beside the counted part, with a stop at a position."""
         if self._drive.counts_end:
             return 0.0
         places = self._spent[2]
@@ -258,7 +258,7 @@ class RouteScorer:
 
 
 def _reversal_j(legs_j: Costs, places: Sequence[int], first: int, last: int) -> float:
-    """How much more energy a route takes if it drives the stretch from one index to another the other way."""
+    """How much more energy a route takes if it drives the stretch from one index to another in reverse."""
     before, one, other, after = places[first - 1], places[first], places[last], places[last + 1]
     return (legs_j[before][other] - legs_j[before][one]) + (legs_j[one][after] - legs_j[other][after])
 
@@ -272,7 +272,7 @@ def _move_j(legs_j: Costs, places: Sequence[int], first: int, last: int) -> floa
 
 
 DETOUR = 1.5
-"""How much longer than a straight line a way is taken to be (chosen, as in `plugins/behavior/budget.py`)."""
+"""Assumed ratio of a path's length to the straight line (chosen, as in `plugins/behavior/budget.py`)."""
 CONFIDENCE = 0.95
 PRIZE_SHARE = 10.0
 """Prize of a task of priority 1, as a multiple of the longest path of the problem (chosen: every task is worth its
@@ -292,9 +292,9 @@ def task_scorer(
         tasks: those that the robot is able to do.
         at: where it is.
         ends: chargers; without any, the place where it has to be in the end.
-        model: what its work costs; None counts metres and takes its energy to be enough.
+        model: costs of its work; None counts metres and assumes enough energy.
         now_ns: the time.
-        work_of: what a task takes at its place.
+        work_of: work of a task at its place.
 
     """
     places = [*(task.place for task in tasks), at, *ends]

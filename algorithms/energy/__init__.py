@@ -1,1 +1,1 @@
-"""Batteries, and what work costs."""
+"""Batteries, and the cost of work."""

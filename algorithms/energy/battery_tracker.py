@@ -15,12 +15,13 @@ from robrain.protocol.model.ranges import Positive
 
 USUAL_OVER_S = 60.0
 DOUBT_AT_ONCE = 0.05
-"""Added to the deviation of the state of charge when a lie is noticed: it may have gone on for a while. Chosen."""
+"""Added to the deviation of the state of charge when a false measurement is noticed: earlier ones may be false too.
+Chosen."""
 SNAPSHOT_S = 6.0
 """Measurements believed in the last 6 to 12 s are discarded when a false one is noticed. This is longer than noticing
 takes."""
 DOUBT_SHARE = 0.5
-"""Unsureness of the current while nobody measures it, as a share of the usual one. Chosen."""
+"""Uncertainty of the current while it is not measured, as a share of the usual one. Chosen."""
 KNOWN_START_SD = 0.02
 
 
@@ -36,9 +37,9 @@ class GaugeLimits(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True
     temperature_min_c: float = -30.0
     temperature_max_c: float = 75.0
     jump_v: Positive = 0.4
-    """Change of voltage between two measurements, beyond what the change of current explains."""
+    """Change of voltage between two measurements, beyond the effect of the change of current."""
     contradiction_v: Positive = 0.3
-    """Distance between the voltage and what the estimate expects at this current, as a mean over `contradiction_s`."""
+    """Distance between the voltage and its estimate at this current, as a mean over `contradiction_s`."""
     contradiction_s: Positive = 3.0
     awake_min_a: Positive = 0.08
     """The computer that runs this draws more than that; only a charger can make it less."""
@@ -60,7 +61,7 @@ class GaugeCheck:
     """Judges one measurement after the other.
 
     Args:
-        limits: what a sound gauge never says.
+        limits: limits of a sound gauge.
 
     """
 
@@ -95,7 +96,7 @@ class GaugeCheck:
             current_a: positive while discharging.
             temperature_c: of the pack.
             since_s: time since the measurement before.
-            expected_v: what the estimate expects at this current.
+            expected_v: the estimate's voltage at this current.
             resistance_ohm: as estimated.
             compares: whether to hold voltage and current against each other, and against the estimate.
 
@@ -172,7 +173,7 @@ class BatteryTracker:
 
     Args:
         pack: datasheet of the battery.
-        limits: what its gauge never says when it is sound.
+        limits: limits of its gauge when it is sound.
         soc_at_start: taken from the voltage if None.
 
     """
@@ -187,7 +188,7 @@ class BatteryTracker:
         self._older = self._newer = self.filter.snapshot()
         self._older_s = self._newer_s = 0.0
         self._blind_s = 0.0
-        """Of the time since the last measurement, what has been counted on already."""
+        """Part of the time since the last measurement that was counted already."""
 
     @property
     def doubt_reason(self) -> str:

@@ -52,7 +52,7 @@ class PowerPrior(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class PowerLearner:
-    """Coefficients of the terms, and how sure they are.
+    """Coefficients of the terms, and their certainty.
 
     Args:
         prior: where it begins.
@@ -69,7 +69,7 @@ class PowerLearner:
         self.residual_w2_s = prior.residual_w2_s
         self.drift_w2_per_s = _short(prior.standing_drift_w**2 / 3600.0)
         self.pace_m_s = prior.pace_m_s
-        """Mean speed of the way; `turn_rate_rad_s` is that of turns on the spot."""
+        """Mean speed on the path; `turn_rate_rad_s` is that of turns on the spot."""
         self.turn_rate_rad_s = prior.turn_rate_rad_s
 
     @property
@@ -84,7 +84,7 @@ class PowerLearner:
         return tuple(_short(self._covariance[row, column]) for row in range(len(TERMS)) for column in range(row + 1))
 
     def learn(self, amounts: tuple[float, ...], energy_j: float) -> None:
-        """Take in what was drawn while the terms' factors had these integrals; the first is the duration, s."""
+        """Learn from the energy drawn while the terms' factors had these integrals; the first is the duration, s."""
         duration_s = amounts[0]
         factors = np.array(amounts) / duration_s
         error_w = energy_j / duration_s - dot(factors, self._mean)
@@ -100,7 +100,7 @@ class PowerLearner:
         self._covariance = (covariance + covariance.T) / 2.0
 
     def pass_by(self, speed_m_s: float, yaw_rate_rad_s: float, duration_s: float) -> None:
-        """Take in the pace of some time of motion."""
+        """Learn from the pace of some time of motion."""
         share = min(1.0, duration_s / PACE_OVER_S)
         if speed_m_s > STANDING_BELOW:
             self.pace_m_s += share * (speed_m_s - self.pace_m_s)
@@ -120,7 +120,7 @@ class PowerLearner:
 
 
 def _short(value: float) -> float:
-    """Five digits are more than is known, and travel ten times a second."""
+    """Five digits exceed the accuracy, and are sent ten times a second."""
     return float(f"{value:.5g}")
 
 
@@ -131,7 +131,7 @@ LESSON_MAX_S = 6.0
 """A lesson with a hole in it is none."""
 POWER_OVER_S, USUAL_OVER_S = 5.0, 120.0
 OUTCOMES = 20
-"""Works over which plans are compared with what they cost; the prior counts as `PRIOR_OUTCOMES`."""
+"""Works over which plans are compared with their cost; the prior counts as `PRIOR_OUTCOMES`."""
 PRIOR_OUTCOMES = 4
 RELATIVE_SD_LEAST = 0.01
 OUTCOME_MOST = 0.3
@@ -154,7 +154,7 @@ class MotionTerms:
         self._yaw_rate_rad_s = 0.0
 
     def move(self, stamp_ns: int, speed_m_s: float, yaw_rate_rad_s: float) -> float:
-        """Take in the absolute speeds at a time; returns the time since the sample before, 0 for the first."""
+        """Add the absolute speeds at a time; returns the time since the sample before, 0 for the first."""
         before_m_s, before_rad_s = self._speed_m_s, self._yaw_rate_rad_s
         self._speed_m_s, self._yaw_rate_rad_s = speed_m_s, yaw_rate_rad_s
         if self._stamps and stamp_ns - self._stamps[-1] > GAP_S / NS:
@@ -217,9 +217,9 @@ class Consumption:
     """Learns, and makes the model.
 
     Args:
-        prior: what is believed before anything is measured.
+        prior: values assumed before anything is measured.
         packet_j: for one packet by radio.
-        relative_sd: of the cost of a way, before any has been driven.
+        relative_sd: of the cost of a path, before any has been driven.
 
     """
 

@@ -3,9 +3,9 @@
 Source: Plett, Extended Kalman filtering for battery management systems of LiPB-based HEV battery packs, part 3, Journal
 of Power Sources 134 (2004). The filter has the joint form: state and slow parameters in one filter. The states:
 
-- state of charge z, of the capacity as it is now
+- state of charge z, of the present capacity
 - overpotential u of one RC pair behind the resistance (Thevenin's circuit)
-- what is wrong with the curve, d: it wanders, so that the filter never gets surer than the curve is
+- error d of the curve: a random walk, so that the filter's certainty never exceeds that of the curve
 - resistance r
 - health g, the capacity as a share of the rated one
 
@@ -77,8 +77,8 @@ class PackModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     drive_current_a: NotNegative = 1.2
     """Current that the robot must be able to draw to the end."""
     rate_loss_s: NotNegative = 60.0
-    """Charge that a load leaves unused at the end, per ampere: from a datasheet's capacities at two rates.
-    Half of it is taken for its standard deviation."""
+    """Charge that a load leaves unused at the end, per ampere: from a datasheet's capacities at two rates. Half of it
+    is the assumed standard deviation."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,7 +97,7 @@ class SocFilter:
     """The filter of one pack.
 
     Args:
-        pack: what is known of it beforehand.
+        pack: its datasheet values.
 
     """
 
@@ -147,13 +147,13 @@ class SocFilter:
         return float(self._state[3])
 
     def start_at(self, soc: float, sd: float) -> None:
-        """Begin with a state of charge that is known from elsewhere."""
+        """Begin with a state of charge from another source."""
         self._state[0] = soc
         self._covariance[0, :] = self._covariance[:, 0] = 0.0
         self._covariance[0, 0] = sd * sd
 
     def start_from(self, voltage_v: float, current_a: float) -> None:
-        """Begin with what a first measurement says, taken for one at rest behind the whole resistance."""
+        """Begin with a first measurement, assumed to be at rest behind the whole resistance."""
         pack = self.pack
         behind_ohm = pack.resistance_ohm * (1.0 + pack.relaxation_share)
         open_v = voltage_v + current_a * pack.resistance_ohm
@@ -173,15 +173,15 @@ class SocFilter:
         return self._state.copy(), self._covariance.copy()
 
     def restore(self, snapshot: tuple[Floats, Floats]) -> None:
-        """Forget what has been since."""
+        """Forget all later changes."""
         self._state, self._covariance = snapshot[0].copy(), snapshot[1].copy()
 
     def count(self, current_a: float, duration_s: float) -> None:
-        """Let this current have flown for a while."""
+        """Predict the state after a time with this current."""
         _predict(self._state, self._covariance, self._constants, current_a, duration_s)
 
     def doubt(self, sd: float) -> None:
-        """Be that much less sure of the state of charge; adds to the standard deviation itself, as a bias does."""
+        """Increase the uncertainty of the state of charge; it adds to the standard deviation itself, as a bias does."""
         before = math.sqrt(self._covariance[0, 0])
         grown = min(0.5, before + sd)
         self._covariance[0, 0] = grown * grown
@@ -191,7 +191,7 @@ class SocFilter:
         _update(self._state, self._covariance, self._constants, self._curve_soc, self._curve_v, voltage_v, current_a)
 
     def count_guess(self, current_a: float, sd_a: float, duration_s: float) -> None:
-        """Let a current have flown that is only guessed, with this standard deviation."""
+        """Predict the state after a guessed current, with this standard deviation."""
         self.count(current_a, duration_s)
         share = sd_a / (self.rated_c * float(self._state[4]))
         grown = self._covariance[0, 0] + share * share * SAME_ERROR_S * duration_s
@@ -207,7 +207,7 @@ class SocFilter:
     def fuse_soc(self, soc: float, sd: float, duration_s: float) -> None:
         """Correct by a state of charge that the battery itself reports; `duration_s` since it last did.
 
-        The estimate follows it within `SAME_ERROR_S`, and is never surer than it is.
+        The estimate follows it within `SAME_ERROR_S`, and its certainty never exceeds that of the report.
         """
         state, covariance = self._state, self._covariance
         covariance[0, 0] += sd * sd * min(1.0, duration_s / SAME_ERROR_S)
@@ -262,7 +262,7 @@ def _once(sd: float, duration_s: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _upper(curve_soc: Floats, soc: float) -> int:
-    # The curve has a dozen points: looking at each is faster than halving.
+    # The curve has a dozen points: a linear search is faster than bisection.
     for index in range(1, len(curve_soc) - 1):
         if curve_soc[index] >= soc:
             return index

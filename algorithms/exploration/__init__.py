@@ -1,1 +1,1 @@
-"""Exploration: where the borders of the known are, and which robot goes to which."""
+"""Exploration: the borders of the known floor, and which robot goes to which."""

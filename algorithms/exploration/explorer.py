@@ -92,7 +92,7 @@ class _Attempts(NamedTuple):
 
 
 class Attempts:
-    """Remembers a bounded number of attempts at frontiers, and what was unknown around each.
+    """Remembers a bounded number of attempts at frontiers, and the unknown floor around each.
 
     A frontier inside of furniture moves by some cells whenever the map changes. Places within `SAME_M` therefore count
     as one place, and attempts at it are in vain while the unknown around it does not become less.
@@ -145,7 +145,7 @@ def _is_unchanged(attempts: _Attempts, grid: "OccupancyGrid") -> bool:
 
 
 def unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:
-    """Number of cells around a place that nobody has seen."""
+    """Number of unseen cells around a place."""
     row, column = grid.geometry.cell_of(place.x_m, place.y_m)
     reach = round(LOOK_M / grid.geometry.resolution_m)
     box = np.s_[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
@@ -158,7 +158,7 @@ GAP_M = (0.0, 10.0)
 """Plausible range of a gap's width reported by a robot."""
 AVOID_NS = to_ns(15.0)
 BEYOND_M = 2.0
-"""Unknown floor within this distance of a frontier, by rows and columns, is what the frontier promises."""
+"""Unknown floor within this distance of a frontier, by rows and columns, is the frontier's expected gain."""
 
 
 class KnownFloor(Protocol):
@@ -183,7 +183,7 @@ class Scout(NamedTuple):
     """Where it is, arena frame; None if that is unknown."""
     radius_m: float
     goal: Point2D | None = None
-    """The frontier that it is on its way to."""
+    """The frontier to which it drives."""
     reach_m: float = math.inf
     """Length of path that its energy lasts for, with the reserve kept."""
     homes: tuple[Point2D, ...] = ()
@@ -207,7 +207,7 @@ class Explorer:
     """Chooses goals; remembers for a while which robot failed where.
 
     Args:
-        team_map: what is known of the floor.
+        team_map: knowledge about the floor.
         strategy: which robot is sent to which frontier.
 
     """
@@ -215,7 +215,7 @@ class Explorer:
     def __init__(self, team_map: KnownFloor, strategy: Strategy = joint) -> None:
         self.strategy = strategy
         self.candidates: list[FrontierCandidate] = []
-        """The frontiers of the map as it was last looked at."""
+        """The frontiers of the map at the last check."""
         self._map = team_map
         self._navigation: NavigationGrid | None = None
         self._version = 0
@@ -232,7 +232,7 @@ class Explorer:
         """Goals to which robots were sent along narrow paths."""
         self._trials = Trials()
         self._seen_again: set[Point2D] = set()
-        """Frontiers to which robots were sent when nothing else was left."""
+        """Frontiers to which robots were sent when no others remained."""
 
     def record_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
@@ -251,7 +251,7 @@ class Explorer:
             self._vain = None
 
     def record_visit(self, place: Point2D) -> None:
-        """A robot has been at a place: what it has not seen of the unknown there, nobody will, as the map stands."""
+        """A robot has been at a place: floor that it did not see there stays unseen on the present map."""
         self._narrow_goals.discard(place)
         grid = self._map.grid
         if grid is not None:
@@ -271,8 +271,7 @@ class Explorer:
             busy: the other robots that are bound for a place.
             now_ns: the time of the run.
 
-        Returns:
-            New goals; robots that keep theirs are left out.
+        Returns: New goals; robots that keep theirs are omitted.
 
         """
         self._failures = [failure for failure in self._failures if failure.until_ns > now_ns]

@@ -67,7 +67,7 @@ def _shares(classes: NDArray[np.int8], at: NDArray[np.int64], reach: int, unknow
 DOOR_SHARE = 0.6
 """A passage is a door if its clearance is at most this share of that of the narrower of both rooms (chosen)."""
 FELT_M = 3.0
-"""Clearances beyond this are equal: halls of different widths are one room if what joins them is as wide (chosen)."""
+"""Clearances beyond this are equal: halls of different widths are one room if their passage is as wide (chosen)."""
 NO_ROOM = -1
 
 
@@ -146,7 +146,7 @@ LEAST_ROOM_M2 = 1.0
 
 
 class MapSurvey:
-    """Looks at the map as it is when something is asked for the first time; what nobody asks for is not computed.
+    """Reads the map at the first request; values that are not requested are not computed.
 
     Args:
         grid: the map.

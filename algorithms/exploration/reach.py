@@ -8,7 +8,7 @@ from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 PLENTY_M = 1000.0
 """A robot that can go this far can go anywhere (chosen: no floor of a team has two such paths)."""
 STEP_M = 4.0
-"""Reaches are rounded down to a multiple of this, so that a decision does not look new whenever a joule is spent."""
+"""Reaches are rounded down to a multiple of this, so that a decision does not change whenever a joule is spent."""
 SOC_LEAST = 0.01
 """The capacity follows from a state of charge of at least this."""
 
@@ -19,7 +19,7 @@ def reach_m(
     """Length of path that a robot can surely drive and keep its reserve, metres.
 
     Args:
-        model: what the robot has learned of its consumption.
+        model: the robot's learned consumption.
         battery: its estimate.
         reserve_share: share of the capacity that stays in the battery.
         confidence: one-sided confidence of the energy that the path takes.

@@ -22,9 +22,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 LEAST_AREA_M2 = 0.5
-"""Smaller regions are not reported unless a robot could stand in them: corners, floor between the legs of furniture."""
+"""Smaller regions are not reported unless a robot fits into them: corners, floor between the legs of furniture."""
 SNAP_M = 0.8
-"""Greatest distance of a robot from where it can drive, and of a frontier from where it can be looked at."""
+"""Greatest distance of a robot from drivable floor, and of a frontier from a place from which it is visible."""
 NEAR_M = 0.6
 """A gap, a failure or an earlier place within this distance of a region belongs to it."""
 BEYOND_M = 2.0
@@ -50,12 +50,12 @@ class Evidence(NamedTuple):
 
 
 def exploration_left(classes: NDArray[np.int8], geometry: GridGeometry, evidence: Evidence) -> ExplorationLeft:
-    """All regions left; none if no robot's place is known.
+    """All remaining regions; none if no robot's place is known.
 
     Args:
         classes: (H, W) as of `OccupancyGrid.classes`.
         geometry: of the grid.
-        evidence: what is known besides the map.
+        evidence: evidence besides the map.
 
     """
     found = _Search(classes, geometry, evidence).regions() if evidence.robots else []
@@ -67,7 +67,7 @@ def exploration_left(classes: NDArray[np.int8], geometry: GridGeometry, evidence
 
 
 class _Search:
-    """One look at a map, cropped to what is known of it."""
+    """Analysis of one map, cropped to its known part."""
 
     def __init__(self, classes: NDArray[np.int8], geometry: GridGeometry, evidence: Evidence) -> None:
         rows, columns = _box_of(classes != UNKNOWN, math.ceil(BEYOND_M / geometry.resolution_m) + 1)
@@ -97,7 +97,7 @@ class _Search:
         return [*self._seen(), *self._unknown()]
 
     def _roamed(self, traversable: Cells) -> Cells:
-        """The cells to which some robot has a way."""
+        """The cells to which some robot has a path."""
         labels, _ = touching(traversable)
         snapped = [self.navigation.snap(place, SNAP_M) for place in self.evidence.robots]
         held = {int(labels[cell]) for cell in snapped if cell is not None} - {0}
@@ -105,7 +105,7 @@ class _Search:
         return roamed
 
     def _roomy(self) -> Cells:
-        """The cells to which some robot has a way with the preferred clearance; if there are none, `roamed`."""
+        """The cells to which some robot has a path with the preferred clearance; if there are none, `roamed`."""
         labels, _ = touching(self.navigation.traversable & ~self.navigation.narrow)
         reach = max(1, round(SNAP_M / self.geometry.resolution_m))
         cells = [self.geometry.cell_of(place.x_m, place.y_m) for place in self.evidence.robots]
@@ -119,7 +119,7 @@ class _Search:
         left: Cells = (self.classes == FREE) & ~self.swept
         labels, count = touching(left)
         areas_m2 = np.bincount(labels.ravel(), minlength=count + 1) * self.cell_m2
-        # A frontier in front of which a robot can stand is not part of a region that no robot can get to.
+        # A frontier that a robot can reach is not part of an unreachable region.
         edges = frontier_mask(self.classes) & left
         beyond = np.bincount(labels[edges], minlength=count + 1)
         return [
@@ -129,7 +129,7 @@ class _Search:
         ]
 
     def _has_room(self, region: Cells) -> bool:
-        """Whether a robot could stand somewhere in a region."""
+        """Whether a robot fits somewhere into a region."""
         return bool((region & self.navigation.traversable).any())
 
     def _of_seen(self, region: Cells) -> RegionLeft:
@@ -161,7 +161,7 @@ class _Search:
         )
 
     def _leads_to(self, region: Cells, place: Point2D) -> bool:
-        """Whether the way into a region passes the gap in front of which a robot stood.
+        """Whether the path into a region passes the gap in front of which a robot stopped.
 
         That is so if the region is reached once the gap counts as open: it then joins the floor around the robot.
         """
@@ -173,7 +173,7 @@ class _Search:
         return bool(((labels == labels[here]) & region).any()) or self._is_near(region, place)
 
     def _unknown(self) -> list[RegionLeft]:
-        """The unknown beyond frontiers at which a robot can look."""
+        """The unknown beyond frontiers that a robot can see."""
         reach = round(BEYOND_M / self.geometry.resolution_m)
         frontiers = [found for found in find_frontiers(self.classes) if self._is_open(found)]
         unknown = np.zeros(self.classes.shape, np.bool_)
@@ -219,7 +219,7 @@ class _Search:
         return self._is_within(self.roamed, found)
 
     def _gap_before(self, edge: Sequence[Frontier]) -> Gap | None:
-        """The gap that a robot measured and that every way to these frontiers passes; None if there is none."""
+        """The gap that a robot measured and that every path to these frontiers passes; None if there is none."""
         for gap in self.evidence.gaps:
             circle = (gap.place.x_m, gap.place.y_m, SHUT_RADIUS_M)
             roamed = self._roamed(self.navigation.without([circle], only_narrow=True))
@@ -228,12 +228,12 @@ class _Search:
         return None
 
     def _is_within(self, roamed: Cells, found: Frontier) -> bool:
-        """Whether a robot that goes where `roamed` says can look at a frontier."""
+        """Whether a robot on the cells of `roamed` can see a frontier."""
         cell = self.navigation.snap(self.geometry.center_of(found.row, found.column), SNAP_M)
         return cell is not None and bool(roamed[cell])
 
     def _narrowest_m(self, edge: Sequence[Frontier]) -> float | None:
-        """Width of the gap on the widest way to these frontiers, metres; None if a way has room to spare."""
+        """Width of the gap on the widest path to these frontiers, metres; None if a path has room to spare."""
         reach = round(SNAP_M / self.geometry.resolution_m)
         places = np.zeros(self.classes.shape, np.bool_)
         for found in edge:
@@ -282,7 +282,7 @@ class _Search:
 
 
 class _Gaps:
-    """How wide the widest way from where robots have room to other free floor is.
+    """Width of the widest path from the robots' floor to other free floor.
 
     Distances are measured on a lattice of half a cell. The middle of a gap of an even number of cells is then a point
     of the lattice. A gap between walls that leaves `n` cells free has a width of `n` to `n + 2` cells.
@@ -297,7 +297,7 @@ class _Gaps:
         self._depth: NDArray[np.int64] | None = None
 
     def into(self, region: Cells) -> float | None:
-        """Width of the narrowest gap on the widest way into a region, metres; None if no way is free."""
+        """Width of the narrowest gap on the widest path into a region, metres; None if no path is free."""
         if self._depth is None:
             # The squared clearance in half cells is a whole number.
             limit = 1e6
@@ -350,7 +350,7 @@ def _within(cells: Cells, reach_cells: float) -> Cells:
 
 
 def _mark_beyond(unknown: Cells, classes: NDArray[np.int8], found: Frontier, reach: int) -> None:
-    """Mark the unknown cells within reach of a frontier that no known wall parts from it."""
+    """Mark the unknown cells within reach of a frontier that no known wall separates from it."""
     top, left = max(found.row - reach, 0), max(found.column - reach, 0)
     box = np.s_[top : found.row + reach + 1, left : found.column + reach + 1]
     labels, _ = touching(classes[box] != OCCUPIED)

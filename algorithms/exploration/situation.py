@@ -14,9 +14,9 @@ AVOID_RADIUS_M = 1.0
 """A robot that avoids a place is sent to no frontier within this distance of it."""
 
 SAME_GOAL_M = 1.0
-"""A frontier within this distance of a robot's goal is the one that it is on its way to, as the map is now."""
+"""A frontier within this distance of a robot's goal counts as that goal on the present map."""
 HOME_DETOUR = 1.5
-"""Assumed ratio of path length to straight line on the way home where the map knows no path (chosen; robots assume the
+"""Assumed ratio of path length to straight line on the way home where the map shows no path (chosen; robots assume the
 same)."""
 KEEP_M = 3.0
 """Path cost by which that frontier counts as nearer, so that a goal is not changed for little."""
@@ -39,11 +39,12 @@ class Seeker(NamedTuple):
     avoided: tuple[Point2D, ...] = ()
     """Places that it could not get to a short while ago."""
     goal: Point2D | None = None
-    """The frontier that it is on its way to; None if it has nothing to do."""
+    """The frontier to which it drives; None if it is idle."""
     reach_m: float = math.inf
     """Length of path that its energy lasts for, with the reserve kept."""
     homes: tuple[Point2D, ...] = ()
-    """Its chargers: a frontier counts as reached only if its energy lasts for the way there and on to one of them."""
+    """Its chargers: a frontier counts as reached only if its energy suffices for the path there and on to one of them.
+    """
 
 
 class Busy(NamedTuple):
@@ -134,8 +135,8 @@ class Situation:
     def ways_m(self) -> NDArray[np.float64]:
         """Path costs (seekers, frontiers), metres of open floor; inf where there is no path, or the robot avoids it.
 
-        Also inf where the robot's energy does not last for the way there and home. The frontier that a robot is on its
-        way to counts as `KEEP_M` nearer.
+        Also inf where the robot's energy does not suffice for the path there and home. The frontier to which a robot
+        drives counts as `KEEP_M` nearer.
         """
         paths_m = self._from([seeker.place for seeker in self.seekers])
         paths_m[self.too_far] = math.inf
@@ -151,7 +152,7 @@ class Situation:
 
     @cached_property
     def too_far(self) -> NDArray[np.bool_]:
-        """Whether a robot's energy does not last for the way to a frontier and home, (seekers, frontiers).
+        """Whether a robot's energy does not suffice for the path to a frontier and home, (seekers, frontiers).
 
         Path costs count as lengths; they are at least as long. Frontiers without a path are not too far.
         """

@@ -17,7 +17,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.registry import Registry, failure_text
 
 GAIN_M_PER_M2 = 1.0
-"""Metres of way that a square metre of unknown floor is worth."""
+"""Metres of path that a square metre of unknown floor is worth."""
 GAIN_LIMIT_M = 10.0
 """Largest value of a frontier's unknown floor. Pockets between shelves wait for the halves of a building, but not for
 ever. With ideal motion, goals revised every second and 8 seeds, two robots know 95 % of a hospital's floor after 127 s.
@@ -143,22 +143,22 @@ NEAREST: Final = "nearest"
 MINPOS: Final = "minpos"
 """Each robot the frontier to which the fewest robots are nearer (Bautin and others 2012)."""
 BURGARD: Final = "burgard"
-"""The best pair of utility and cost, again and again, utilities lowered near what was given away (2005)."""
+"""The best pair of utility and cost, repeatedly, with lower utilities near assigned frontiers (2005)."""
 JOINT: Final = "joint"
-"""One frontier each, at the least sum of path costs less what the frontiers promise."""
+"""One frontier each, at the least sum of path costs less the frontiers' values."""
 
 TOURS: Final = "tours"
 """Tours through all frontiers that reach much unknown floor early; each robot begins its own."""
 
 ROOMS: Final = "rooms"
-"""Tours that know rooms, the work behind each frontier, and the ways of the other robots."""
+"""Tours that consider rooms, the work behind each frontier, and the paths of the other robots."""
 
 AUTO: Final = "auto"
 """The default: `tours` for up to four robots, or `rooms` for three and four where rooms are small; `joint` for more."""
 
 
 NO_EXPLORATION: Final = "none"
-"""Robots explore only if a task tells them to."""
+"""Robots explore only for a task."""
 
 
 class Strategy(Protocol):
@@ -191,7 +191,7 @@ def strategy_of(name: str, on_failure: Callable[[str, str], None]) -> Strategy:
 
     Args:
         name: as in `STRATEGIES`.
-        on_failure: told the name and why, whenever a foreign strategy fails or chooses what it may not.
+        on_failure: receives the name and the reason whenever a foreign strategy fails or makes a forbidden choice.
 
     Raises:
         UnknownEntry: there is none of this name, or it cannot be imported.

@@ -28,15 +28,15 @@ class Places(NamedTuple):
     """Places to visit."""
 
     first_m: Floats
-    """Way of each robot to each place (robots, places), metres; inf where there is none."""
+    """Path length of each robot to each place (robots, places), metres; inf where there is none."""
     between_m: Floats
-    """Ways between the places (places, places)."""
+    """Path lengths between the places (places, places)."""
     weights: Floats
     """Value of reaching each place early (places,), above 0."""
     stay_m: Floats
-    """Way that could be made in the time which each place takes (places,)."""
+    """Path length that could be driven in the time which each place takes (places,)."""
     far_m: float
-    """A way of this length counts for half of what it would; longer ones for less and less."""
+    """A path of this length counts for half of its value; longer ones for less and less."""
 
 
 class Tours(NamedTuple):
@@ -82,7 +82,7 @@ def plan_tours(places: Places) -> list[list[int]]:
 
 @njit(cache=True, nogil=True)
 def _cost(places: Places, robot: int, tour: Ints, length: int) -> float:
-    """Sum of weight times way of one tour; inf if it cannot be driven."""
+    """Sum of weight times path length of one tour; inf if it cannot be driven."""
     path_m, cost = 0.0, 0.0
     for index in range(length):
         place = tour[index]
@@ -202,9 +202,9 @@ def _plan(places: Places, tours: Tours) -> None:
 
 
 LEAST_WEIGHT_M2 = 0.3
-"""Every frontier counts as if this much more were unknown beyond it, so that none is left for ever (chosen)."""
+"""Every frontier counts as if this much more were unknown beyond it, so that none waits for ever (chosen)."""
 UNKNOWN_LIMIT_M2 = 12.0
-"""Most unknown floor that a frontier counts for (chosen), since the estimate says little beyond it."""
+"""Most unknown floor that a frontier counts for (chosen), since the estimate is poor beyond it."""
 STAY_M = 8.0
 """Path that a robot of a team could drive in the time that a frontier takes it (chosen). A longer path shares out the
 frontiers more evenly. With ideal motion and 8 seeds, four robots know 95 % of five floors after 37.3 s on average. With
@@ -212,7 +212,7 @@ half of this value they take 39.2 s, with one and a half times 36.8 s."""
 STAY_ALONE_M = 4.0
 """The same for a robot that explores alone, to which frontiers close together are close together."""
 FAR_M = 40.0
-"""A way of this length counts for half of what it would (chosen): what lies far ahead is uncertain."""
+"""A path of this length counts for half of its value (chosen): distant gains are uncertain."""
 SHARED_M = 5.0
 """A frontier within this path of another robot's goal counts for less, down to nothing at the goal itself."""
 CONSIDERED = 48
@@ -272,7 +272,7 @@ def considered(situation: Situation, weights: NDArray[np.float64], stay_m: float
 SHARE_LIMIT_M2 = 50.0
 """Most unknown floor that a frontier counts for (chosen)."""
 ROOM_STAY_M = 4.0
-"""Way that a robot could make in the time that the smallest frontier takes it (chosen)."""
+"""Path length that a robot could drive in the time that the smallest frontier takes it (chosen)."""
 WORK_M_PER_M2 = 0.2
 """Path that a robot could drive in the time that a square metre of unknown floor takes it (chosen). One robot alone
 drives 0.15 to 0.4 m for each square metre of the floors of `robrain bench exploration`."""
@@ -280,9 +280,9 @@ DOOR_M = 1.0
 """Path that a change of rooms counts for (chosen). With 4 m, four points take 24.9 s instead of 23.4 s in a cave. In a
 depot, whose halls are no rooms, they take 35.5 s instead of 32.9 s."""
 MEET_M = 2.0
-"""Way that a robot could make in the time that it and another give way to each other (chosen)."""
+"""Path length that a robot could drive in the time that it and another give way to each other (chosen)."""
 MEET_OVER_M = 2.0
-"""Robots whose ways run against each other for this long meet for sure; for less, less so."""
+"""Robots whose paths run against each other for this length surely meet; a shorter overlap counts less."""
 
 
 def rooms(situation: Situation) -> list[Choice]:

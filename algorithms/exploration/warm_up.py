@@ -1,4 +1,4 @@
-"""Loading what the team's map and its exploration need, so that no step of a coordinator pays for it."""
+"""Loads the compiled functions of the team's map and its exploration, so that no step of a coordinator pays for it."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Keeping a robot found: the pose filter, the watch over it, and the way back when it has diverged."""
+"""Localises a robot: the pose filter, its divergence monitor, and the relocalisation after a divergence."""
 
 import math
 from collections import deque
@@ -45,11 +45,11 @@ class DivergenceSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class DivergenceMonitor:
-    """Counts, and says why the estimate cannot be right.
+    """Counts bad measurements, and gives the reason why the estimate cannot be right.
 
     Args:
         spec: when that is.
-        gate: innovations squared count up to this; what lies beyond counts as refused.
+        gate: innovations squared count up to this; larger ones count as refused.
 
     """
 
@@ -92,7 +92,7 @@ class DivergenceMonitor:
         return ""
 
     def begin_anew(self) -> None:
-        """Forget what was counted, but for the refused ones."""
+        """Reset all counts except that of the refused ones."""
         self._nis.clear()
         self.misfits = 0
 
@@ -104,10 +104,10 @@ ELSEWHERE_MAX = 8.0
 FIND_EVERY = 8
 """Number of further signals after which the search is repeated."""
 FOUND_SIGMA_M, FOUND_SIGMA_RAD = 1.5, 0.5
-"""An answer that is less sure than this is none."""
+"""A result with a larger uncertainty than this is discarded."""
 SEARCH_WITHIN_RAD = 0.6
 TURN_M_PER_RAD = 0.3
-"""A turn shows as much of new as this way."""
+"""Path length that shows as much new evidence as a turn of one radian."""
 MATCH_M, MATCH_SIGMA_M = 0.02, 0.05
 """Distance between two corrections by walls of a robot with this small uncertainty. The place of each wall in its cell
 is the same unknown for all scans from one spot. More scans from there do not average it away."""
@@ -124,9 +124,9 @@ JUMP_M, JUMP_RAD, JUMP_SIGMAS = 0.3, 0.35, 3.0
 ADAPTATION, NIS_MAX = 0.1, 5.0
 """Rate by which one match changes the share of doubt, and the largest normalised innovation that counts; chosen."""
 START_AGREES = 0.6
-"""Share of a scan's beams that must be as the team's map says, or the robot is not where it was told; chosen."""
+"""Share of a scan's beams that must agree with the team's map, or the robot is not at its configured start; chosen."""
 SIGNALS_TO_AGREE = 12
-"""A lost robot that hears motes needs at least this many signals before a place is believed."""
+"""A lost robot that receives motes needs at least this many signals before a place is believed."""
 SIGNALS_NIS_MAX = 2.0
 """A place is not believed if the last signals of motes are off by more, in units of their variance."""
 OWN_SIGMA_M, OWN_SIGMA_RAD = 0.02, 0.01
@@ -141,13 +141,13 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     watch: DivergenceSpec = DivergenceSpec()
     motes_max: int = 32
     slack_cells: float = 0.0
-    """Where in its cell a wall lies is not known: offsets below this many cells are taken for none. Slack leaves a good
-    odometry alone and lets a bad one drag the map along."""
+    """The place of a wall within its cell is unknown: offsets below this many cells count as zero. Slack keeps a good
+    odometry unchanged, but a bad odometry then drags the map along."""
     wall_sigma_m: float = 0.01
     """Standard deviation of a match beyond that. An error that a match does not correct is drawn into the map, and the
     next match keeps it. With a larger value, the map turns with the odometry."""
     floor_m: float = 0.03
-    """Matching does not make the place on the map surer than this; a better odometry alone does …"""
+    """Least uncertainty of the place on the map by matching; only a better odometry goes below it …"""
     floor_rad: float = 0.005
     """… and the same for the yaw."""
     least_share: float = 1.0
@@ -162,7 +162,7 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
     """… and that of its yaw, radians."""
     search_m: float = 0.2
     search_rad: float = 0.06
-    """A place or a yaw less sure than this is looked for before it is refined."""
+    """A place or a yaw with a larger uncertainty than this is searched for before it is refined."""
     search_within_m: float = 2.5
     maps: bool = True
     """Whether the robot maps by itself. A lost robot that maps continues in its own map frame."""
@@ -180,7 +180,7 @@ class Estimate(msgspec.Struct, frozen=True):
 
 
 class Localiser:
-    """Estimates a robot's pose in the arena frame and says when it cannot.
+    """Estimates a robot's pose in the arena frame, and reports when it cannot.
 
     Args:
         start: where the robot is believed to begin.
@@ -197,7 +197,7 @@ class Localiser:
         )
         self.watch = DivergenceMonitor(spec.watch, GATE)
         self.lost = ""
-        """Why the robot does not know where it is in the arena; empty while it does."""
+        """Reason why the robot does not know its place in the arena; empty while it does."""
         self.beginnings = 0
         """Number of times that the estimate was reset, to another place or to another frame."""
         self.arena_fix: tuple[Pose2D, Floats] | None = None
@@ -259,7 +259,7 @@ class Localiser:
         self.way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
 
     def hear(self, sample: RssiSample) -> None:
-        """A mote of known place was heard."""
+        """Handle a signal of a mote with a known place."""
         self._signals.hear(sample)
         if self.lost:
             self._since_tried += 1
@@ -352,7 +352,7 @@ class Localiser:
         return self._drift(self.filter.covariances)
 
     def estimate(self) -> Estimate:
-        """All that there is to tell, computed at once."""
+        """The whole estimate, computed at once."""
         own = self.filter.covariances
         xx, xy, xt, yx, yy, yt, tx, ty, tt = own
         x, y, yaw = self._of_map
@@ -373,7 +373,7 @@ class Localiser:
     def _go_by(self, walls: Drift) -> None:
         """Note that the scan was matched to walls that were mapped when the robot's pose had these variances.
 
-        A match tells the robot's pose relative to the walls. If the pose was uncertain when they were mapped, the walls
+        A match gives the robot's pose relative to the walls. If the pose was uncertain when they were mapped, the walls
         have the same error, and no match can reveal it. The exact solution keeps the poses from which the map was made
         as states, as SLAM does; the pose graph does so for whole submaps.
         """
@@ -394,7 +394,7 @@ class Localiser:
         self._of_map = x + m2, y + m2, yaw + rad2
 
     def may_be_at(self, pose: Pose2D) -> bool:
-        """Whether the signals of motes, if any are heard, allow the robot to be at a pose of the arena frame."""
+        """Whether the received signals of motes, if any, allow the robot to be at a pose of the arena frame."""
         signals = self._signals
         if not signals.has_received:
             return True
@@ -407,10 +407,10 @@ class Localiser:
         points: Floats,
         T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
     ) -> bool:
-        """Hold a scan against a map that others made, as to whether the robot is where it was told that it starts.
+        """Compare a scan with a map of other robots, to check that the robot is at its configured start.
 
-        If the map knows the place and the scan contradicts it, the robot is lost. `points` and `T_robot_sensor` are
-        those of `see`; False if the map does not know enough of the place to tell.
+        If the map shows the place and the scan contradicts it, the robot is lost. `points` and `T_robot_sensor` are
+        those of `see`; False if the map does not show enough of the place.
         """
         if self.lost or not len(points):
             return True
@@ -423,7 +423,7 @@ class Localiser:
         return True
 
     def _correct(self, fit: ScanFit, believed: Pose2D, guess: Pose2D, map: LocalMap) -> bool:
-        """The scan lies as `fit` says about `guess`, where the filter believed the sensor to be; False if it cannot."""
+        """Update by the `fit` of a scan about `guess`, the filter's pose of the sensor; False if it is impossible."""
         if not fit.directions:
             return True
         ahead = (guess.x_m - believed.x_m, guess.y_m - believed.y_m, wrap_angle_rad(guess.yaw_rad - believed.yaw_rad))
@@ -451,7 +451,7 @@ class Localiser:
         return True
 
     def _adapt(self, nis: float) -> None:
-        """Match the covariance to the innovations: more doubt while they are larger than expected, else less.
+        """Match the covariance to the innovations: more uncertainty while they exceed the expectation, otherwise less.
 
         Innovation-based adaptive estimation of the process noise (Mohamed and Schwarz, *Adaptive Kalman filtering for
         INS/GPS*, Journal of Geodesy 1999), of one factor.
@@ -482,7 +482,7 @@ class Localiser:
         self.watch.begin_anew()
 
     def part(self, reason: str) -> None:
-        """The frame in which the robot goes is not the arena frame any more; the estimate goes on in it."""
+        """The robot's frame is no longer the arena frame; the estimate continues in it."""
         self.lost = reason
         self._signals.forget()
         self._since_tried = 0

@@ -20,7 +20,7 @@ from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 
 MARGIN_M = 6.0
-"""The robot is looked for this far around the motes that it heard."""
+"""The search for the robot extends this far around the received motes."""
 CELL_M = 0.75
 COARSE_MAX = 40
 """Cells a side; larger fields get larger cells."""
@@ -36,7 +36,7 @@ RECORDS = 64
 RECORDS_TO_FIND = 24
 MOTES_TO_FIND = 4
 PATH_TO_FIND_M = 2.0
-"""A robot that has not moved cannot tell its yaw from signals."""
+"""A robot that has not moved cannot determine its yaw from signals."""
 
 
 class Signals(NamedTuple):
@@ -46,7 +46,7 @@ class Signals(NamedTuple):
     """
 
     places: Floats
-    """(N, 2) where the robot was when it heard, in its own frame *now*: metres, x ahead."""
+    """(N, 2) places of the robot at reception, in its own frame *now*: metres, x ahead."""
     motes: NDArray[np.int64]
     """(N,) indices into the following."""
     mote_places: Floats
@@ -68,7 +68,7 @@ def find_robot(signals: Signals, path_loss: PathLoss) -> tuple[Pose2D, Floats] |
     if float(about.sum()) < CERTAIN:
         return None
     mean, covariance = _moments(xs[max(i - 3, 0) : i + 4], ys[max(j - 3, 0) : j + 4], yaws[k], math.tau / YAWS, about)
-    # Finer, over three standard deviations, and what the cells before may have hidden.
+    # Finer, over three standard deviations, and over gaps of the coarser cells.
     hidden = np.array((1.5 * cell_m, 1.5 * cell_m, math.tau / YAWS))
     for _ in range(FINER):
         spans = 3.0 * np.sqrt(np.diag(covariance)) + hidden
@@ -108,7 +108,7 @@ def better_elsewhere(here: Pose2D, signals: Signals, path_loss: PathLoss) -> flo
 
 
 def _field(signals: Signals) -> tuple[Floats, Floats]:
-    """Lowest and highest x and y at which the robot is looked for."""
+    """Lowest and highest x and y of the search."""
     return signals.mote_places.min(axis=0) - MARGIN_M, signals.mote_places.max(axis=0) + MARGIN_M
 
 
@@ -227,7 +227,7 @@ class RecentSignals:
         self._reckoned = moved_along(self._reckoned, displacement)
 
     def hear(self, sample: RssiSample) -> None:
-        """A mote was heard."""
+        """Handle a received signal of a mote."""
         self._records.append((sample, self._reckoned))
         self.has_received = True
 
@@ -236,7 +236,7 @@ class RecentSignals:
         self._records.clear()
 
     def can_find(self, path_m: float) -> bool:
-        """Whether they are enough to look for the robot, after so much way."""
+        """Whether the signals suffice for a search, after this length of path."""
         names = {sample.mote for sample, _ in self._records}
         return len(self._records) >= RECORDS_TO_FIND and len(names) >= MOTES_TO_FIND and path_m > PATH_TO_FIND_M
 
@@ -255,7 +255,7 @@ class RecentSignals:
         )
 
     def nis(self, here: Pose2D, path_loss: PathLoss) -> float:
-        """Mean normalised square of what they are off by, were the robot here; 0 if there are none."""
+        """Mean normalised squared error of the signals for a robot here; 0 if there are none."""
         if not self._records:
             return 0.0
         places, motes, mote_places, rssi_dbm = self.seen_from_here()

@@ -66,9 +66,9 @@ STILL_AFTER_NS = 200_000_000
 """The robot may still rock for so long after its wheels have stopped."""
 WINDOW_NS = 500_000_000
 SPREAD_RAD_S = 0.05
-"""Measurements of a window differ by less while the robot stands."""
+"""Largest spread of the measurements of a window while the robot stands."""
 STILL_RAD_S = 0.02
-"""Slower turning while the wheels stand is taken for a change of the bias; a person who turns the robot is faster."""
+"""Slower turning while the wheels stand counts as a change of the bias; a person who turns the robot is faster."""
 BIAS_MAX_RAD_S = 0.2
 """Largest bias that is believed."""
 ELSEWHERE_WINDOWS = 10
@@ -78,7 +78,7 @@ WINDOWS_MAX = 60
 COMPARED_RAD = 0.4
 """The two are compared each time that the wheels have turned the robot by this angle in `COMPARED_NS`."""
 COMPARED_NS = 10_000_000_000
-"""A longer time is left out: wheels of unequal sizes seem to turn the robot slowly while it drives ahead."""
+"""A longer time is skipped: wheels of unequal sizes seem to turn the robot slowly while it drives ahead."""
 RATIO_MIN, RATIO_MAX = -0.3, 4.0
 """Of the gyroscope's turning to the wheels'. Blocked wheels give 0, a track taken for 3 times its size gives 3."""
 REFUSED_AFTER, TRUSTED_AFTER = 2, 3
@@ -109,7 +109,7 @@ class _Compared:
 
 
 class GyroYaw:
-    """Finds how far the robot has turned beyond what its wheels say."""
+    """Finds how far the robot has turned beyond the turn by its wheels."""
 
     def __init__(self) -> None:
         self.bias_rad_s: float | None = None
@@ -272,7 +272,7 @@ def moved(pose: Pose2D, displacement: Twist2D) -> Pose2D:
 
 
 def chord(before: Pose2D, after: Pose2D) -> Twist2D:
-    """The displacement (m, m, rad) between two poses, its way in the frame that faces halfway between their yaws."""
+    """The displacement (m, m, rad) between two poses, its path in the frame that faces halfway between their yaws."""
     dx, dy = after.x_m - before.x_m, after.y_m - before.y_m
     turn = wrap_angle_rad(after.yaw_rad - before.yaw_rad)
     cos, sin = math.cos(before.yaw_rad + turn / 2), math.sin(before.yaw_rad + turn / 2)

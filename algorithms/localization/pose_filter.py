@@ -212,7 +212,7 @@ def update_by_signal(
     spread: float,
     relinearisations: int,
 ) -> tuple[float, float, float]:
-    """Take in a signal strength unless the gate refuses it; normalised innovation squared, innovation, its variance.
+    """Update with a signal strength unless the gate refuses it; returns NIS, innovation, its variance.
 
     The linearisation is repeated about the posterior (posterior linearisation filter: García-Fernández, Svensson,
     Morelande, Särkkä, IEEE Trans. Signal Processing 2015), always starting from the prior.
@@ -291,7 +291,7 @@ GATE = 10.83
 class DriftModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How odometry goes wrong: noise, and errors that stay. Standard deviations; all chosen for three omni wheels.
 
-    True turning = turn·(1 + turn error) + curve·forward way; true way = way·(1 + scale error). A wheel that is 1 %
+    True turning = turn·(1 + turn error) + curve·forward path; true path = path·(1 + scale error). A wheel that is 1 %
     smaller than another makes a Robertino-like base curve by 0.02 rad/m.
     """
 
@@ -352,7 +352,7 @@ class PoseFilter:
         self._mean = np.zeros(self._capacity)
         self._covariance = np.zeros((self._capacity, self._capacity))
         self._slots: dict[str, int] = {}
-        """Slot of each mote, the one heard longest ago first."""
+        """Slot of each mote, the one received longest ago first."""
         self._spread = float(spread)
         self._relinearisations = relinearisations
         walks = (
@@ -429,7 +429,7 @@ class PoseFilter:
         )
 
     def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
-        """Take in the strength of a mote's signal, unless its normalised innovation squared exceeds the gate.
+        """Update with the strength of a mote's signal, unless its normalised innovation squared exceeds the gate.
 
         `map_variance_m2` is that of the map that the robot goes by, for each axis, and not in the filter's covariance.
         """
@@ -464,12 +464,13 @@ class PoseFilter:
     def correct_along(self, rows: Floats, offsets_m: Floats, variances: Floats) -> None:
         """Update with measurements of `rows` (n, 3) · (x, y, yaw), `offsets_m` (n,) off the estimate as it is before.
 
-        The rows are orthogonal but the filter's errors are correlated, so that each corrects what is left of the next.
+        The rows are orthogonal but the filter's errors are correlated, so that each also changes the residual of the
+        next.
         """
         update_along(self._mean, self._covariance, self._size, rows, offsets_m, variances)
 
     def at_least(self, variances: tuple[float, float, float]) -> None:
-        """Let x, y (m²) and yaw (rad²) be no surer than this: for errors that measurements share, so none can tell."""
+        """Raise the variances of x, y (m²) and yaw (rad²) to at least these, for errors that all measurements share."""
         for index, variance in enumerate(variances):
             lacking = variance - self._covariance[index, index]
             if lacking > 0:
@@ -486,7 +487,7 @@ class PoseFilter:
         self._forget_motes()
 
     def place(self, pose: Pose2D, covariance: Floats) -> None:
-        """Begin again at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
+        """Begin again at a pose with a (3, 3) covariance; the estimated errors of the odometry are kept."""
         self._mean[:3] = pose.x_m, pose.y_m, pose.yaw_rad
         self._covariance[:3, :] = 0.0
         self._covariance[:, :3] = 0.0
@@ -508,8 +509,8 @@ class PoseFilter:
     def split(self, apart: float, weight: float) -> tuple["PoseFilter", "PoseFilter"]:
         """Make this the middle one of three narrower filters, mean and covariance of all together as before.
 
-        The others lie `apart` standard deviations of the yaw to either side and have this weight each; what depends on
-        the yaw goes along.
+        The others lie `apart` standard deviations of the yaw to either side and have this weight each; correlated
+        states move along.
         """
         along = self._covariance[: self._size, YAW] / self.sigma_rad
         self._covariance[: self._size, : self._size] -= 2.0 * weight * apart**2 * np.outer(along, along)
@@ -521,7 +522,7 @@ class PoseFilter:
     def absorb(self, other: "PoseFilter", share: float) -> None:
         """Become the Gaussian that has mean and covariance of both, where the other counts for `share` of the whole.
 
-        The other must have heard the same motes.
+        The other must have received the same motes.
         """
         size = self._size
         off = other._mean[:size] - self._mean[:size]

@@ -26,7 +26,7 @@ from robrain.algorithms.numeric.small_linear_algebra import dot, quadratic_form
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 
 SPLIT_RAD = 0.15
-"""A filter whose yaw is less sure than this is split; chosen, as are the other figures here."""
+"""A filter with a larger uncertainty of the yaw than this is split; chosen, as are the other figures here."""
 PARTS_MAX = 9
 SPLIT_APART, SPLIT_WEIGHT = 1.0575, 0.2252
 """Three Gaussians in place of one: DeMars, Bishop, Jah, *Entropy-based approach for uncertainty propagation of
@@ -129,7 +129,7 @@ class PoseMixture:
         )
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:
-        """Take in a measurement of `row` · (x, y, yaw) that differs by `innovation` from the mean; its NIS."""
+        """Update with a measurement of `row` · (x, y, yaw) that differs by `innovation` from the mean; its NIS."""
         if len(self._parts) == 1:
             return self._parts[0].correct(row, innovation, variance)
         mean = self._mean()[:3]
@@ -145,7 +145,7 @@ class PoseMixture:
         return nis
 
     def correct_along(self, rows: Floats, offsets_m: Floats, variances: Floats) -> None:
-        """Take in measurements of orthogonal `rows` (n, 3) · (x, y, yaw) that differ by `offsets_m` from the mean."""
+        """Update with measurements of orthogonal `rows` (n, 3) · (x, y, yaw), `offsets_m` from the mean."""
         if len(self._parts) == 1:
             self._parts[0].correct_along(rows, offsets_m, variances)
             return
@@ -157,7 +157,7 @@ class PoseMixture:
             self.correct((row[0], row[1], row[2]), offset_m - done_m, variance)
 
     def at_least(self, variances: tuple[float, float, float]) -> None:
-        """Let x, y (m²) and yaw (rad²) be no surer than this in any part."""
+        """Raise the variances of x, y (m²) and yaw (rad²) to at least these in every part."""
         for part in self._parts:
             part.at_least(variances)
 
@@ -177,7 +177,7 @@ class PoseMixture:
             part.shift(T_new_old)
 
     def place(self, pose: Pose2D, covariance: Floats) -> None:
-        """Begin again at a pose with a (3, 3) covariance; what is known of the odometry's errors is kept."""
+        """Begin again at a pose with a (3, 3) covariance; the estimated errors of the odometry are kept."""
         self._merge_all()
         self._parts[0].place(pose, covariance)
 

@@ -35,11 +35,12 @@ class PathLoss(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rssi_at_1_m_dbm: float = -60.0
     exponent: Positive = 3.0
     shadowing_db: NotNegative = 4.0
-    """Standard deviation of what walls and furniture do to one mote's signal: the same until the robot has moved on."""
+    """Standard deviation of the effect of walls and furniture on one mote's signal: it stays until the robot has moved.
+    """
     decorrelation_m: Positive = 5.0
-    """After this way the shadowing's correlation is 1/e."""
+    """Path length after which the shadowing's correlation is 1/e."""
     fading_db: Positive = 4.0
-    """Standard deviation from packet to packet, with what the model itself gets wrong."""
+    """Standard deviation from packet to packet, including the error of the model."""
 
     @property
     def db_per_e_fold(self) -> float:

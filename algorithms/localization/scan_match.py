@@ -123,7 +123,7 @@ def solve_step(
 def held_directions(
     held: int, values: Floats, vectors: Floats, moved: tuple[float, float, float], lever: float, per_m: float
 ) -> Floats:
-    """Held directions (3, 5) as row in m and rad, offset in m, information; `moved` is the way that the scan went."""
+    """Held directions (3, 5) as row in m and rad, offset in m, information; `moved` is the scan's displacement."""
     found = np.zeros((3, 5))
     for at in range(held):
         k = 3 - held + at  # eigenvalues ascend
@@ -165,7 +165,7 @@ def distance_window(
 
 @njit(cache=True, nogil=True)
 def _window(points: Floats, per_m: float, x: float, y: float, margin: int) -> tuple[int, int, int, int]:
-    """Box of cells that holds the points, turned whichever way, about (x, y): first row and column, rows, columns."""
+    """Box of cells that holds the points at any rotation about (x, y): first row and column, rows, columns."""
     square = 0.0
     for k in range(points.shape[0]):
         square = max(square, points[k, 0] ** 2 + points[k, 1] ** 2)
@@ -225,7 +225,7 @@ def refine(
             slope_x = (1 - up) * (low_right - low_left) + up * (high_right - high_left)
             slope_y = (1 - right) * (high_left - low_left) + right * (high_right - low_right)
             by_turn = (slope_y * out_x - slope_x * out_y) / lever
-            weight = 1.0 if distance < 1.0 else 1.0 / distance  # Huber: what is far off may be something else
+            weight = 1.0 if distance < 1.0 else 1.0 / distance  # Huber: a far point may belong to something else
             used += 1
             add_residual(information, pull, slope_x, slope_y, by_turn, distance, weight)
         if used < beams_min:
@@ -346,7 +346,7 @@ def _without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> 
 
 
 REACH_M = 0.4
-"""A beam that ends farther from all walls than this says nothing to the refinement."""
+"""A beam that ends farther from all walls than this has no effect on the refinement."""
 DEGENERATE = 0.08
 """A direction with less than this share of the information that each beam could give is not believed; chosen."""
 BEAMS_MIN = 20
@@ -414,7 +414,7 @@ def search_scan(
     within_rad: float,
     fit_min: float = 0.7,
 ) -> Pose2D | None:
-    """Look for the scan's place all around a guess; None if nothing fits well, or more than one place does.
+    """Search for the scan's place around a guess; None if nothing fits well, or more than one place does.
 
     `points` are a scan's, see `beam_ends`; the others are as for `match_walls`. The answer is right to a
     cell and `SEARCH_STEP_RAD`: refine it.
@@ -477,7 +477,7 @@ def beam_ends(angles_rad: Floats, ranges_m: Floats, range_max_m: float) -> Float
 def without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> Floats:
     """The ranges (N,) of a scan; where fewer than `misses_min` neighbouring beams have no return, they are NaN.
 
-    Black or wet surfaces return single beams or none at random: that is no sign that the way is free. Where it is, many
+    Black or wet surfaces return single beams or none at random: that does not mean a free path. Where it is, many
     neighbouring beams have no return. The first and the last beam count as neighbours.
     """
     received_m: Floats = _without_dropouts(kernel_array(ranges_m, FLOAT64), range_max_m, misses_min)

@@ -28,7 +28,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 COMPARED_MIN = 0.5
-"""Share of a scan's beams that must end where the map is known before the scan says anything about it."""
+"""Share of a scan's beams that must end on known map before the scan is compared with it."""
 WALL_NEAR_CELLS = 2.0
 """A beam ends at a wall of the map that is this near."""
 BODY_M = 0.5
@@ -38,10 +38,10 @@ SHORT_M = 0.3
 
 
 def agreement(log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D, points: Floats) -> tuple[float, int]:
-    """Share of a scan's beams that are as the map says, seen from `sensor` (arena frame), and how many were compared.
+    """Share of a scan's beams that agree with the map, seen from `sensor` (arena frame), and how many were compared.
 
     `points` (K, 2) are the beams' ends in the sensor's frame, see `beam_ends`. A beam agrees that ends at a wall of the
-    map and goes through none. Beams that end where nothing is known are not compared.
+    map and goes through none. Beams that end on unknown floor are not compared.
     """
     agreeing, compared = _agreement(
         log_odds,
@@ -284,7 +284,7 @@ def _match(
     vectors, values = np.zeros((3, 3)), np.zeros(3)
     information, pull, step = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     lines, is_line, cells = np.zeros((count, 4)), np.zeros(count, np.bool_), np.full(count, -1)
-    # Surfaces about each beam's end: row and column about which they were gathered, how many, and what they are.
+    # Surfaces about each beam's end: row and column about which they were gathered, their number, and their values.
     about = np.full((count, 3), FAR)
     near_cells = np.empty((count, (2 * AROUND + 1) ** 2, 2), np.int32)
     near_surfaces = np.empty((count, (2 * AROUND + 1) ** 2, 4), np.float32)

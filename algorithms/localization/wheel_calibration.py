@@ -16,7 +16,7 @@ POSITION_SIGMA_M, YAW_SIGMA_RAD = 0.005, 0.003
 
 
 class SquareEnd(msgspec.Struct, frozen=True):
-    """Where a robot really ended on a square of four legs and four corners, less where its odometry said.
+    """True end of a square of four legs and four corners, less the end by odometry.
 
     In the frame of the square's start.
     """
@@ -131,7 +131,7 @@ class ScanMotion(msgspec.Struct, frozen=True):
 
 
 def still_points(scans: Sequence[tuple[Floats, Floats]], range_max_m: float) -> Floats:
-    """(K, 2): what several scans from one place have hit, in the order of the directions, sensor's frame, metres.
+    """(K, 2): points hit by several scans from one place, in the order of the directions, sensor's frame, metres.
 
     Each direction that most scans have hit is the mean of the points there whose ranges are near their median.
 
@@ -210,12 +210,11 @@ def followed(first: Floats, between: Iterable[Floats], last: Floats) -> tuple[Po
     """The motion from the first to the last of many scans, each close to the one before; None if the thread is lost.
 
     Args:
-        first: (K, 2) points from where the sensor stood.
-        between: those on the way, in their order.
-        last: those from where it stands at the end.
+        first: (K, 2) points from the sensor's first place.
+        between: those along the path, in their order.
+        last: those from its place at the end.
 
-    Returns:
-        T_first_last, and the yaw that the sensor turned by on the way, not wrapped.
+    Returns: T_first_last, and the yaw by which the sensor turned on the path, not wrapped.
 
     """
     key, T_first_key, key_yaw_rad = first, Pose2D(0.0, 0.0, 0.0), 0.0

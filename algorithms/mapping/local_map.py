@@ -70,7 +70,8 @@ class LocalPose(NamedTuple):
     fits: bool
     """Whether the last scan matched the local map; if not, scans must not be mapped."""
     sigma_m: float
-    """Standard deviation of the robot's place on its own map; where that map lies in the arena may be less sure."""
+    """Standard deviation of the robot's place on its own map; the place of that map in the arena may be less certain.
+    """
     lost: str = ""
     """Reason why the robot does not know its place in the arena. A trajectory that begins with a reason has its own map
     frame."""

@@ -29,7 +29,7 @@ MISS_LOG_ODDS = 10
 FLIPPED_LOG_ODDS = 10
 """Evidence of the new class when a cell's evidence is used up and the cell flips."""
 MERGED_LOG_ODDS = 60
-"""Certainty given to what a team mate said."""
+"""Certainty of a teammate's statement."""
 SURFACE_HITS_MAX = 30
 """Number of beams in the mean place of a cell; with more beams, older ones lose weight exponentially."""
 HIT_DEPTH_CELLS = 0.2
@@ -206,7 +206,7 @@ def integrate_scan(
     is_hit = np.zeros(beams, np.bool_)
     keeps_surfaces = surface_hits.shape[0] > 1
 
-    # Ends first: what this scan hit, none of its beams may free.
+    # Ends first: cells hit by this scan may not be freed by its beams.
     for beam in range(beams):
         range_m = ranges_m[beam]
         if not range_m > 0:
@@ -247,7 +247,7 @@ def integrate_scan(
             changed += flips
             discovered += finds
 
-    # Then the way there: Amanatides and Woo, A Fast Voxel Traversal Algorithm for Ray Tracing, Eurographics 1987.
+    # Then the path there: Amanatides and Woo, A Fast Voxel Traversal Algorithm for Ray Tracing, Eurographics 1987.
     start_row, start_column = math.floor(sensor_y), math.floor(sensor_x)
     crossed = np.empty(height + width, np.int64)
     for beam in range(beams):
@@ -347,7 +347,7 @@ class OccupancyGrid:
         return classes(self.log_odds)
 
     def known(self) -> NDArray[np.bool_]:
-        """A new mask of the cells that somebody has seen, bool (H, W)."""
+        """A new mask of the seen cells, bool (H, W)."""
         known: NDArray[np.bool_] = self.log_odds != 0
         return known
 
@@ -364,8 +364,8 @@ class OccupancyGrid:
         """Add the evidence of one scan; returns how many cells changed their class.
 
         `sensor` is the sensor's pose in the arena frame, `angles_rad` (N,) the beams' directions in the sensor's frame,
-        `ranges_m` (N,) what they measured. A range of `range_max_m` or more, inf included, is a miss; NaN and ranges
-        that are not positive say nothing. `ignore` (K, 3) holds circles x, y, radius in metres of the arena frame. A
+        `ranges_m` (N,) their measurements. A range of `range_max_m` or more, inf included, is a miss; NaN and ranges
+        that are not positive are ignored. `ignore` (K, 3) holds circles x, y, radius in metres of the arena frame. A
         beam that ends in a circle (a teammate) frees its path there but marks no obstacle.
 
         `drift` are the variances of the sensor's pose (m², rad²), stored with new surfaces.
@@ -414,7 +414,7 @@ class OccupancyGrid:
         return changed
 
     def pop_patch(self) -> PatchCells | None:
-        """The classes that own sensing changed since the last call, or None; they count as told from now on.
+        """The classes that own sensing changed since the last call, or None; they count as published from now on.
 
         The patch is stamped with the latest observation of its cells.
         """
@@ -427,9 +427,9 @@ class OccupancyGrid:
     def merge_patch(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int) -> int:
         """Take over statements int8 (h, w) about the box at (row, column); returns how many classes changed.
 
-        A statement replaces what is unknown or older than `stamp_ms`; at the same time OCCUPIED replaces FREE. A
-        replaced cell is no longer dirty, as it now holds another's word. Raises ValueError for a box that
-        leaves the grid and for a stamp out of bounds.
+        A statement replaces cells that are unknown or older than `stamp_ms`; at the same time OCCUPIED replaces FREE. A
+        replaced cell is no longer dirty, as it now holds another's word. Raises ValueError for a box that leaves the
+        grid and for a stamp out of bounds.
         """
         _check_stamp(stamp_ms)
         if cells.ndim != 2:
@@ -492,7 +492,7 @@ class OccupancyGrid:
         self.known_count += discovered
 
     def forget(self) -> None:
-        """Know nothing any more, as if nothing had ever been seen."""
+        """Reset all cells to unknown, as if nothing had ever been seen."""
         for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by, self.surface_hits):
             array[:] = 0
         self.known_count = 0

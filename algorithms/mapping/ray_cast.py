@@ -15,7 +15,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 SLACK_M = 1e-3
-"""A circle that is so little out of reach is looked at all the same: rounding must not decide."""
+"""A circle out of reach by less than this is still checked: rounding must not decide."""
 SOLID = 1
 """An ordinary wall; 0 is free floor."""
 GLASS_X, GLASS_Y = 2, 4
@@ -53,7 +53,7 @@ def cast_rays(
     if not (range_max_m > 0 and math.isfinite(range_max_m)):
         raise ValueError(f"expected a finite range_max_m > 0, got {range_max_m}")
     return cast_rays_of(
-        # One type for each argument, whatever was passed: the kernel is compiled once for every combination.
+        # One type for each argument, for any input: the kernel is compiled once for every combination.
         kernel_array(occupied, occupied.dtype),
         geometry,
         sensor,
@@ -156,7 +156,7 @@ def _cast_rays(
     circles: Floats,
     echo_cosine: float | None,
 ) -> Floats:
-    """Ranges of beams; without `echo_cosine` all surfaces are solid, and numba leaves out what is for others."""
+    """Ranges of beams; without `echo_cosine` all surfaces are solid, and numba omits the code for others."""
     height, width = surfaces.shape
     start_x = (sensor_x_m - origin_x_m) / resolution_m
     start_y = (sensor_y_m - origin_y_m) / resolution_m

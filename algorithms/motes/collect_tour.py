@@ -1,4 +1,4 @@
-"""Tours on which a robot collects what motes have stored."""
+"""Tours on which a robot collects the stored readings of motes."""
 
 import math
 from collections.abc import Sequence
@@ -68,7 +68,7 @@ def visit_weight(age_s: float, age_wanted_s: float, left_s: float = math.inf) ->
     """How much a visit to a mote is worth: 1 when its data are as old as wanted, more beyond it.
 
     Args:
-        age_s: of the oldest reading that nobody has.
+        age_s: of the oldest reading that no robot has.
         age_wanted_s: how old data may become.
         left_s: how long the mote still lives; its data die with it, so that a visit in time is worth twice as much.
 

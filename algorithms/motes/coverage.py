@@ -71,7 +71,7 @@ def duty_set(cover: CoverageMap, left: Mapping[int, float]) -> list[int]:
 
 
 LEAST_FALL_V = 0.01
-"""A fall that a mote's millivolts tell well enough (chosen)."""
+"""A fall that a mote's millivolts show well enough (chosen)."""
 KEPT = 32
 
 
@@ -89,14 +89,14 @@ class CellTrend:
         self._falls: deque[tuple[float, float]] = deque(maxlen=KEPT)
 
     def note(self, at_s: float, voltage_v: float) -> None:
-        """A voltage was told; fresh cells begin a new trend."""
+        """Add a reported voltage; fresh cells begin a new trend."""
         if self._falls and voltage_v > self._falls[-1][1] + LEAST_FALL_V:
             self._falls.clear()
         if not self._falls or voltage_v < self._falls[-1][1]:
             self._falls.append((at_s, voltage_v))
 
     def empty_s(self) -> float | None:
-        """Time at which the cells are flat if they go on like this; None if they have not fallen enough to tell."""
+        """Time at which the cells are flat on the present trend; None if they have not fallen enough."""
         if len(self._falls) < 2:
             return None
         (first_s, first_v), (last_s, last_v) = self._falls[0], self._falls[-1]

@@ -76,7 +76,7 @@ LEAST_GOAL_DAYS = 20.0
 """Beyond its goal the field is run as if it were so far away."""
 MAX_DAYS = 3650.0
 FLAT_J = 1e-6
-"""A mote that has no more than this left is dead."""
+"""A mote with no more than this remaining is dead."""
 
 
 class Routing(StrEnum):
@@ -85,13 +85,13 @@ class Routing(StrEnum):
     TREE = "tree"
     """A collection tree with the fewest hops."""
     LIFETIME = "lifetime"
-    """Routes in turn that spare the motes with little energy."""
+    """Alternating routes that spare the motes with little energy."""
     NONE = "none"
     """Not at all: robots collect everything."""
 
 
 class MoteSite(Checked, frozen=True, kw_only=True):
-    """Where motes lie, and what they are."""
+    """Places and properties of motes."""
 
     places: tuple[Point2D, ...]
     sink: Point2D
@@ -99,7 +99,7 @@ class MoteSite(Checked, frozen=True, kw_only=True):
     size_m: Positive
     """The floor is a square from the origin of this width."""
     range_m: Positive = 22.0
-    """Distance up to which two motes hear each other."""
+    """Distance up to which two motes receive each other."""
     sensing_m: Positive = 15.0
     """A mote senses the floor up to this distance; chosen."""
     period_s: Positive = 60.0
@@ -120,7 +120,7 @@ class RobotFigures(Checked, frozen=True, kw_only=True):
     reach_m: Positive = 15.0
     """Distance up to which it collects, which leaves a margin to the radio's range."""
     readings_per_s: Positive = 25.0
-    """How fast a mote hands over what it has stored: one every 40 ms."""
+    """Rate at which a mote transfers its stored readings: one every 40 ms."""
 
 
 class FieldPlan(Checked, frozen=True, kw_only=True):
@@ -161,7 +161,7 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
     """Readings within the horizon that motes on duty took, and dead ones would have taken."""
     delivered_in_horizon: float
     coverage: float
-    """Mean share of the floor within the horizon about which a living mote told."""
+    """Mean share of the floor within the horizon that a living mote sensed."""
     age_h: float
     """Mean age of a reading on its arrival."""
     news_age_h: float
@@ -207,7 +207,7 @@ def field_life(
     """The life of a field.
 
     Args:
-        site: where the motes lie, and what they are.
+        site: places and properties of the motes.
         plan: how the field is run.
         horizon_days: time over which delivery, coverage and the robots' work are counted.
         until_days: when the run ends at the latest.
@@ -304,7 +304,7 @@ class _FieldRun:
         return [*self.left_j, *[math.inf] * len(self.relays)]
 
     def _spend_on_beacons(self, trees: int, awake: list[int]) -> None:
-        """Each tree is made from one beacon of every mote on duty, which its neighbours hear."""
+        """Each tree is made from one beacon of every mote on duty, which its neighbours receive."""
         energy = self.site.energy
         for mote in awake:
             heard = sum(other in self._on_duty for other in self.graph.neighbours[mote])

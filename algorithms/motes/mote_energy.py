@@ -17,7 +17,7 @@ PACKET_BITS = 8 * 24 + OVERHEAD_BITS
 """Payload of a reading, and overhead."""
 BITS_PER_S = 19_200.0
 CAPACITY_J = 2.5 * 3600.0 * CELL_V
-"""Of two AA cells of 2500 mAh; what is left of it falls evenly with the voltage."""
+"""Of two AA cells of 2500 mAh; the remaining energy falls linearly with the voltage."""
 FRESH_V, FLAT_V = 3.1, 2.1
 """Voltage of full and of empty cells."""
 READINGS_PER_REQUEST = 32
@@ -37,13 +37,13 @@ class MoteEnergy(msgspec.Struct, frozen=True, kw_only=True):
     reading_j: float
     """To sense and log one reading."""
     send_j: float
-    """To send a packet over one hop and hear its acknowledgement."""
+    """To send a packet over one hop and receive its acknowledgement."""
     receive_j: float
     """To receive a packet that is to be forwarded, and acknowledge it."""
     hand_over_j: float
     """To hand a stored reading over to a robot that stands near."""
     beacon_send_j: float
-    """To send what routes are made from."""
+    """To send the packets from which routes are made."""
     beacon_receive_j: float
 
     def lasts_days(self, power_w: float) -> float:

@@ -1,4 +1,4 @@
-"""Routes of readings to the sink: a plain collection tree, and routes in turn that make the first mote die late.
+"""Routes of readings to the sink: a plain collection tree, and alternating routes that make the first mote die late.
 
 Trees are lists of parents by mote; NO_ROUTE stands for motes that do not reach the sink.
 """
@@ -14,7 +14,7 @@ from robrain.protocol.model.geometry import Point2D
 
 
 class LinkGraph:
-    """Motes 0 to n − 1 and the sink, node n, with the links between them, which go both ways.
+    """Motes 0 to n − 1 and the sink, node n, with the links between them, in both directions.
 
     Args:
         neighbours: of each node, in ascending order; those of the sink are the last.
@@ -40,12 +40,12 @@ class LinkGraph:
 
 
 class RadioGraph(LinkGraph):
-    """A graph whose nodes hear each other up to a distance.
+    """A graph whose nodes receive each other up to a distance.
 
     Args:
         places: of the motes, arena frame.
         sink: where readings leave the field, arena frame.
-        range_m: distance up to which two nodes hear each other.
+        range_m: distance up to which two nodes receive each other.
 
     """
 
@@ -90,7 +90,7 @@ Tree = list[int]
 
 
 class MoteRoutes(msgspec.Struct, frozen=True, kw_only=True):
-    """Trees used in turn for equal times, and what they ask of each mote: packets for one reading of each source."""
+    """Trees used in turn for equal times, and their load on each mote: packets for one reading of each source."""
 
     trees: list[Tree]
     sent: list[float]
@@ -184,7 +184,7 @@ def lifetime_routes(
 
 
 def cheapest_tree(graph: LinkGraph, prices: Sequence[float], alive: Collection[int], energy: MoteEnergy) -> Tree:
-    """The tree of the cheapest ways to the sink if a joule of each mote has a price (Dijkstra)."""
+    """The tree of the cheapest paths to the sink if a joule of each mote has a price (Dijkstra)."""
     usable = set(alive)
     parents = [NO_ROUTE] * graph.sink
     best = {graph.sink: 0.0}
@@ -213,7 +213,7 @@ def share_at_once(
     Args:
         routes: what travels.
         sources: motes that take readings.
-        budgets_w: what each mote may spend on packets.
+        budgets_w: energy that each mote may spend on packets.
         energy: of the motes.
         rate_hz: readings a second of each source.
 

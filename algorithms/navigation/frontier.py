@@ -60,7 +60,7 @@ def find_frontiers(
 
 
 def unknown_beyond(classes: NDArray[np.int8], row: int, column: int, reach: int) -> int:
-    """Number of unknown cells that a robot at a frontier may find: no wall that is known parts them from it.
+    """Number of unknown cells that a robot at a frontier may find: no known wall separates them from it.
 
     Args:
         classes: (H, W) as of `OccupancyGrid.classes`.

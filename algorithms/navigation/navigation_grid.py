@@ -167,7 +167,7 @@ class NavigationGrid:
         self._check(everything, everything, everything)
 
     def update(self, classes: NDArray[np.int8]) -> None:
-        """Look at the map again: only where it has changed, and as far around as that can be felt."""
+        """Update from the map: only where it has changed, and as far around as a change has an effect."""
         changed = classes != self._classes
         rows = np.flatnonzero(changed.any(axis=1))
         self._classes = classes
@@ -177,7 +177,7 @@ class NavigationGrid:
         reach = math.ceil((self.preferred_m + COMFORT_M) / self.geometry.resolution_m)
         low_row, low_column = max(0, rows[0] - reach), max(0, columns[0] - reach)
         inner = np.s_[low_row : rows[-1] + reach + 1, low_column : columns[-1] + reach + 1]
-        # Twice as far around, so that what counts as an obstacle beyond this box's edge is out of reach of the inner.
+        # Twice as far around, so that obstacles beyond this box's edge are out of reach of the inner box.
         top, left = max(0, rows[0] - 2 * reach), max(0, columns[0] - 2 * reach)
         outer = np.s_[top : rows[-1] + 2 * reach + 1, left : columns[-1] + 2 * reach + 1]
         height, width = classes[inner].shape
@@ -222,13 +222,12 @@ class NavigationGrid:
 
         Args:
             start: where the robot is.
-            goal: where it wants to be.
+            goal: its goal.
             snap_m: how far start and goal may be from the ends of the path.
             avoid: circles (x, y, radius) in metres that must not be driven through.
             dear: zones in which each cell costs `DEAR` more.
 
-        Returns:
-            Waypoints, the start's cell left out, corners rounded where there is room; None if there is no path.
+        Returns: Waypoints without the start's cell, corners rounded where there is room; None if there is no path.
 
         """
         traversable = self.without(avoid)
@@ -250,7 +249,7 @@ class NavigationGrid:
         return self.waypoints(shorten_path(cells, comfortable), traversable)
 
     def waypoints(self, cells: NDArray[np.int32], traversable: NDArray[np.bool_] | None = None) -> list[Point2D]:
-        """Cells (N, 2) as points in metres: the first left out, corners rounded where the mask has room for it."""
+        """Cells (N, 2) as points in metres: without the first, corners rounded where the mask has room for it."""
         if cells.shape[0] < 2:
             return [self.geometry.center_of(int(row), int(column)) for row, column in cells]
         mask = kernel_array(self.traversable if traversable is None else traversable, BOOL)
@@ -353,7 +352,7 @@ class NavigationGrid:
 
 @njit(cache=True, nogil=True)
 def _sweep(inside: NDArray[np.bool_], cells: Floats, counts: NDArray[np.int64], reaches_cells: Floats) -> None:
-    """Mark what is within reach of positions (N, 2; x, y in cells); the first `counts[0]` have the first reach."""
+    """Mark cells within reach of positions (N, 2; x, y in cells); the first `counts[0]` have the first reach."""
     height, width = inside.shape
     end = 0
     for zone in range(counts.shape[0]):

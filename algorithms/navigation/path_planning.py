@@ -43,7 +43,7 @@ def _standpoint(
 
 @njit(cache=True, nogil=True)
 def _sees(classes: NDArray[np.int8], row: int, column: int, to_row: int, to_column: int) -> bool:
-    """Whether the straight line between two cells' centres crosses no occupied cell, by two looks a cell."""
+    """Whether the straight line between two cells' centres crosses no occupied cell, by two checks a cell."""
     checks = 2 * max(abs(to_row - row), abs(to_column - column))
     for check in range(1, checks):
         share = check / checks

@@ -27,22 +27,22 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 
 STEP_M = 0.1
-"""From one position of a way to the next; half of what a small robot is wide would be enough."""
+"""From one position of a path to the next; half of a small robot's width would be enough."""
 LOOK_AHEAD_M = 10.0
-"""Own way that is looked at, chosen: some 15 s, more than two robots need to settle who goes first."""
+"""Length of the own path that is checked, chosen: some 15 s, more than two robots need to agree on priority."""
 TEAMMATE_AHEAD_M = 25.0
-"""A mate's way that is looked at, chosen: the longest corridor that two robots should not both enter."""
+"""Length of a teammate's path that is checked, chosen: the longest corridor that two robots should not both enter."""
 LONGEST_M = 1000.0
 """The longest path that is followed."""
 SEARCH = 30
-"""Positions by which a robot advances between two looks at the most: 3 m."""
+"""Largest number of positions by which a robot advances between two checks: 3 m."""
 
 
 class Track(msgspec.Struct, frozen=True, eq=False):
-    """A mate as it is reckoned with."""
+    """A teammate's remaining path for the right of way."""
 
     positions: Floats
-    """(M, 2), the way that it has still to go, from where it is now; that place alone if it stands."""
+    """(M, 2), its remaining path from its present place; that place alone if it stands."""
     speed_m_s: float
     held_at: int
     """The position at which it waits for others; the last one if it does not."""
@@ -52,29 +52,29 @@ class Track(msgspec.Struct, frozen=True, eq=False):
 
 
 class Release(NamedTuple):
-    """How far a robot may drive along its way."""
+    """How far a robot may drive along its path."""
 
     positions: int
-    """Those from the first one that are released; 1 is to stand."""
+    """Number of released positions from the first one; 1 means to stand."""
     is_whole: bool
-    """Everything that was looked at is released."""
+    """All checked positions are released."""
     must_leave: bool
-    """The robot stands where somebody who goes first has yet to pass."""
+    """The robot stands where a robot with priority has yet to pass."""
     by: int
-    """The mate for which it ends there, as an index; −1 for none."""
+    """The teammate for which it ends there, as an index; −1 for none."""
 
 
 class Margins(msgspec.Struct, frozen=True, kw_only=True):
-    """Distances and times kept from mates."""
+    """Distances and times kept from teammates."""
 
     contest_m: float = 0.12
-    """Between two hulls, for a place to be out of the other's way."""
+    """Between two hulls, for a place to be off the other's path."""
     guard_m: float = 0.08
     """Least distance between two hulls, regardless of priority: no robot drives on into less."""
     slack_s: float = 1.0
     """A robot that crosses before or behind one that goes first is earlier or later by this."""
     guard_s: float = 2.5
-    """How far ahead in time the guard looks; beyond that, what is foreseen of a mate is not to be relied on."""
+    """Time that the guard looks ahead; beyond it, the prediction of a teammate is unreliable."""
 
 
 def sample_path(points: Floats, limit_m: float) -> Floats:
@@ -105,11 +105,11 @@ def release(
 ) -> Release:
     """How far a robot may go along its own positions (N, 2), the first of which is where it is.
 
-    Towards a mate that goes first, an own position is *contested* while the mate has still to pass within reach of it.
-    A contested stretch is entered only if at every position of it the two are apart by `slack_s` in time. A robot that
-    is already in one goes on if it gets out of it ahead of the mate, and must leave it otherwise. Towards all mates,
-    the way ends where in the next `guard_s` the hulls would come nearer than `guard_m`. Without `yields`, that alone
-    counts.
+    Towards a teammate that goes first, an own position is *contested* while the teammate has still to pass within reach
+    of it. A contested stretch is entered only if at every position of it the two are apart by `slack_s` in time. A
+    robot that is already in one continues if it gets out of it ahead of the teammate, and must leave it otherwise.
+    Towards all teammates, the path ends where in the next `guard_s` the hulls would come nearer than `guard_m`. Without
+    `yields`, that alone counts.
     """
     if not tracks:
         return Release(own.shape[0], is_whole=True, must_leave=False, by=-1)
@@ -133,7 +133,7 @@ def release(
 
 
 def meet(own: Floats, track: Track, margin_m: float, within: int | None = None) -> bool:
-    """Whether the rest of a mate's way, or its positions `within`, come anywhere within reach of own ones (N, 2)."""
+    """Whether a teammate's remaining path, or its positions `within`, come within reach of own ones (N, 2)."""
     return _meet(own, track.positions[:within], float(track.keep_m + margin_m))
 
 
@@ -222,7 +222,7 @@ def _passed_at(positions: Floats, passed: int, x_m: float, y_m: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _pass_on(positions: Floats, begins: NDArray[np.int64], passed: NDArray[np.int64], places: Floats) -> None:
-    """Set what is passed of several ways, which lie one behind the other, from `begins[n]` on."""
+    """Set the passed positions of several paths, which lie one behind the other, from `begins[n]` on."""
     for n in range(passed.shape[0]):
         route = positions[begins[n] : begins[n + 1]]
         passed[n] = _passed_at(route, passed[n], places[n, 0], places[n, 1])
@@ -316,10 +316,10 @@ def _release(
     slack_s: float,
     guard_s: float,
 ) -> tuple[int, bool, int]:
-    """Released positions, whether the first must be left, and the mate that the way ends for (−1: none)."""
+    """Released positions, whether the first must be left, and the teammate that ends the path (−1: none)."""
     count = own.shape[0]
     contested_by = np.full(count, -1, np.int64)
-    """The first mate that contests each own position."""
+    """The first teammate that contests each own position."""
     late = np.zeros(count, np.bool_)
     """Mate and robot would meet there, nearly in time."""
     meets = np.zeros(count, np.bool_)
@@ -350,7 +350,7 @@ def _release(
                     late[k] = True
                 if own_s + 0.5 * own_step_s >= teammate_s and (stays or own_s - 0.5 * own_step_s <= teammate_s):
                     meets[k] = True
-                if k == count - 1 and teammate_s >= own_s:  # the robot stays at the end of its way
+                if k == count - 1 and teammate_s >= own_s:  # the robot stays at the end of its path
                     late[k] = True
                     meets[k] = True
     end, by, must_leave = count, -1, False
@@ -370,7 +370,7 @@ def _release(
 
     guarded = min(count - 1, int(guard_s / own_step_s) + 1)
     guarded_m = guarded * _stride_m(own, 0, guarded)
-    """How far the robot can get while the guard looks ahead."""
+    """Distance that the robot can drive within the guard's time."""
     for teammate in range(begins.shape[0] - 1):
         first, last = begins[teammate], begins[teammate + 1] - 1
         last = min(last, first + held_at[teammate])
@@ -383,7 +383,7 @@ def _release(
             own_s = k * own_step_s
             if own_s > guard_s:
                 break
-            # Where the mate may be by then: on time, or up to half a second late or early.
+            # Where the teammate may be by then: on time, or up to half a second late or early.
             low = min(last, first + int(max(0.0, own_s - 0.5) / steps_s[teammate]))
             high = min(last, first + int((own_s + 0.5) / steps_s[teammate]) + 1)
             nearest_m = np.inf
@@ -397,9 +397,9 @@ def _release(
 
 
 WINDOW_M = 12.0
-"""Refuges are looked for within this distance, chosen: farther away another way is worth more than waiting."""
+"""Refuges are looked for within this distance, chosen: farther away another path is worth more than waiting."""
 HEAD_START_S = 0.5
-"""A mate comes later than foreseen by at least this: it starts first, and brakes before who is in its way."""
+"""A teammate comes later than foreseen by at least this: it starts first, and brakes before robots on its path."""
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
 _COLUMN_STEPS = (0, -1, 1, 0, -1, 1, -1, 1)
 _DIAGONAL = 2.0**0.5
@@ -451,7 +451,7 @@ def _close_all(
     row: int,
     column: int,
 ) -> None:
-    """Close what each track closes to a robot at (row, column); `steps_s` of a track that does not go first is 0."""
+    """Close the cells that each track closes to a robot at (row, column); `steps_s` is 0 without priority."""
     end = 0
     for track in range(counts.shape[0]):
         begin, end = end, end + counts[track]
@@ -480,7 +480,7 @@ def _close(closes_s: Floats, cells: Floats, step_s: float, begin_s: float, reach
 def _escape(
     traversable: NDArray[np.bool_], closes_s: Floats, row: int, column: int, cell_s: float
 ) -> NDArray[np.int32]:
-    """The cells of the way, start included; none if there is no refuge."""
+    """The cells of the path, start included; none if there is no refuge."""
     height, width = traversable.shape
     arrives_s = np.full(height * width, np.inf)
     parent = np.full(height * width, -1, np.int64)

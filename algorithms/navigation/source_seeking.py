@@ -1,8 +1,8 @@
 """Source seeking: where the field of a quantity is greatest, by readings taken around.
 
-A paraboloid of revolution is fitted to the readings near a place, by weighted least squares. Its gradient says where to
-climb, and near a maximum its vertex says where that is. Readings count the less the farther away and the older they
-are. The sums are plain Python, the same on every machine: no library routine takes part.
+A paraboloid of revolution is fitted to the readings near a place, by weighted least squares. Its gradient is the
+direction to climb, and near a maximum its vertex is the maximum's place. Readings count the less the farther away and
+the older they are. The sums are plain Python, the same on every machine: no library routine takes part.
 """
 
 import math
@@ -47,7 +47,7 @@ class FieldFit(NamedTuple):
     curvature: float
     """Half of the second derivative: below 0 near a maximum."""
     summit: Point2D | None
-    """Where the fitted field is greatest; None where it has no maximum that can be told from noise."""
+    """Where the fitted field is greatest; None where no maximum is distinguishable from noise."""
     summit_value: float
     summit_sd_m: float
     """Standard deviation of the summit along x or y, by the fit alone; infinite without one."""
@@ -59,7 +59,7 @@ class FieldFit(NamedTuple):
 
     @property
     def is_flat(self) -> bool:
-        """Whether the slope cannot be told from noise."""
+        """Whether the slope is indistinguishable from noise."""
         return self.steepness <= 2.0 * self.slope_sd
 
 
@@ -84,7 +84,7 @@ class FieldSamples:
         self._samples.append(FieldSample(place, value, time_s))
 
     def hear(self, mote: str, place: Point2D, value: float, time_s: float) -> None:
-        """A mote's reading: its latest alone counts, or those that stand still would outweigh the robot that moves."""
+        """A mote's reading: only its latest counts, because fixed motes would otherwise outweigh the moving robot."""
         before = self._of_motes.get(mote)
         if before is None and len(self._of_motes) >= MOTES_MAX:
             return

@@ -156,7 +156,7 @@ class Omni(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True,
     wheel_distance_m: Positive
     """From the robot's centre to each wheel."""
     wheel_angles_deg: Annotated[tuple[float, ...], Meta(min_length=3, max_length=WHEELS_MAX)]
-    """Where the wheels stand, from the robot's x axis, counter-clockwise; (45, 135, 225, 315) for four."""
+    """Directions of the wheels from the robot's x axis, counter-clockwise; (45, 135, 225, 315) for four."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -230,7 +230,7 @@ class Ackermann(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=
         return self.wheelbase_m / math.tan(self.steering_max_rad)
 
     def commands(self, twist: Twist2D, wheel_speed_max_rad_s: float) -> tuple[float, ...]:
-        """Rear wheel speed and steering angle; a turn without a way cannot be driven, and is none."""
+        """Rear wheel speed and steering angle; a turn without a forward motion cannot be driven, and gives none."""
         speed = max(-wheel_speed_max_rad_s, min(wheel_speed_max_rad_s, twist.forward_m_s / self.wheel_radius_m))
         if twist.forward_m_s == 0.0:
             return (0.0, 0.0)

@@ -115,7 +115,7 @@ def least_solution(rows: Floats, values: Floats) -> Floats:
     """The shortest v (m,) with `rows` · v = `values`, for `rows` (n, m) with n <= m.
 
     By modified Gram–Schmidt on the rows (Golub and Van Loan, section 5.2.8). A row that is linearly dependent on those
-    before it is left out.
+    before it is omitted.
     """
     count, size = rows.shape
     basis = rows.copy()

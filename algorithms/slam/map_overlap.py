@@ -29,7 +29,7 @@ LEVELS = 3
 BEST = 255.0
 """Nearness of a point that lies on a wall."""
 UNKNOWN = 90.0
-"""Nearness of a point that lies where nothing is known: maps may overlap in part only."""
+"""Nearness of a point on unknown floor: maps may overlap in part only."""
 SCORE_MIN = 0.5
 """Mean nearness, as a share of `BEST`, below which a place is none."""
 NEARLY = 0.8
@@ -47,7 +47,7 @@ def search_places(
     Args:
         log_odds: int8 (H, W), an `OccupancyGrid`'s.
         geometry: of that grid.
-        points: (K, 2) places of walls, metres, in the frame that is looked for.
+        points: (K, 2) places of walls, metres, in the searched frame.
         places_max: largest number of poses returned. They may be close to each other.
         nearly: places whose score is at least this share of the best one's are returned.
 
@@ -154,7 +154,7 @@ def _best_leaf(
 def _turned(points: Floats, k: int, offsets: NDArray[np.int32]) -> None:
     """The points in cells, turned by the k-th yaw, in an order in which neighbours are far from each other.
 
-    So a sum over the first of them tells early whether a place can be any good.
+    So a sum over the first of them shows early whether a place can match.
     """
     cos, sin = math.cos(k * 2.0 * math.pi / YAWS), math.sin(k * 2.0 * math.pi / YAWS)
     count = points.shape[0]
@@ -181,7 +181,7 @@ def _search(log_odds: NDArray[np.int8], points: Floats, nearly: float) -> Floats
                 bounds[(k * up + i) * right + j] = _score(
                     levels, LEVELS, margin, step * i, step * j, offsets, SCORE_MIN * BEST
                 )
-    # The most promising first: what they score rules out the others.
+    # The most promising first: their scores rule out the others.
     order = np.argsort(-bounds, kind="stable")
     found = np.empty((NODES_MAX, 4))
     size = 0
@@ -201,9 +201,9 @@ def _search(log_odds: NDArray[np.int8], points: Floats, nearly: float) -> Floats
 
 
 ABOUT_M = 8.0
-"""Walls within this distance of a place are looked for."""
+"""Walls within this distance of a place are searched for."""
 WALLS_MIN = 60
-"""With fewer wall cells there a place is not looked for."""
+"""A place with fewer wall cells is not searched for."""
 SEARCH_WALLS = 120
 """Number of these wall cells that the search uses."""
 REFINE_WALLS = 600
@@ -230,7 +230,7 @@ COMMON_MIN = 100
 CONTRADICTION = 2.0
 """Number of agreeing wall cells that one contradicting wall cell outweighs."""
 FLOOR_MIN = 1200
-"""Cells that must be floor on both: 12 m² at 0.1 m. A wall alone may be known from either side."""
+"""Cells that must be floor on both: 12 m² at 0.1 m. A wall alone may be seen from either side."""
 WALL_WORTH = 5
 """Number of floor cells that one wall cell is worth."""
 EVIDENCE_MIN = 4200
@@ -250,7 +250,7 @@ NEAR_CELLS = 2.3
 
 
 UNMARKED, CONTRADICTS, COMMON = 0, 1, 2
-"""Marks of cells that two maps know."""
+"""Marks of cells that are known on two maps."""
 CLUSTER_MIN = 4
 """Least number of connected cells for a contradiction: single cells are noise of the lidar."""
 BESIDE = 3
@@ -269,7 +269,7 @@ def compare(
 ) -> tuple[int, int]:
     """Wall cells of `own` that agree, and cells that are floor on both maps.
 
-    Marks each cell of `own` that is known on both maps: what one has as a wall and the other as floor contradicts.
+    Marks each cell of `own` that is known on both maps: a wall of one map that is floor on the other contradicts.
     """
     cos, sin, first_x, first_y = placed
     agreeing, floor = 0, 0
@@ -383,11 +383,11 @@ class MapOverlap(NamedTuple):
 
 
 class MapMatcher:
-    """Looks for places of one map on another; made for one pair of maps as they are now.
+    """Searches for places of one map on another; made for one pair of maps in their present state.
 
     Args:
-        own: the map whose place is looked for.
-        other: the map on which it is looked for, with cells of the same size.
+        own: the map whose place is searched for.
+        other: the map on which the search runs, with cells of the same size.
         own_bodies: (K, 3) x, y, radius in metres of robots in the frame of the own map. Obstacles of either map there
             may be robots and contradict nothing.
         other_bodies: (M, 3) the same in the frame of the other map.
@@ -461,7 +461,7 @@ class MapMatcher:
 
         Args:
             at: free place of the own map.
-            T_other_own: how the maps are known to lie to each other.
+            T_other_own: known relative pose of the maps.
 
         """
         T_own_place = Pose2D(at.x_m, at.y_m, 0.0)
@@ -480,7 +480,7 @@ class MapMatcher:
         return False
 
     def _is_repeated(self, found: MapOverlap, at: Pose2D) -> bool:
-        """Whether what agrees is there a second time, on either map: then it is no evidence."""
+        """Whether the agreeing walls occur a second time on either map: then they are no evidence."""
         _, marks = self._compared(found.T_other_own)
         common = OccupancyGrid(self._own.geometry)
         common.log_odds[:] = np.where(marks == COMMON, self._own.log_odds, 0)

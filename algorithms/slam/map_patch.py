@@ -76,10 +76,10 @@ class SharedSteps:
         """Bytes by which they grow."""
 
     def take(self, patch: MapPatch) -> bool:
-        """Take a patch without parts as `merge_message` would, if what it does to its submap has been computed already.
+        """Take a patch without parts as `merge_message` would, if its effect on its submap has been computed already.
 
-        That is so for cells of a known submap that has not moved, newer than what was known there.
-        Others are left alone: `flush`, then `merge_message`.
+        That is so for cells of a known submap that has not moved, newer than the cells there. Other patches need
+        `flush`, then `merge_message`.
         """
         key, kept = (patch.robot, patch.submap), patch.derived(_Kept)
         submap, geometry = self._atlas.submaps.get(key), self._atlas.grid.geometry
@@ -104,7 +104,7 @@ class SharedSteps:
         return True
 
     def flush(self) -> None:
-        """Have the atlas draw what was taken."""
+        """Let the atlas draw the taken patches."""
         if self._steps:
             self._atlas.apply_steps(self._steps)
             self._steps = []
@@ -119,7 +119,8 @@ MESSAGE_CELLS_MAX = 1 << 27
 OUTSIDE_MAX = 2_000
 """Largest distance of a patch from the team's grid, in cells: 100 m at 0.05 m, more than any pose is wrong."""
 AHEAD_MAX_MS = 5_000
-"""Cells cannot be observed later than this after now. A patch from later would override what is seen until then."""
+"""Cells cannot be observed later than this after now. A patch from the future would override observations until then.
+"""
 
 
 def map_stamp_ms(stamp_ns: int) -> int:
@@ -222,7 +223,7 @@ def in_own_time(message: MapPatch, now_ns: int) -> MapPatch:
     now_ms = map_stamp_ms(now_ns)
     for one in (message, *message.parts):
         ahead_ms = one.observed_ms - now_ms
-        if AHEAD_MAX_MS < ahead_ms < STAMP_MODULUS_MS // 2:  # else it was observed before the stamps wrapped
+        if AHEAD_MAX_MS < ahead_ms < STAMP_MODULUS_MS // 2:  # otherwise it was observed before the stamps wrapped
             raise ValueError(f"{message.robot}: its patch claims to be observed {ahead_ms / 1000:.1f} s from now")
     return message
 
@@ -239,7 +240,7 @@ def _moved_in_time(patch: MapPatch, by_ms: int) -> MapPatch:
 def merge_message(atlas: SubmapAtlas, message: MapPatch) -> int:
     """Merge a patch and its parts into an atlas of the same geometry.
 
-    Parts of other robots' submaps are merged only if the atlas did not know these submaps before.
+    Parts of other robots' submaps are merged only if these submaps are new to the atlas.
 
     Returns:
         Least number of cells of the map that changed their class.

@@ -1,7 +1,7 @@
 """Find the beams of a scan that ended at another robot, so that robots are neither matched nor mapped as walls.
 
-Each mate publishes its pose, but either robot's pose may be wrong. So a free-standing round object of the mate's size
-near the published place is taken for the mate as well.
+Each teammate publishes its pose, but either robot's pose may be wrong. So a free-standing round object of the
+teammate's size near the published place counts as the teammate as well.
 """
 
 import math
@@ -13,17 +13,17 @@ from robrain.algorithms.numeric.kernel_array import FLOAT64, Floats, kernel_arra
 from robrain.protocol.model.geometry import Pose2D
 
 MARGIN_M = 0.15
-"""Metres from a mate's hull within which a beam's end counts as the mate."""
+"""Metres from a teammate's hull within which a beam's end counts as the teammate."""
 REACH_M = 0.8
-"""Largest distance, metres, between a mate's published place and where this robot sees it. Both poses may be wrong."""
+"""Largest distance, metres, between a teammate's published and observed place. Both poses may be wrong."""
 JUMP_M = 0.25
 """Difference between the ranges of neighbouring beams, metres, above which they end at different objects."""
 THROUGH_M = 0.5
-"""Distance behind the middle of a mate's place at which a beam has gone through it; mates move while they tell."""
+"""Distance behind the middle of a teammate's place at which a beam has gone through it. Teammates move meanwhile."""
 TOLERANCE_M = 1e-6
 """More than rounding errors of distances."""
 ROUND_M = 0.06
-"""Largest distance, metres, of the beams' ends from a circle of the mate's radius."""
+"""Largest distance, metres, of the beams' ends from a circle of the teammate's radius."""
 
 
 def robot_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, reported: Floats) -> Floats:
@@ -34,7 +34,7 @@ def robot_circles(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sens
         ranges_m: (N,) their ranges.
         range_max_m: a range that is not less means that nothing was hit.
         sensor: the sensor's pose, arena frame.
-        reported: (K, 3) published places of the mates and their radii, metres, arena frame.
+        reported: (K, 3) published places of the teammates and their radii, metres, arena frame.
 
     """
     if not len(reported):
@@ -70,9 +70,9 @@ def wall_ends(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: 
 
 
 def sees_through(angles_rad: Floats, ranges_m: Floats, range_max_m: float, sensor: Pose2D, reported: Floats) -> bool:
-    """Whether a mate is not where it says that it is: beams go clear through the middle of the place.
+    """Whether a teammate is not at its published place: beams go clear through the middle of the place.
 
-    Arguments are those of `robot_circles`. Where walls or others hide the place nothing is said.
+    Arguments are those of `robot_circles`. Where walls or others hide the place, the result is False.
     """
     for x_m, y_m, radius_m in reported.tolist():
         away_m = math.hypot(x_m - sensor.x_m, y_m - sensor.y_m)
@@ -124,7 +124,7 @@ def _robot_circles(
             continue
         circles[count, 0], circles[count, 1], circles[count, 2] = reported[k, 0], reported[k, 1], radius_m + MARGIN_M
         count += 1
-        # Of the free-standing round objects as wide as the mate, the one nearest to the published place.
+        # Of the free-standing round objects as wide as the teammate, the one nearest to the published place.
         nearest_m = REACH_M
         found_x = found_y = 0.0
         first = 0
@@ -140,7 +140,7 @@ def _robot_circles(
             is_before = ranges_m[first] < ranges_m[first - 1] and ranges_m[last % beams] < following
             middle = (first + last) // 2
             reach_m = ranges_m[middle % beams] + radius_m
-            may_be_it = abs(reach_m - away_m) < nearest_m + TOLERANCE_M  # else its middle is farther from the place
+            may_be_it = abs(reach_m - away_m) < nearest_m + TOLERANCE_M  # else its middle is farther away
             if may_be_it and is_before and ranges_m[last % beams] < range_max_m and reach_m > radius_m:
                 half_rad = math.asin(min(1.0, radius_m / reach_m))
                 last_rad = angles_rad[last % beams] + (math.tau if last >= beams else 0.0)

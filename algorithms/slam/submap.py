@@ -42,7 +42,7 @@ SURFACES_MAX = 1 << 16
 """Surfaces of one submap."""
 NO_CELLS: NDArray[np.int8] = np.zeros((0, 0), np.int8)
 NO_TIMES: NDArray[np.int32] = np.zeros((0, 0), np.int32)
-"""Evidence and stamps of every submap that has no cells yet, so that all share what its first patch makes of it."""
+"""Evidence and stamps of every submap that has no cells yet, so that all share the result of its first patch."""
 
 
 class Tiles(NamedTuple):
@@ -73,7 +73,7 @@ class SubmapStep(NamedTuple):
     told: Tiles
     """The tiles for which the patch has statements, after it."""
     is_newest: bool
-    """Whether the patch was observed after all that was known of the tiles that it touches."""
+    """Whether the patch was observed after all earlier cells of the tiles that it touches."""
     box: tuple[int, int, int, int]
     """The patch in whole tiles: first row, first column, past-the-end row and column, in the frame `local`."""
 
@@ -82,8 +82,8 @@ class Submap:
     """Cells that one robot saw on a few metres of its path.
 
     `evidence` int8 (h, w) holds `STATES_FREE`, `STATES_OCCUPIED` or 0; (`row`, `column`) of its first cell are counted
-    from the origin of the team's grid. `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile. Nobody
-    writes into these arrays: each patch makes new ones, which the submaps of several robots may share.
+    from the origin of the team's grid. `stamp_ms` int32 (h / 8, w / 8) is the latest observation in each tile. These
+    arrays are never written to: each patch makes new ones, which the submaps of several robots may share.
     """
 
     def __init__(self, T_arena_local: Pose2D = IDENTITY, frame: MapFrame = ARENA) -> None:

@@ -179,7 +179,7 @@ def _lay(
 
 
 class SubmapPlace(NamedTuple):
-    """Where the cells of a submap lie in the grid, and what that was computed from."""
+    """Place of a submap's cells in the grid, and the values from which it was computed."""
 
     at: Pose2D
     first: tuple[int, int]
@@ -243,12 +243,12 @@ class SubmapAtlas:
         return self.apply_step(key, self.shaped(key).after(row, column, cells, stamp_ms))
 
     def shaped(self, key: SubmapKey) -> Submap:
-        """The submap as it is; where there is none yet, an empty one at the pose that was told of it."""
+        """The submap as it is; where there is none yet, an empty one at its published pose."""
         submap = self.submaps.get(key)
         return Submap(*self._poses.get(key, (IDENTITY, ARENA))) if submap is None else submap
 
     def apply_step(self, key: SubmapKey, step: SubmapStep) -> int:
-        """Take what a patch, which `check` has checked, makes of `shaped(key)`; returns as `take`."""
+        """Take the result of a patch, which `check` has checked, on `shaped(key)`; returns as `take`."""
         if step.is_newest:
             return self.apply_steps([(key, step)])
         submap = self._begun(key)

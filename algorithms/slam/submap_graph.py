@@ -22,7 +22,7 @@ from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 
 UNKNOWN = np.diag((1e4, 1e4, 10.0))
-"""Covariance of a place of which nothing is known: m², m·rad, rad²."""
+"""Covariance of an unknown place: m², m·rad, rad²."""
 BEGINNING = np.diag((4e-4, 4e-4, 1e-4))
 """Covariance of a pose that defines a map frame: m², m·rad, rad²."""
 INFORMATION_MAX = 1e9
@@ -90,7 +90,7 @@ class _Link(msgspec.Struct, eq=False):
     """(3, 3), in the axes of `at_other`."""
     may_be_false: bool
     told: bool = False
-    """Whether the other robot found and told it; then the information is in the axes of `at_own`."""
+    """Whether the other robot found and published it; then the information is in the axes of `at_own`."""
     measured: Floats | None = None
     """Inverse of `information`, once it was needed."""
 
@@ -181,7 +181,7 @@ class SubmapGraph:
     def add_robot_closure(
         self, number: int, at_own: Pose2D, other: SubmapKey, at_other: Pose2D, information: Floats
     ) -> None:
-        """Add a loop closure that a mate found by matching its scan to an own submap.
+        """Add a loop closure that a teammate found by matching its scan to an own submap.
 
         `information` (3, 3) is in the axes of `at_own`, which are those of the own submap's frame.
         """
@@ -198,7 +198,7 @@ class SubmapGraph:
         """A map frame has been found to lie in another one: its submaps are placed in that one from now on.
 
         Args:
-            before: the frame that is left.
+            before: the previous frame.
             frame: the one in which its submaps are placed now.
             T_new_old: how the old frame lies in the new one.
             at: where in the new frame that was found: there it is right by …
@@ -215,7 +215,7 @@ class SubmapGraph:
             node.covariance[1, 1] += away_m2
             step = self._steps[node.number]
             if step.other is None:
-                # Where the frame began was known by definition. That is no place in the new frame.
+                # The place where the frame began was known by definition. That is no place in the new frame.
                 self._steps[node.number] = self._placed(node, UNKNOWN)
         if nearest is not None:
             # Places that were found in the old frame before are none in the new one; the covariance includes them.
@@ -321,8 +321,8 @@ class SubmapGraph:
                 return None
             held_at[key] = len(index) + len(held)
             held.append(place)
-        # However many scans match a mate's submaps, these have the same error, and the mates use this robot's poses in
-        # turn. So all closures with mates together give no smaller variance than that of one mate, as in covariance
+        # All scans that match a teammate's submaps share one error, and the teammates use this robot's poses in turn.
+        # So all closures with teammates together give no smaller variance than that of one teammate, as in covariance
         # intersection.
         measured, teammates = link.covariance(), np.array(variances_of(other))
         information, sure = inverse(_widened(measured, teammates)), inverse(_widened(measured, with_mates * teammates))
@@ -347,7 +347,7 @@ class SubmapGraph:
         if not self.spec.closures_max:
             return
         if len(self._closures) >= self.spec.closures_max:
-            # Drop one of the robot that has told most, so that no mate can displace the closures of all others.
+            # Drop one of the robot that has published most, so that no teammate displaces the closures of all others.
             tellers = [_teller(each) for each in self._closures]
             del self._closures[tellers.index(Counter(tellers).most_common(1)[0][0])]
         self._closures.append(link)
@@ -368,7 +368,7 @@ def _widened(covariance: Floats, variances: Floats) -> Floats:
 
 
 def _moved(covariance: Floats, before: Pose2D, now: Pose2D) -> Floats:
-    """A pose's covariance after an exact movement: an error in its yaw has moved it across its way."""
+    """A pose's covariance after an exact movement: an error in its yaw has moved it across its path."""
     xx, xy, xt, _, yy, yt, _, _, tt = covariance.ravel().tolist()
     dx_m, dy_m = now.x_m - before.x_m, now.y_m - before.y_m
     moved_xt, moved_yt = xt - dy_m * tt, yt + dx_m * tt
@@ -389,7 +389,7 @@ def _turned(covariance: Floats, yaw_rad: float) -> Floats:
 
 
 def _teller(link: _Link) -> str | None:
-    """Robot that told of a closure; None if this robot found it."""
+    """Robot that published a closure; None if this robot found it."""
     return link.other[0] if link.told and link.other is not None else None
 
 

@@ -36,7 +36,7 @@ MARGINS = Margins()
 REFUGE_M = 0.22
 """Between two hulls in a refuge, chosen: what counts as out of the way, and what the driver stops short of its goal."""
 ZONE_AHEAD_M = 8.0
-"""A mate's way that is better left to it, chosen: as far as mates are reckoned with."""
+"""A teammate's way that is better left to it, chosen: as far as teammates are reckoned with."""
 ROOM_S = 8.0
 """An idle robot makes room for a teammate that will arrive within this time."""
 PRESSED_S = 2.5
@@ -107,7 +107,7 @@ class Encounter:
 
 
 def _tracks(teammates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track]:
-    """The tracks of mates as a robot of that radius and rank sees them."""
+    """The tracks of teammates as a robot of that radius and rank sees them."""
     tracks = []
     for teammate in teammates:
         track, first = teammate.track, False
@@ -120,7 +120,7 @@ def _tracks(teammates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track
 
 
 def circles(teammates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Circle]:
-    """Where mates of one kind are, with a margin beyond their radius."""
+    """Where teammates of one kind are, with a margin beyond their radius."""
     return [
         (teammate.pose.x_m, teammate.pose.y_m, teammate.radius_m + margin_m)
         for teammate in teammates
@@ -155,7 +155,7 @@ class TravelClaim:
         self._waited_ns = 0
         self._cornered_ns = -to_ns(CORNERED_AGAIN_S)
         self._cornered_by: list[str] = []
-        """The mates that have to give way, because this robot cannot."""
+        """The teammates that have to give way, because this robot cannot."""
 
     @property
     def claim(self) -> Claim:
@@ -186,7 +186,7 @@ class TravelClaim:
         return now_ns - self._held_ns
 
     def make_room_for(self, teammate: Mate) -> None:
-        """Act by that mate's claim, until `take_back`."""
+        """Act by that teammate's claim, until `take_back`."""
         self._lent = teammate.claim.lend(teammate.name)
 
     def take_back(self) -> None:

@@ -68,7 +68,7 @@ class OwnFloor:
 
 
 class TeamChoice:
-    """Chooses frontiers for a robot that hears its mates and no coordinator.
+    """Chooses frontiers for a robot that hears its teammates and no coordinator.
 
     Args:
         robot: its name.
@@ -131,7 +131,7 @@ class TeamChoice:
 
 
 def _explores(teammate: Mate) -> bool:
-    """Whether a mate chooses its goal by itself as well, and may yet choose another."""
+    """Whether a teammate chooses its goal by itself as well, and may yet choose another."""
     return teammate.doing is not Doing.OBSTACLE and teammate.behavior in (ALONE, IDLE)
 
 

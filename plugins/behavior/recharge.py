@@ -36,7 +36,7 @@ DIRECTIONS = 8
 LEFT_OUT_S = 60.0
 """A charger that was of no use is tried again after this."""
 GIVEN_S = 20.0
-"""For so long a charger that was given to a mate counts as the mate's, wherever that is."""
+"""For so long a charger that was given to a teammate counts as the teammate's, wherever that is."""
 URGENT_S, SPARE_S, RICH_S = 150.0, 120.0, 600.0
 """A waiting robot that lasts less than the first time gets the charger of one that lasts longer by the second.
 Otherwise it gets the charger of one that lasts longer by the third. All chosen: changing places takes some 20 s."""
@@ -110,7 +110,7 @@ class Queue:
         self._errand.travel.stand()
 
     def must_give(self, charger: ChargerPlace) -> bool:
-        """Whether a mate that waits needs a charger more, and of those who charge this robot can best do without."""
+        """Whether a waiting teammate needs a charger more, and this robot is the charging one that needs it least."""
         errand = self._errand
         energy = errand.env.board.energy
         chargers = self._known()
@@ -190,7 +190,7 @@ needed for contacts that reach 0.25 m."""
 SEEK_WAIT_S = 1.2
 SEEK_BLOCKED_S = 0.6
 GIVE_S = 2.0
-"""How often it is looked whether a mate needs the charger more."""
+"""How often it is looked whether a teammate needs the charger more."""
 
 
 class Docking:
@@ -219,7 +219,7 @@ class Docking:
         yield from self._feel(TOUCH_S)
 
     def charge(self, until_soc: float, must_give: Callable[[ChargerPlace], bool]) -> Generator[None, None, bool]:
-        """Stay until there is enough, or nothing has come for a while; True if the place is to be given to a mate."""
+        """Stay until there is enough, or no current for a while; True if a teammate is to get the place."""
         clock = self._errand.env.clock
         has_sought, last_ns = False, clock.now_ns()
         check_ns = last_ns
@@ -369,7 +369,7 @@ class RechargeBehavior(Errand[Recharge]):
         return (yield from self.charge_at(charger, parameters.until_soc))
 
     def charge_at(self, charger: ChargerPlace, until_soc: float) -> Script:
-        """Dock and charge; no result if a mate needs the charger more.
+        """Dock and charge; no result if a teammate needs the charger more.
 
         Result: `soc`; `docked_m`, how far from the place it stood; `charged_j`, what came from the charger.
         """
@@ -465,7 +465,7 @@ class RechargeBehavior(Errand[Recharge]):
             self.env.tasks.recall(self._wanted)
 
     def _clear_charger(self) -> None:
-        """Leave a charger that the robot does not need any more, when a mate waits for one."""
+        """Leave a charger that the robot does not need any more, when a teammate waits for one."""
         chargers = self.budget.home.chargers()
         if not chargers or self.env.tasks.is_busy or self.env.board.pose is None or self.travel.lost:
             return

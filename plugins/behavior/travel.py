@@ -498,7 +498,7 @@ class Travel:
         return True
 
     def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: Mate) -> None:
-        """Leave the way of a mate that goes first, or claim to have nowhere to go."""
+        """Leave the way of a teammate that goes first, or claim to have nowhere to go."""
         view, place = self.view(), Point2D(pose.x_m, pose.y_m)
         path, is_narrow = None, False
         for is_narrow in (False, True) if leg.is_narrow else (False,):

@@ -352,7 +352,7 @@ class Localisation(Skill):
             self.env.board.map_agreement = recent_agreement(self.env.board.map_agreement, share)
 
     def _wall_points(self, scan: LaserScan, T_robot_sensor: Pose2D) -> Floats:
-        """(K, 2) ends of the beams, sensor's frame, without those that ended at a mate."""
+        """(K, 2) ends of the beams, sensor's frame, without those that ended at a teammate."""
         sensor = self._localiser.pose.compose(T_robot_sensor)
         reported = self._own_map.robot_places
         teammates = NO_TEAMMATES if reported is None else reported

@@ -65,7 +65,8 @@ class Mate(msgspec.Struct, frozen=True, eq=False):
     doing: Doing
     claim: Claim
     track: Track
-    """Its way still to go; its `keep_m` is this mate's radius alone, and `goes_first` is for the asker to fill in."""
+    """Its way still to go; its `keep_m` is this teammate's radius alone, and `goes_first` is for the asker to fill in.
+    """
     task: str
     """The id of the task that it is at; empty if none."""
     bound: Point2D
@@ -98,7 +99,7 @@ class TeammatesInterface(Protocol):
 
 
 RECEIVE_NS = to_ns(0.15)
-"""Each mate sends ten states a second; every second one is enough, and decoding dominates the cost."""
+"""Each teammate sends ten states a second; every second one is enough, and decoding dominates the cost."""
 TEAMMATES_MAX = 4096
 """Largest number of robots that are tracked."""
 
@@ -113,7 +114,7 @@ ROLLS_S = 1.5
 """Time that a robot faster than `ROLLS_M_S` without a path is assumed to go straight on."""
 LEAST_W = 0.1
 LOST_MARGIN_M = 0.5
-"""Kept from a mate that does not know where it is, beyond its radius; chosen."""
+"""Kept from a teammate that does not know where it is, beyond its radius; chosen."""
 
 
 Box = tuple[float, float, float, float]
@@ -163,11 +164,11 @@ class KnownTeammate:
         """As reckoned last; None if it has said anything new since."""
 
 
-# Each of these takes all mates at once: calls are what a large team costs.
+# Each of these takes all teammates at once: calls are what a large team costs.
 
 
 def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns: int) -> None:
-    """Take states of mates."""
+    """Take states of teammates."""
     for known, state in reported:
         known.spoke_ns = now_ns
         pose = state.pose
@@ -182,7 +183,7 @@ def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns:
 
 
 def receive_paths(reported: Sequence[tuple[KnownTeammate, PlannedPath]], now_ns: int) -> None:
-    """Take paths of mates, at most one of each."""
+    """Take paths of teammates, at most one of each."""
     _pass_on([known for known, _ in reported])
     for known, path in reported:
         known.spoke_ns = now_ns
@@ -255,7 +256,7 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
 
 
 def _pass_on(teammates: Iterable[KnownTeammate]) -> None:
-    """Note how far mates have come along their ways."""
+    """Note how far teammates have come along their ways."""
     driving, routes, passed, places = [], [], [], []
     for known in teammates:
         if known.way is not None and known.teammate is not None:
@@ -269,7 +270,7 @@ def _pass_on(teammates: Iterable[KnownTeammate]) -> None:
 
 
 def _rolling_on(teammate: Teammate, *, is_fresh: bool) -> tuple[Floats, float]:
-    """Where a mate will be that does not follow a path, and its speed: where it is and, while it moves, straight on."""
+    """Predicted positions and speed of a teammate without a path: its place and, while it moves, straight on."""
     pose, velocity = teammate.pose, teammate.velocity
     speed_m_s = math.hypot(velocity.forward_m_s, velocity.left_m_s)
     if not is_fresh or speed_m_s <= ROLLS_M_S:
@@ -308,7 +309,10 @@ class Teammates(Unit):
     """Tracks places and paths of the other robots."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """When a mate counts as lost, and for how long. All are chosen."""
+        """When a teammate counts as lost, and for how long.
+
+        All are chosen.
+        """
 
         fresh_s: Positive = 2.0
         """Time of silence after which a robot is lost: an obstacle at its last place."""

@@ -1,4 +1,4 @@
-"""Loop closures of one robot: its scans matched against other submaps, and mates' scans against its own."""
+"""Loop closures of one robot: its scans matched against other submaps, and teammates' scans against its own."""
 
 import math
 from collections import deque
@@ -30,9 +30,9 @@ That the robot's own submaps agree says nothing: those that it made since it wen
 SLACK_ARM_M = 5.0
 """Distance of the walls, metres, that turns the slack in position into one in yaw."""
 UNSAID: Variances = (4e-4, 4e-4, 1e-5)
-"""Least variances of the pose of a mate's submap, and those of one whose mate has told none."""
+"""Least variances of the pose of a teammate's submap, and those of one whose teammate has told none."""
 OTHER_SUBMAPS_MAX = 2 * SUBMAPS_MAX
-"""Number of mates' submaps whose variances are kept."""
+"""Number of teammates' submaps whose variances are kept."""
 
 OCCUPIED_MIN = 60
 """Least number of occupied cells of a submap: fewer do not determine a pose."""
@@ -121,13 +121,13 @@ class ClosureFinder:
         self.contradicted = 0
         """Number of scans that contradicted a submap that covers the place."""
         self.found: list[Closure] = []
-        """Closures with mates' submaps that are still to be published."""
+        """Closures with teammates' submaps that are still to be published."""
         self._robot = robot
         self._graph = graph
         self._atlas = atlas
         self._slack_m = slack_m
         self._variances: dict[SubmapKey, Variances] = {}
-        """Variances of the poses of mates' submaps."""
+        """Variances of the poses of teammates' submaps."""
         self._at: Pose2D | None = None
         self._checks: deque[SubmapKey | None] = deque(maxlen=CHECKS_MAX)
         """Submaps that contradicted a scan; None for those that agreed."""
@@ -140,7 +140,7 @@ class ClosureFinder:
     def misplacement_reason(self) -> str:
         """Why the robot cannot be where it believes to be; empty while it may be.
 
-        One mate that is wrong contradicts all others, so submaps of two robots have to speak against this one.
+        One teammate that is wrong contradicts all others, so submaps of two robots have to speak against this one.
         """
         contradicting = [key for key in self._checks if key is not None]
         submaps = set(contradicting)
@@ -199,7 +199,7 @@ class ClosureFinder:
         return True
 
     def hear(self, message: Closures) -> str:
-        """Add the closures that a mate has found with submaps of this robot.
+        """Add the closures that a teammate has found with submaps of this robot.
 
         Returns:
             Why some were refused; empty if none was.
@@ -220,7 +220,7 @@ class ClosureFinder:
         return reason
 
     def receive_submap_poses(self, patch: MapPatch) -> None:
-        """Note the poses of a mate's submaps and their variances."""
+        """Note the poses of a teammate's submaps and their variances."""
         moved = False
         for part in patch.parts or (patch,):
             if part.robot != patch.robot or part.withdrawn:

@@ -53,7 +53,7 @@ AGREE_M, AGREE_RAD = 0.3, 0.05
 JOIN_SIGMA_M, JOIN_SIGMA_RAD = 0.1, 0.02
 """Standard deviations of such an answer."""
 FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD = 0.05, 0.01
-"""Standard deviations of a mate's movement as its followers take it over."""
+"""Standard deviations of a teammate's movement as its followers take it over."""
 
 
 PRIOR_GATE = 16.27
@@ -84,8 +84,8 @@ class Frames:
         atlas: all submaps that the robot knows.
         graph: the robot's own part of the pose graph.
         own: the submap that it is making.
-        mates_in: (K, 3) x, y, radius in metres of the mates that tell their places in a map frame.
-        mates: number of all mates that are heard.
+        mates_in: (K, 3) x, y, radius in metres of the teammates that tell their places in a map frame.
+        mates: number of all teammates that are heard.
 
     """
 
@@ -150,7 +150,7 @@ class Frames:
             self._join(ARENA, fix.T_arena_frame, fix.at, fix.covariance)
 
     def move_of(self, patch: MapPatch) -> FrameMove | None:
-        """How a mate that mapped in the robot's frame moves into a better one with this patch; None if it does not.
+        """How a teammate that mapped in the robot's frame moves into a better one with this patch; None if it does not.
 
         To be asked before the patch is taken into the atlas.
         """
@@ -166,7 +166,7 @@ class Frames:
         return None
 
     def follow(self, move: FrameMove) -> None:
-        """Move as a mate has."""
+        """Move as a teammate has."""
         current = self._graph.current
         here = Pose2D(0.0, 0.0, 0.0) if current is None else current.pose
         covariance = _covariance(FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD)
@@ -198,7 +198,7 @@ class Frames:
             place = was_at[turn // 4 % len(was_at)] if is_past else here
             found = MapMatcher(own, other, bodies, teammates, strangers, evidence_min).find(place)
             T_new_old = None if found is None else found.T_other_own
-        else:  # a mate may have come to where this robot has been
+        else:  # a teammate may have come to where this robot has been
             x_m, y_m, _ = teammates[turn // 2 % len(teammates)].tolist()
             at_teammate = Pose2D(x_m, y_m, 0.0)
             found = MapMatcher(other, own, teammates, bodies, strangers, evidence_min).find(at_teammate)

@@ -49,7 +49,7 @@ class MapReceiver:
         robot: that listens.
         atlas: takes the submaps.
         desk: takes the closures.
-        frames: follows mates into better frames.
+        frames: follows teammates into better frames.
 
     """
 

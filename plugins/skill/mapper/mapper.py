@@ -350,7 +350,7 @@ class Mapper(Skill):
         self._own_map.robot_places = self._others()
 
     def _may_be_at(self, frame: MapFrame, pose: Pose2D) -> bool:
-        """Whether motes and the mates of a frame allow the robot to be at a pose of it."""
+        """Whether motes and the teammates of a frame allow the robot to be at a pose of it."""
         if frame == ARENA and not self._own_map.may_be_at(pose):
             return False
         if self._seen is None:
@@ -414,11 +414,11 @@ class Mapper(Skill):
         self.env.board.map_paused = reason
 
     def _others(self) -> Floats:
-        """(K, 3) published places of mates and their radii, metres, in the robot's map frame."""
+        """(K, 3) published places of teammates and their radii, metres, in the robot's map frame."""
         return self._robot_places_in(self._own.frame)
 
     def _robot_places_in(self, frame: MapFrame) -> Floats:
-        """(K, 3) published places of mates in a map frame and their radii, metres."""
+        """(K, 3) published places of teammates in a map frame and their radii, metres."""
         teammates = self._teammates.in_frame(frame)
         if not teammates:
             return NOBODY
