@@ -321,7 +321,7 @@ def _release(
     contested_by = np.full(count, -1, np.int64)
     """The first teammate that contests each own position."""
     late = np.zeros(count, np.bool_)
-    """Mate and robot would meet there, nearly in time."""
+    """Teammate and robot would meet there, at nearly the same time."""
     meets = np.zeros(count, np.bool_)
     """They would meet there if both kept exactly to their times."""
     for teammate in range(begins.shape[0] - 1):

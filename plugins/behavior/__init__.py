@@ -1,1 +1,1 @@
-"""Behaviors: what the robot is seen to do."""
+"""Behaviors: the robot's visible activities."""

@@ -23,7 +23,7 @@ CONFIDENCE = 0.95
 NEAREST = 3
 """Number of chargers, nearest by straight line, whose paths are compared."""
 DETOUR = 1.5
-"""How much longer than a straight line a way is taken to be that is not known. Chosen."""
+"""Assumed ratio of an unknown path's length to the straight line. Chosen."""
 REQUIRES = ("energy", "home", "planner")
 """Requirements of a behavior with a budget, in its manifest, beside those of travel."""
 AT_DOCK_M = 0.5
@@ -37,10 +37,10 @@ class BudgetVerdict(msgspec.Struct, frozen=True):
     """Required and available energy, in joules at the battery's terminals."""
 
     needed_j: float
-    """95 % bound of the task and the way home."""
+    """95 % bound of the task and the path home."""
     usable_j: float
     duration_s: float
-    """Of the task, without the way home."""
+    """Of the task, without the path home."""
 
     @property
     def is_affordable(self) -> bool:
@@ -76,7 +76,7 @@ class Budget:
         self._travel = travel
 
     def connect(self) -> None:
-        """Get what it needs.
+        """Connect the plugins that it needs.
 
         Raises:
             PluginMissing, AccessDenied, PluginBusy: it is not to be had.
@@ -88,7 +88,7 @@ class Budget:
         self.docks = Docks(self._env.robot, self._travel)
 
     def judge(self, work: Work, home_m: float) -> BudgetVerdict:
-        """Whether this work and then so long a way home can be afforded now."""
+        """Whether this work and then a path home of this length are affordable now."""
         bound_j = self._energy.estimate(work + Work(path_m=home_m)).high_j(CONFIDENCE)
         return BudgetVerdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
 
@@ -101,10 +101,10 @@ class Budget:
         self._energy.outcome(work, cost_j)
 
     def path_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
-        """The nearest charger and the length of the way to it from a place; without one, to where the robot started.
+        """The nearest charger and the length of the path to it from a place; without one, the robot's start.
 
-        One that nobody has, if there is such a one. Where the map knows no way, a straight line and half as much
-        again; 0 before the robot knows where it is.
+        A free charger is preferred. Where the map shows no path, a straight line and half as much again; 0 before the
+        robot knows its place.
         """
         chargers = self.home.chargers()
         if chargers:
@@ -114,7 +114,7 @@ class Budget:
         return None, 0.0 if start is None else self._path_m(place, start)
 
     def ways(self, place: Point2D, chargers: Sequence[ChargerPlace]) -> list[tuple[ChargerPlace, float]]:
-        """The ways to the nearest of these, as the crow flies, from a place."""
+        """The paths from a place to the nearest of these by straight line."""
         nearest = sorted(chargers, key=lambda charger: _away_m(place, charger.place))[:NEAREST]
         return [(charger, self._path_m(place, charger.place)) for charger in nearest]
 
@@ -165,17 +165,17 @@ class Docks:
         return ""
 
     def free(self, chargers: Sequence[ChargerPlace]) -> list[ChargerPlace]:
-        """Those that nobody has."""
+        """The free ones of these."""
         return [charger for charger in chargers if not self.holder(charger.place)]
 
     def waiting(self, chargers: Sequence[ChargerPlace]) -> list[Mate]:
-        """Mates that want to charge and have no charger."""
+        """Teammates that want to charge and have no charger."""
         pose = self._travel.pose()
         near = self._travel.teammates.mates(Point2D(pose.x_m, pose.y_m), self._travel.mate_near_m)
         return [teammate for teammate in near if teammate.behavior == RECHARGES and not _has_one(teammate, chargers)]
 
     def charging(self, chargers: Sequence[ChargerPlace]) -> list[Mate]:
-        """Mates that stand at a charger."""
+        """Teammates at a charger."""
         found = {
             teammate.name: teammate
             for each in chargers

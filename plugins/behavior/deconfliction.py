@@ -34,9 +34,9 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 
 MARGINS = Margins()
 REFUGE_M = 0.22
-"""Between two hulls in a refuge, chosen: what counts as out of the way, and what the driver stops short of its goal."""
+"""Distance between two hulls in a refuge, chosen: it covers the clearance and the driver's stop short of its goal."""
 ZONE_AHEAD_M = 8.0
-"""A teammate's way that is better left to it, chosen: as far as teammates are reckoned with."""
+"""Length of a teammate's path to keep free for it, chosen: as far as teammates' paths are considered."""
 ROOM_S = 8.0
 """An idle robot makes room for a teammate that will arrive within this time."""
 PRESSED_S = 2.5
@@ -72,7 +72,7 @@ class Encounter:
         return release(ahead, self._speed_m_s, self.tracks, MARGINS)
 
     def guard(self, ahead: Floats) -> Release:
-        """How far it may go without touching anybody; for a robot that is getting out of the way."""
+        """How far a robot that makes room may go without touching another robot."""
         return release(ahead, self._speed_m_s, self.tracks, MARGINS, yields=False)
 
     def in_the_way_of(self, here: Floats, within_s: float) -> list[str]:
@@ -129,7 +129,7 @@ def circles(teammates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Ci
 
 
 def zones(teammates: Sequence[Mate], encounter: Encounter, margin_m: float) -> list[Zone]:
-    """Floor to leave to others: the ways of those who go first, and the places of those who wait."""
+    """Floor to keep free for others: the paths of robots with priority, and the places of waiting robots."""
     found = []
     for teammate, track in zip(teammates, encounter.tracks, strict=True):
         ahead = round(ZONE_AHEAD_M / STEP_M) if track.goes_first else 1
@@ -163,7 +163,7 @@ class TravelClaim:
         return self._lent or self._own
 
     def set_out(self, priority: int, path_m: float) -> None:
-        """A new way begins."""
+        """Begin a new path."""
         self._own = Claim(priority=priority, way_m=round(path_m, 1))
         self._lent = None
         self._held_ns = None
@@ -171,7 +171,7 @@ class TravelClaim:
         self._cornered_by = []
 
     def go_on(self) -> None:
-        """Nobody holds the robot up."""
+        """No robot holds the robot up."""
         self._held_ns = None
 
     def wait(self, now_ns: int) -> int:
@@ -203,7 +203,7 @@ class TravelClaim:
             self._own = msgspec.structs.replace(self._own, cornered=1 + most)
 
     def relieve(self, encounter: Encounter, ahead: Floats) -> None:
-        """Cornered no more, once the ways of those that had to give way do not meet the robot's any longer."""
+        """Cornered no more, once the paths of those that had to give way no longer meet the robot's path."""
         if self._cornered_by and not encounter.still_meets(ahead, self._cornered_by):
             self._cornered_by = []
             self._own = msgspec.structs.replace(self._own, cornered=0)
@@ -244,11 +244,11 @@ class Leg:
         self._reported: tuple[Claim, float | None] | None = None
 
     def guard(self, encounter: Encounter, pose: Pose2D) -> Release:
-        """How far the robot may go along it without touching anybody."""
+        """How far the robot may go along it without touching another robot."""
         return encounter.guard(self.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
 
     def drive(self, allowed: Release, claim: Claim) -> None:
-        """Go as far as that, and tell the team."""
+        """Go this far, and publish the path."""
         route = self.way
         if allowed.is_whole:
             if self._released_m < route.length_m:
@@ -265,7 +265,7 @@ class Leg:
             self._tell(claim, until_m)
 
     def stop(self, claim: Claim) -> None:
-        """Stand, and tell the team that the robot waits."""
+        """Stop, and publish that the robot waits."""
         if self._released_m != self.way.passed_m:
             self._outlet.driver.stop()
             self._released_m = self.way.passed_m
@@ -284,7 +284,7 @@ class Leg:
         self._outlet.driver.follow(path, is_narrow=self.is_narrow)
 
     def _tell(self, claim: Claim, until_m: float | None) -> None:
-        """Publish the path, if anything about it is new."""
+        """Publish the path if it has changed."""
         word = claim, None if until_m is None else round(2.0 * until_m) / 2.0
         if word == self._reported:
             return

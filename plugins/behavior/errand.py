@@ -43,7 +43,8 @@ from robrain.protocol.reasons import OfferRefusal, PlainReason, needs_time, no_p
 
 STEP_S = 0.25
 MEASURED_S = 300.0
-"""No two measurements of a task's energy are farther apart, also if the process stood still; else the clock was set."""
+"""No two measurements of a task's energy are farther apart, also if the process was paused; otherwise the clock was
+set."""
 CHECK_NS = to_ns(2.0)
 """Period of the energy checks of a running task."""
 SETTLE_S = 4.0
@@ -64,13 +65,13 @@ TROUBLE = {
     TravelState.LOST: "the robot does not know where it is",
 }
 TURNS = 3
-"""Where the robot believes to look may be corrected while it turns; it turns again so often."""
+"""Number of turns, because the robot's estimated yaw may be corrected while it turns."""
 REPORTED_PATH_M = 1.0
-"""Shorter ways say nothing of what ways cost."""
+"""Shorter paths show nothing about the cost of paths."""
 
 
 class Failed(Exception):
-    """A script cannot do what it was to do; the text says why."""
+    """A script cannot do its work; the text is the reason."""
 
 
 class Run(Generic[P]):
@@ -81,9 +82,9 @@ class Run(Generic[P]):
         parameters: the task's, as its kind has them.
         play: makes its script, from the beginning.
         goal: its place.
-        way_m: length of the way there, as planned.
+        way_m: planned length of the path there.
         home_m: from the place to the nearest charger.
-        own: what the robot does, if it does so by itself and the task desk knows of no task.
+        own: the robot's own activity, without a task of the task desk.
 
     """
 
@@ -104,7 +105,7 @@ class Run(Generic[P]):
         self.script = play()
         self._play = play
         self.is_paused = False
-        """The robot is lost; its script starts again when it knows again where it is."""
+        """The robot is lost; its script starts again when the robot is localised."""
         self.is_as_planned = True
         self.goal = goal
         self.way_m = path_m
@@ -125,7 +126,7 @@ class Run(Generic[P]):
         self.script.close()
 
     def begin_anew(self) -> None:
-        """From its beginning, the way included: the robot may have gone somewhere else meanwhile."""
+        """From its beginning, the path included: the robot may have gone somewhere else meanwhile."""
         self.is_paused = False
         self.there_ns = None
         self.script = self._play()
@@ -139,7 +140,7 @@ class Errand(Behavior, ABC, Generic[P]):
     idle_period_s: ClassVar[float | None] = None
     """Its period while it has nothing to do."""
     accepted = Event[str]()
-    """Heard by the errand itself: the way begins in its own turn, right after the offer was answered."""
+    """Observed by the errand itself: the path begins in its own step, right after the answer to the offer."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -159,11 +160,11 @@ class Errand(Behavior, ABC, Generic[P]):
         return Work(wait_s=task.service_s)
 
     def left_s(self, run: Run[P]) -> float | None:
-        """How long a task still takes, as well as is known; None if nobody knows."""
+        """Estimate of a task's remaining time; None if it is unknown."""
         return self.budget.duration_s(self._left(run))
 
     def go(self, goal: Point2D) -> Part:
-        """Go to a place, arena frame, and stand there."""
+        """Go to a place, arena frame, and stop there."""
         priority = 0.0 if self.run is None else self.run.task.priority
         if not self.travel.set_out(goal, priority=round(min(priority, PRIORITY_MAX))):
             raise Failed("no way there")
@@ -177,7 +178,7 @@ class Errand(Behavior, ABC, Generic[P]):
         self.travel.stand()
 
     def wait(self, seconds: float) -> Part:
-        """Stand for so long."""
+        """Stand for this time."""
         until_ns = self._now_ns() + to_ns(seconds)
         while self._now_ns() < until_ns:
             yield
@@ -192,7 +193,7 @@ class Errand(Behavior, ABC, Generic[P]):
             yield from self.stand("the robot does not turn")
 
     def stand(self, trouble: str) -> Part:
-        """Let the driver finish what it was told; Failed if it takes too long."""
+        """Let the driver finish its action; Failed if it takes too long."""
         until_ns = self._now_ns() + to_ns(ACTION_LIMIT_S)
         yield
         while self.travel.driver.motion() is not Motion.STANDING:
@@ -277,12 +278,12 @@ class Errand(Behavior, ABC, Generic[P]):
         self.env.tasks.foresee(run.task.id, None if left_s is None else self._now_ns() + to_ns(left_s))
 
     def _go_on(self) -> None:
-        """The wheels have come to a stand: what follows is not to wait for the period."""
+        """The wheels have stopped: the next step does not wait for the period."""
         if self.run is not None and self.run.has_begun:
             self.env.hurry()
 
     def _is_lost(self, run: Run[P]) -> bool:
-        """Whether the robot does not know where it is; it then looks for itself, unless it stands at a charger."""
+        """Whether the robot is lost; it then searches for its place, unless it stands at a charger."""
         battery = self.env.board.battery
         if not self.travel.lost or (battery is not None and battery.charging):
             if run.is_paused:
@@ -296,7 +297,7 @@ class Errand(Behavior, ABC, Generic[P]):
         return True
 
     def accept(self, task: Task) -> TaskAnswer:
-        """Take a task on, or say why not; the way begins in the errand's own turn."""
+        """Accept a task, or return the reason for a refusal; the path begins in the errand's own step."""
         try:
             parameters = cast(P, parameters_of(task, self.task_parameters))
         except BadParameters as error:
@@ -338,7 +339,7 @@ class Errand(Behavior, ABC, Generic[P]):
         self.accepted.notify(run.task.id)
 
     def may_drive(self, run: Run[P]) -> bool:
-        """Whether nobody else moves the robot."""
+        """Whether no other plugin moves the robot."""
         tasks = self.env.tasks
         return tasks.occupies(self.env.plugin) if run.own else tasks.may_begin(run.task.id)
 
@@ -349,7 +350,7 @@ class Errand(Behavior, ABC, Generic[P]):
         self.env.board.behavior = run.own or run.task.kind
 
     def play(self, task: Task, parameters: P) -> Script:
-        """The whole of a task: the way there, what is not to begin yet, what is to be done."""
+        """The whole of a task: the path there, the wait for its start, the work."""
         yield from self.go(task.place)
         self._report_outcome()
         while self._now_ns() < task.earliest_ns:
@@ -360,10 +361,10 @@ class Errand(Behavior, ABC, Generic[P]):
         return result
 
     def _report_outcome(self) -> None:
-        """The robot is there: what the way has cost is a lesson for the next, if it went as it was planned."""
+        """The robot is there: learn from the cost of the path, if it went as planned."""
         run = self.run
         if run is not None and run.is_as_planned and run.way_m >= REPORTED_PATH_M:
-            run.is_as_planned = False  # one way, one lesson
+            run.is_as_planned = False  # learn once from one path
             self.budget.learn(Work(path_m=run.way_m), run.energy_j)
 
     def finish(self, state: TaskState, reason: str, result: dict[str, Any] | None = None) -> None:
@@ -386,7 +387,7 @@ class Errand(Behavior, ABC, Generic[P]):
         if self.env.tasks.is_busy:  # another behavior's task has taken the place of this one: the wheels are its own
             self.travel.forget()
         else:
-            self.env.board.behavior = "idle"  # first: what it drives with may have gone
+            self.env.board.behavior = "idle"  # first: a plugin that it drives with may be gone
             self.travel.stand()
 
     def drop(self) -> None:
@@ -403,7 +404,7 @@ class Errand(Behavior, ABC, Generic[P]):
         run.at = at
         battery = self.env.board.battery
         elapsed_s = to_seconds(now_ns - run.measured_ns)
-        if not 0.0 <= elapsed_s <= MEASURED_S:  # the clock was set: what it has cost is a guess, and no lesson
+        if not 0.0 <= elapsed_s <= MEASURED_S:  # the clock was set: its cost is a guess, so nothing is learned
             run.is_as_planned, elapsed_s = False, STEP_S
         if battery is not None:
             run.energy_j += battery.voltage_v * battery.current_a * elapsed_s
@@ -431,7 +432,10 @@ class Errand(Behavior, ABC, Generic[P]):
         return self.why_go_home(run)
 
     def why_go_home(self, run: Run[P]) -> str:
-        """Why a running task cannot be gone on with, in joules; the robot is sent home then. Empty if it can."""
+        """Reason why a running task cannot continue, in joules; the robot is sent home then.
+
+        Empty if it can.
+        """
         verdict = self.budget.judge(self._left(run), run.home_m)
         if verdict.is_affordable:
             return ""

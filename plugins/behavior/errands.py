@@ -63,14 +63,17 @@ class VisitBehavior(Errand[TaskParameters]):
     kind = VISIT
 
     def do(self, task: Task, parameters: TaskParameters) -> Script:
-        """Stay. Result: `off_m`, how far from the place the robot stood."""
+        """Stay.
+
+        Result: `off_m`, the robot's distance from the place.
+        """
         off_m = self.away_m(task.place)
         yield from self.wait(task.service_s)
         return {"off_m": round(off_m, 3)}
 
 
 STEADY_S = 0.4
-"""Before the picture is taken the robot stands for so long."""
+"""Time that the robot stands before the picture is taken."""
 
 
 class InspectBehavior(Errand[Inspect]):
@@ -100,12 +103,12 @@ class InspectBehavior(Errand[Inspect]):
 
 
 CHECK_S = 0.6
-"""How often it is looked whether more has come."""
+"""Period of the checks for new readings."""
 ASK_AGAIN_S = 8.0
 """Time after which a request is repeated. A request may be lost, and a mote sends a limited number of readings for
 each."""
 PACKETS = 64
-"""That much radio is reckoned with."""
+"""Number of radio packets in the energy estimate."""
 
 
 class CollectBehavior(Errand[Collect]):
@@ -134,7 +137,7 @@ class CollectBehavior(Errand[Collect]):
                 ask_ns = now_ns + to_ns(ASK_AGAIN_S)
             yield from self.wait(CHECK_S)
             mote = self._received(collect.mote)
-            # It must have been heard here: what it had said before tells nothing of what it has stored since.
+            # It must be received here: earlier packets show nothing about readings stored since.
             if mote is not None and mote.missing == 0 and mote.stamp_ns > begun_ns:
                 return {"readings": mote.readings - had, "missing": 0}  # 0: others have brought in all there is
         mote = self._received(collect.mote)
@@ -200,7 +203,10 @@ class ReplaceBehavior(Errand[Replace]):
         return Work(wait_s=replace.duration_s)
 
     def do(self, task: Task, replace: Replace) -> Script:
-        """Sense. Result: `readings` that were told, `off_m` from the place."""
+        """Sense.
+
+        Result: reported `readings`, `off_m` from the place.
+        """
         pose, off_m = self.travel.pose(), self.away_m(task.place)
         place = Point2D(pose.x_m, pose.y_m)
         publisher = self.env.wire.publisher(MOTE_READING, mote=replace.mote)

@@ -68,13 +68,13 @@ class OwnFloor:
 
 
 class TeamChoice:
-    """Chooses frontiers for a robot that hears its teammates and no coordinator.
+    """Chooses frontiers for a robot that receives its teammates and no coordinator.
 
     Args:
         robot: its name.
         board: the robot's.
         strategy: which robot is sent to which frontier; the same for all robots of the team.
-        reserve_share: share of the battery that the robot keeps on its way to a frontier and on to a charger.
+        reserve_share: share of the battery that the robot keeps on its path to a frontier and on to a charger.
 
     """
 
@@ -92,7 +92,7 @@ class TeamChoice:
         Args:
             place: where the robot is.
             radius_m: its radius.
-            goal: the frontier that it is on its way to; None if it has none.
+            goal: the frontier to which it drives; None if it has none.
             teammates: the other robots.
             now_ns: the time.
 
@@ -110,7 +110,7 @@ class TeamChoice:
         return next((choice.place for choice in chosen if choice.robot == self._robot), None)
 
     def _own(self, place: Point2D, radius_m: float, goal: Point2D | None) -> Scout:
-        """The robot itself, which knows how far its energy lasts; how far that of others does, they know."""
+        """The robot itself, with the reach of its energy; the reach of others is unknown here."""
         board, homes = self._board, self._board.chargers
         far_m = math.inf
         if homes:
@@ -118,7 +118,7 @@ class TeamChoice:
         return Scout(self._robot, place, radius_m, goal, far_m, homes)
 
     def record_visit(self, goal: Point2D) -> None:
-        """The robot has been at a frontier: what it has not seen of the unknown there, it will not see later."""
+        """The robot has been at a frontier: unknown floor that it did not see there stays unseen."""
         self._explorer.record_visit(goal)
 
     def record_failure(self, goal: Point2D, now_ns: int) -> None:
@@ -143,11 +143,11 @@ def _scout(teammate: Mate) -> Scout:
 OWN_CHOICES = 12
 SPENT_MAX = 256
 CHECK_PERIOD_S = 3.0
-"""Period, while the robot searches for itself, of looking for a frontier to explore instead."""
+"""Period of the search for a frontier to explore, while the robot searches for its place."""
 LOOK_M = 1.5
-"""A frontier is looked at from no farther away."""
+"""Greatest distance from which a frontier is observed."""
 HERE_M = 0.3
-"""A robot this near to a place stands there."""
+"""A robot this near to a place counts as there."""
 EVERYWHERE_M = 1e6
 """Robots within this distance are considered: all of the team."""
 DECIDE_PERIOD_S = 1.0
@@ -175,7 +175,8 @@ class ExploreBehavior(Behavior):
         """After this time without a message from a coordinator the robot chooses frontiers itself."""
         exploration: Name = JOINT
         """Name of the exploration strategy by which it does so, as in `[planning]`; the same for all robots. Not
-        `auto`: `tours` would be compiled on the way, which stops a live robot for seconds. `none`: it chooses none."""
+        `auto`: `tours` would be compiled during the run, which stops a live robot for seconds. `none`: it chooses none.
+        """
 
         reserve_share: Share = 0.1
         """Share of the battery that remains unused on the path to a self-chosen frontier and on to a charger."""
@@ -232,7 +233,7 @@ class ExploreBehavior(Behavior):
         if self._is_own and not tasks.occupies(own):  # a task has come, or another behavior: the wheels are its own
             self._task, self._is_own = None, False
             self._travel.forget()
-        if self._is_own and self._frame != self.env.board.frame:  # what it chose is a place of another frame
+        if self._is_own and self._frame != self.env.board.frame:  # the chosen place is in another frame
             self._finish(TaskState.FAILED, "the robot maps in another frame now")
             self._spent.clear()
         may_choose = self._chooses and (self._may_roam() if self._travel.lost else self._is_alone())
@@ -266,13 +267,13 @@ class ExploreBehavior(Behavior):
             self._finish(*WHY[progress])
 
     def _aim(self, goal: Point2D, priority: int = 0) -> bool:
-        """Set out to a place from which a frontier can be seen; False if there is no way.
+        """Set out to a place from which a frontier can be seen; False if there is no path.
 
         The nearest place to stand may not do: a wall may hide the frontier from there, such as the inside of a shelf.
         """
         place = self._travel.standpoint(goal, LOOK_M)
         is_narrow = place is None
-        if place is None or self._travel.pose().distance_m(place) < HERE_M:  # it stands there and has not seen it
+        if place is None or self._travel.pose().distance_m(place) < HERE_M:  # it is there and has not seen it
             nearer = self._travel.narrow_standpoint(goal, LOOK_M)
             if nearer is not None and (place is None or nearer.distance_m(goal) < place.distance_m(goal)):
                 place, is_narrow = nearer, True
@@ -288,7 +289,7 @@ class ExploreBehavior(Behavior):
         return self._longest_frontier(view, goal) < self._least_cells
 
     def _search_for(self, goal: Point2D) -> None:
-        """Note how short a frontier may be to be left: one that is short from the beginning may be a whole passage."""
+        """Record the length below which a frontier is left: one that is short from the start may be a passage."""
         view, self._least_cells = self._travel.view(), 1
         cells = self._longest_frontier(view, goal)
         shortest = mapped_gap_cells(self._travel.driver.radius_m(), view.geometry.resolution_m)

@@ -1,6 +1,6 @@
 """Idle: behavior of a robot without a task.
 
-It stands, or returns to its parking place after a while.
+The robot stands, or returns to its parking place after a while.
 
 A robot that does not know its place searches for it first.
 """
@@ -18,9 +18,9 @@ from robrain.protocol.model.ranges import NotNegative
 NEAR_M = 0.5
 """So near to its place a robot stays where it is."""
 SEARCH_AFTER_S = 3.0
-"""Another behavior may have a better way to find the robot: it has this long to begin."""
+"""Another behavior may have a better method to localise the robot: it has this time to begin."""
 RETRY_S = 30.0
-"""After a way home that ended before it, the next try comes this much later."""
+"""Time between a path home that ended early and the next try."""
 
 
 class IdleBehavior(Behavior):
@@ -70,7 +70,7 @@ class IdleBehavior(Behavior):
 
     @external
     def idle_s(self) -> float:
-        """Time without anything to do, without the way home; 0 while the robot has something to do."""
+        """Idle time, without the path home; 0 while the robot has a task."""
         return 0.0 if self._since_ns is None else to_seconds(self.env.clock.now_ns() - self._since_ns)
 
     def step(self) -> None:
@@ -91,7 +91,7 @@ class IdleBehavior(Behavior):
             self._set_out(self._home, now_ns)
 
     def _find_itself(self) -> None:
-        """Look for itself while the robot is lost and has nothing to do; once, and not while it is being charged."""
+        """Search for the place of a lost, idle robot; once, and not while it is being charged."""
         board, tasks, own = self.env.board, self.env.tasks, self.env.plugin
         is_charging = board.battery is not None and board.battery.charging
         is_found = not self._travel.lost

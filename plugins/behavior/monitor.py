@@ -1,4 +1,7 @@
-"""Monitor: watches a room, the paper's example. Looks around at intervals and tells what is not as it was."""
+"""Monitor: watches a room, the paper's example.
+
+Looks around at intervals and reports changes.
+"""
 
 import io
 import math
@@ -28,13 +31,13 @@ TURN_MAX_RAD = 0.14
 TURN_STEPS = 17
 """Turns that are tried first, some a pixel apart; then half of that, a quarter and an eighth."""
 VIEW_RAD = 1.2
-"""Horizontal angle of view that is assumed where nobody knows better."""
+"""Horizontal angle of view that is assumed where none is known."""
 CHANGED_LEVELS = 14.0
 """A pixel has changed when a colour of it differs by more than this, of 255. Chosen; the noise makes some 3."""
 OUTLIER_LEVELS = 40.0
-"""More than this counts as this in the agreement of two pictures: what has come must not pull at them."""
+"""Limit of a difference in the agreement of two pictures: a new object must not shift them."""
 SQUARE = 4
-"""In pixels of the picture at half its size; lines that are left are up to three wide."""
+"""In pixels of the picture at half its size; remaining lines are up to three wide."""
 
 Colors = Floats
 Mask = NDArray[np.bool_]
@@ -140,7 +143,7 @@ REPORTED_IMAGES = 6
 
 
 class RoomChange(msgspec.Struct, frozen=True, kw_only=True):
-    """Something in a room is not as it was when the robot last looked that way."""
+    """Something in a room has changed since the robot's last look in this direction."""
 
     task: str
     image: str
@@ -158,7 +161,7 @@ class MonitorBehavior(Errand[Monitor]):
         """When a picture counts as changed; chosen."""
 
         settle_s: Positive = 0.4
-        """Time for which the robot stands after a turn before it takes a picture."""
+        """Time that the robot stands after a turn before it takes a picture."""
         changed_share: Annotated[float, Meta(gt=0, lt=1)] = 0.002
         view_rad: Annotated[float, Meta(gt=0, lt=math.pi)] = VIEW_RAD
         """The camera's horizontal angle of view."""
@@ -183,7 +186,10 @@ class MonitorBehavior(Errand[Monitor]):
         return Work(turn_rad=rounds * math.tau, wait_s=monitor.duration_s)
 
     def do(self, task: Task, monitor: Monitor) -> Script:
-        """Look around, again and again. Result: `rounds`, `changes`, `images`."""
+        """Look around repeatedly.
+
+        Result: `rounds`, `changes`, `images`.
+        """
         yaws_rad = [view * math.tau / monitor.views for view in range(monitor.views)]
         seen: dict[float, Floats] = {}
         images: list[str] = []

@@ -31,19 +31,19 @@ CLEAR_M = 1.0
 NEAR_M = 3.0
 """A robot this near to a charger waits where it is."""
 APART_M = 0.3
-"""Between the hulls of those who wait."""
+"""Distance between the hulls of waiting robots."""
 DIRECTIONS = 8
 LEFT_OUT_S = 60.0
 """A charger that was of no use is tried again after this."""
 GIVEN_S = 20.0
-"""For so long a charger that was given to a teammate counts as the teammate's, wherever that is."""
+"""Time for which a charger that was given to a teammate counts as the teammate's, wherever it is."""
 URGENT_S, SPARE_S, RICH_S = 150.0, 120.0, 600.0
 """A waiting robot that lasts less than the first time gets the charger of one that lasts longer by the second.
 Otherwise it gets the charger of one that lasts longer by the third. All chosen: changing places takes some 20 s."""
 
 
 class Queue:
-    """One robot's way to a charger.
+    """One robot's path to a charger.
 
     Args:
         errand: the behavior.
@@ -62,7 +62,7 @@ class Queue:
         self._trouble = ""
 
     def choose(self) -> ChargerPlace | None:
-        """The one that is wanted if nobody has it, else the nearest that nobody has; None if others have them all.
+        """The wanted charger if it is free, otherwise the nearest free one; None if others have them all.
 
         Raises:
             Failed: none is of any use.
@@ -83,7 +83,10 @@ class Queue:
         self._skipped[charger.place] = self._now_ns() + to_ns(LEFT_OUT_S)
 
     def reach(self, charger: ChargerPlace) -> "Script":
-        """Go there. Whether the robot is there; not if somebody else has it now, or there is no way."""
+        """Go there.
+
+        Whether the robot is there; False if another robot has it now, or there is no path.
+        """
         errand = self._errand
         if not errand.travel.set_out(charger.place, priority=self._priority):
             self.leave_out(charger, TROUBLE[TravelState.NO_PATH])
@@ -102,7 +105,7 @@ class Queue:
         return {"reached": True}
 
     def wait(self) -> Part:
-        """Stand near a charger, in nobody's way, until there is one that nobody has."""
+        """Stand near a charger, off all paths, until one is free."""
         yield from self.move_aside()
         while (usable := self._usable()) and not self._free(usable):
             self._errand.travel.make_room()
@@ -183,14 +186,14 @@ class Queue:
 DOCKED_M = 0.05
 DOCK_TRIES = 3
 TOUCH_S = 2.0
-"""Having docked, the robot waits so long for the first current before it looks for the contacts around."""
+"""Time that a docked robot waits for the first current before it searches around for the contacts."""
 SEEK_RINGS = ((0.2, 6), (0.4, 8), (0.6, 12))
-"""Where a dock is looked for that is not quite in its place: metres around it, and how many places. As dense as is
-needed for contacts that reach 0.25 m."""
+"""Search for a dock that is not quite in its place: metres around it, and number of places. As dense as is needed for
+contacts that reach 0.25 m."""
 SEEK_WAIT_S = 1.2
 SEEK_BLOCKED_S = 0.6
 GIVE_S = 2.0
-"""How often it is looked whether a teammate needs the charger more."""
+"""Period of the checks whether a teammate needs the charger more."""
 
 
 class Docking:
@@ -211,7 +214,7 @@ class Docking:
         """A current has come."""
 
     def dock(self) -> Part:
-        """Stand at the charger's place, as well as localisation can tell; the last word has the current."""
+        """Stand at the charger's place by localisation; the current decides in the end."""
         for _ in range(DOCK_TRIES):
             yield from self._approach(self._charger.place)
             if self._errand.away_m(self._charger.place) <= DOCKED_M:
@@ -260,7 +263,7 @@ class Docking:
                     return
 
     def _feel(self, seconds: float) -> Part:
-        """Stand until a current comes, for so long at the most."""
+        """Stand until a current comes, for this time at most."""
         until_ns = self._errand.env.clock.now_ns() + to_ns(seconds)
         while self._errand.env.clock.now_ns() < until_ns and not self._errand.battery().charging:
             yield
@@ -281,15 +284,15 @@ class Docking:
 
 
 GUARD_S = 2.0
-"""How often it is looked whether the robot still can get home."""
+"""Period of the checks whether the robot still can get home."""
 AT_HOME_M = 1.0
-"""So near to where it started a robot that knows no charger is at home."""
+"""A robot without a known charger is at home within this distance of its start."""
 FULL_ERROR = 0.06
 """The estimate of a full battery may be off by so much. Chosen: about three deviations of it."""
 RETRY_NS = to_ns(20.0)
-"""After a way home that failed, the next try comes this much later."""
+"""Time between a failed path home and the next try."""
 HOMEWARD = 10.0
-"""Priority of who has just enough for the way home, where robots meet."""
+"""Priority, where robots meet, of a robot with just enough energy for the path home."""
 DOCK_S = 10.0
 """Approximate time of docking."""
 QUEUE_S = 180.0
@@ -320,9 +323,9 @@ class RechargeBehavior(Errand[Recharge]):
         self._not_before_ns = 0
         self._home_m = 0.0
         self._home_from: Point2D | None = None
-        """Where the way home was that long."""
+        """Place at which the path home had this length."""
         self._home_free: list[ChargerPlace] = []
-        """The chargers that nobody had then."""
+        """The chargers that were free then."""
 
     def activate(self) -> None:
         super().activate()
@@ -334,15 +337,15 @@ class RechargeBehavior(Errand[Recharge]):
         super().emergency_halt()
 
     def work(self, task: Task, parameters: Recharge) -> Work:
-        """Docking; what is used at the charger comes from the charger."""
+        """Docking; energy used at the charger comes from the charger."""
         return Work(wait_s=DOCK_S)
 
     def left_s(self, run: Run[Recharge]) -> float | None:
-        """Nobody knows: others may have the charger."""
+        """Unknown: others may have the charger."""
         return None
 
     def play(self, task: Task, parameters: Recharge) -> Script:
-        """To a charger that nobody else has, and to the next if that one is of no use; waits while there is none."""
+        """Go to a free charger, and to the next if that one is of no use; wait while there is none."""
         self._queue = Queue(self, task, parameters.yaw_rad)
         self._charged_j = 0.0
         while True:
@@ -364,14 +367,14 @@ class RechargeBehavior(Errand[Recharge]):
                 yield from self._queue.give_up_place(charger)
 
     def do(self, task: Task, parameters: Recharge) -> Script:
-        """Dock and charge where the task says."""
+        """Dock and charge at the task's place."""
         charger = ChargerPlace(task.place.x_m, task.place.y_m, parameters.yaw_rad)
         return (yield from self.charge_at(charger, parameters.until_soc))
 
     def charge_at(self, charger: ChargerPlace, until_soc: float) -> Script:
         """Dock and charge; no result if a teammate needs the charger more.
 
-        Result: `soc`; `docked_m`, how far from the place it stood; `charged_j`, what came from the charger.
+        Result: `soc`; `docked_m`, its distance from the place; `charged_j`, the energy from the charger.
         """
         docking = Docking(self, charger, self.parameters.no_power_s)
         yield from docking.dock()
@@ -380,7 +383,7 @@ class RechargeBehavior(Errand[Recharge]):
         if (yield from docking.charge(until_soc, self._queue.must_give)):
             return {}
         soc = self.battery().soc
-        # A battery may be full before the estimate of it says so; one that stops on the way is another matter.
+        # A battery may be full before its estimate is; a charge that stops early is another case.
         has_come = docking.has_charged or begun_soc >= until_soc
         if soc < until_soc - FULL_ERROR or not has_come:
             if docking.has_charged:
@@ -398,14 +401,14 @@ class RechargeBehavior(Errand[Recharge]):
             run.energy_j = before_j
 
     def why_not(self, run: Run[Recharge]) -> None:
-        """Nothing: to run out of energy on the way to a charger is no worse than to wait for it."""
+        """Nothing: running out of energy on the path to a charger is no worse than waiting for it."""
 
     def why_go_home(self, run: Run[Recharge]) -> str:
-        """Nothing: it is on its way."""
+        """Nothing: the robot already drives there."""
         return ""
 
     def accept(self, task: Task) -> TaskAnswer:
-        """Take on a task; its charger is known from now on."""
+        """Accept a task; its charger is known from now on."""
         answer = super().accept(task)
         if answer.accepted:
             self._wanted = ""
@@ -441,7 +444,7 @@ class RechargeBehavior(Errand[Recharge]):
         if self._wanted or battery is None or battery.charging or self.env.board.pose is None:
             return
         pose = self.travel.pose()
-        # A task was begun with no more than the way home to spare: only what has nothing to do keeps a reserve too.
+        # A task was begun with only the path home to spare: only an idle robot keeps a reserve too.
         wait_s = 0.0 if self.env.tasks.is_busy else self.parameters.reserve_s
         chargers = self.budget.home.chargers()
         free = self.budget.docks.free(chargers)
@@ -451,7 +454,7 @@ class RechargeBehavior(Errand[Recharge]):
         if free != self._home_free:
             self._home_from, self._home_free = None, free
         if self._home_from is not None:
-            # The way home is at the most what it was, and the way from there; mostly that is enough to know.
+            # The path home is at most the earlier one plus the path from there; mostly this bound suffices.
             bound_m = self._home_m + pose.distance_m(self._home_from)
             if self.budget.judge(reserve, bound_m).is_affordable:
                 return

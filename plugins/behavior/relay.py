@@ -20,26 +20,26 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import OfferRefusal, PlainReason
 
 BALANCE_DB = 3.0
-"""A step towards the weaker of two links must be worth more than this; about what a step of the usual size changes."""
+"""A step towards the weaker of two links must be worth more than this; about the change by a step of the usual size."""
 
 NEW_SHARE = 0.3
 """How much a packet's strength counts against those before: fading must not move the robot."""
 SILENT_DBM = -1000.0
-"""Counts as the strength of a link on which nothing is heard."""
+"""Strength of a link on which nothing is received."""
 
 
 class HeldLink:
     """The link to one mote or robot.
 
     Args:
-        begun_ns: what was heard before does not count.
-        silent_ns: who has not been heard for so long has no link.
+        begun_ns: earlier packets do not count.
+        silent_ns: an end that was not received for this time has no link.
 
     """
 
     def __init__(self, begun_ns: int, silent_ns: int) -> None:
         self.place: Point2D | None = None
-        """Where the other end is, arena frame; None while that is not known."""
+        """Place of the other end, arena frame; None while it is unknown."""
         self.strengths_dbm: list[float] = []
         self._begun_ns = begun_ns
         self._silent_ns = silent_ns
@@ -47,7 +47,7 @@ class HeldLink:
         self._rssi_dbm: float | None = None
 
     def hear(self, rssi_dbm: float, stamp_ns: int) -> None:
-        """The last packet heard, once more or a new one."""
+        """Record the last packet, repeated or new."""
         if stamp_ns <= max(self._stamp_ns, self._begun_ns):
             return
         self._stamp_ns = stamp_ns
@@ -56,18 +56,18 @@ class HeldLink:
         self.strengths_dbm.append(rssi_dbm)
 
     def strength_dbm(self, now_ns: int) -> float:
-        """How strong it is; SILENT_DBM if nothing was heard for too long, or since the robot has moved."""
+        """Strength of the link; SILENT_DBM if nothing was received for too long, or since the robot has moved."""
         if self._rssi_dbm is None or now_ns - max(self._stamp_ns, self._begun_ns) > self._silent_ns:
             return SILENT_DBM
         return self._rssi_dbm
 
     def move(self) -> None:
-        """The robot has moved: what it heard before tells nothing of its new place."""
+        """The robot has moved: earlier packets show nothing about its new place."""
         self._rssi_dbm = None
 
     @property
     def mean_dbm(self) -> float | None:
-        """Mean of all packets heard, to a tenth; None if there was none."""
+        """Mean of all received packets, to a tenth; None if there was none."""
         return round(sum(self.strengths_dbm) / len(self.strengths_dbm), 1) if self.strengths_dbm else None
 
 
@@ -94,11 +94,11 @@ class RelayBehavior(Errand[Relay]):
         super().activate()
 
     def work(self, task: Task, relay: Relay) -> Work:
-        """Standing, and the way to as far as it may stray."""
+        """Standing, and the path as far as it may stray."""
         return Work(path_m=self.parameters.stray_m, wait_s=relay.duration_s)
 
     def why_not(self, run: Run[Relay]) -> OfferRefusal | None:
-        """Nobody is the link to itself."""
+        """A robot cannot be the link to itself."""
         if run.parameters.robot == self.env.robot:
             return PlainReason("a robot is no relay to itself")
         return super().why_not(run)
@@ -162,7 +162,7 @@ class RelayBehavior(Errand[Relay]):
         return result
 
     def _nearer(self, place: Point2D, end: Point2D | None) -> Point2D | None:
-        """A step along the way to an end, no farther from the task's place than allowed; None if there is none."""
+        """A step along the path to an end, no farther from the task's place than allowed; None if there is none."""
         if end is None:
             return None
         path = self.travel.plan(end)

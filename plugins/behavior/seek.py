@@ -1,10 +1,10 @@
 """Seek: finds the source of a plume. Climbs the field of a quantity until it has seen it fall on all sides.
 
-The field is what the robot's own sensor board measures on the way, and what motes around have just told. From the
-place of the task on, the robot goes where the fitted field rises most, until a fitted summit is near. It drives around
-that summit; if the field still has its summit within the circle, that is the source. If not, it drives around the new
-summit. Where the field is flat, it looks for a rise on a spiral. Where walls keep it from climbing on, the highest
-place that it has reached is the result, marked as being at a wall.
+The field consists of measurements of the robot's sensor board on the path, and recent readings of motes around. From
+the place of the task on, the robot goes where the fitted field rises most, until a fitted summit is near. It drives
+around that summit; if the field still has its summit within the circle, that is the source. If not, it drives around
+the new summit. Where the field is flat, it searches for a rise on a spiral. Where walls keep it from climbing on, the
+highest place that it has reached is the result, marked as being at a wall.
 """
 
 import math
@@ -30,18 +30,18 @@ from robrain.protocol.table.topics import MOTE_READING
 
 SAMPLE_S = 0.5
 PROBE_M = 1.0
-"""From the place the robot first drives so far to three sides: without readings beside the way there is no slope."""
+"""Distance that the robot first drives to three sides: without readings beside the path there is no slope."""
 STEP_M = 1.5
-"""It climbs in steps of this length. A fitted summit that is nearer than two of them, and known better than to one, is
-looked at from all sides."""
+"""It climbs in steps of this length. A fitted summit that is nearer than two of them, and more accurate than one, is
+measured from all sides."""
 CIRCLE_M = 1.0
-"""Radius of the circle on which a summit is looked at from all sides."""
+"""Radius of the circle on which a summit is measured from all sides."""
 CIRCLE_POINTS = 5
 CIRCLES_MAX = 4
 SIDES_MIN = 3
-"""Points of the circle that must be reached: walls may be in the way of the others."""
+"""Points of the circle that must be reached: walls may block the others."""
 SUMMIT_SD_M = 0.5
-"""A source must be known at least so well."""
+"""Largest standard deviation of a source's place."""
 MOVED_M = 0.3
 """A step that moves the robot less has led nowhere."""
 STUCK_MAX = 4
@@ -57,10 +57,10 @@ RECEIVED_S = 60.0
 PACE_M_S = 0.25
 """Of a climb, stops included, for the estimate of its cost (measured)."""
 ANYWHERE_RAD = (0.0, math.radians(50.0), math.radians(-50.0), math.radians(100.0), math.radians(-100.0))
-"""If there is no way uphill the robot tries to go around, in this order."""
+"""If there is no path uphill, the robot tries to go around, in this order."""
 
 Drive = Generator[None, None, bool]
-"""A piece of a script that tells whether the robot got there."""
+"""A part of a script that returns whether the robot got there."""
 
 
 class SourceFound(msgspec.Struct, frozen=True, kw_only=True):
@@ -75,7 +75,7 @@ class SourceFound(msgspec.Struct, frozen=True, kw_only=True):
     sd_m: float
     """Standard deviation of the place along x or y, by the fit alone."""
     at_wall: bool
-    """The field rises on behind what the robot cannot pass; the place is the highest that it has reached."""
+    """The field rises further behind an obstacle; the place is the highest that the robot has reached."""
 
 
 class SeekBehavior(Errand[Seek]):
@@ -95,7 +95,7 @@ class SeekBehavior(Errand[Seek]):
         super().activate()
 
     def work(self, task: Task, seek: Seek) -> Work:
-        """All of the time that it may take, half of it driving, and the way back to the place."""
+        """All of its allowed time, half of it driving, and the path back to the place."""
         return Work(path_m=PACE_M_S * seek.duration_s + seek.reach_m, wait_s=0.5 * seek.duration_s)
 
     def do(self, task: Task, seek: Seek) -> Script:
@@ -141,7 +141,7 @@ class Climb:
     Args:
         errand: the behavior that does it.
         task: the task.
-        seek: what is sought.
+        seek: the sought quantity.
 
     """
 
@@ -203,7 +203,7 @@ class Climb:
             raise Failed(f"nothing tells {self._seek.quantity}: neither the robot's own board nor a mote that is heard")
 
     def _is_near(self, fit: FieldFit, here: Point2D) -> bool:
-        """Whether a fitted summit is so near that it is worth a look from all sides."""
+        """Whether a fitted summit is near enough for measurements from all sides."""
         return fit.summit is not None and fit.summit_sd_m < STEP_M and _apart_m(fit.summit, here) < 2.0 * STEP_M
 
     def _drive_around_summit(self, summit: Point2D) -> Generator[None, None, Point2D | None]:
@@ -234,7 +234,7 @@ class Climb:
         return reached
 
     def _uphill(self, fit: FieldFit, here: Point2D) -> Generator[None, None, None]:
-        """One step up, around what stands in the way."""
+        """One step up, around obstacles."""
         yaw_rad, step_m = math.atan2(fit.slope[1], fit.slope[0]), STEP_M
         if fit.summit is not None:
             step_m = min(STEP_M, max(_apart_m(fit.summit, here), PROBE_M))
@@ -247,7 +247,7 @@ class Climb:
                 return
 
     def _on_spiral(self, turn: int) -> Point2D:
-        """Where to look next in a flat field (Failed beyond the reach)."""
+        """Next place to measure in a flat field (Failed beyond the reach)."""
         radius_m = SPIRAL_M * (1.0 + math.sqrt(turn))
         if radius_m > self._seek.reach_m:
             raise Failed(f"{self._seek.quantity} rises nowhere within {self._seek.reach_m:g} m")
@@ -256,7 +256,7 @@ class Climb:
     # -- driving and sensing --------------------------------------------------------------------------------
 
     def _drive(self, goal: Point2D) -> Drive:
-        """Go there, sensing on the way; False if that is not possible."""
+        """Go there, sensing on the path; False if that is not possible."""
         travel = self._travel
         if not travel.set_out(goal, priority=self._priority):
             yield

@@ -45,7 +45,7 @@ class LostSearch:
     """One robot's search; made when it is lost, stepped until it is not.
 
     Args:
-        driver: what it drives with.
+        driver: the plugins with which it drives.
         now_ns: when it begins.
 
     """
@@ -58,7 +58,7 @@ class LostSearch:
         self.has_given_up = False
 
     def step(self, now_ns: int, patience_s: float = PATIENCE_S) -> None:
-        """Go on, or stand for good if it has searched for so long."""
+        """Continue, or stop for good after this time of searching."""
         if self.has_given_up:
             return
         if now_ns >= self._since_ns + to_ns(patience_s):
@@ -87,7 +87,7 @@ CREEP_POSITIONS = 3
 """Number of positions sent at a time for `CREEP_S` after the driver was blocked. The driver then takes no short cut,
 which blocks robots at the corner of a narrow place."""
 DETOUR_GAIN_M = 1.0
-"""Another way on which the robot has to wait as well has to lead it so much farther before that."""
+"""Least additional distance before the wait that makes another path with a wait better."""
 PRIORITY_MAX = 100.0
 """Where robots meet, a task's priority counts up to this."""
 IDLE = Claim(priority=-1)
@@ -127,16 +127,16 @@ class TravelState(Enum):
 
     UNDER_WAY = auto()
     WAITING = auto()
-    """Under way, but standing or out of the way until others have passed."""
+    """Under way, but waiting or aside until others have passed."""
     ARRIVED = auto()
     BLOCKED = auto()
-    """Something has stood in the way for too long."""
+    """Something has blocked the path for too long."""
     TOO_NARROW = auto()
     """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_PATH = auto()
     """The planner finds no path any more."""
     LOST = auto()
-    """The robot does not know where it is, and has not found itself."""
+    """The robot is lost, and has not found its place."""
 
 
 class Travel:
@@ -159,19 +159,19 @@ class Travel:
         self._travel_claim = TravelClaim(parameters.ageing_s)
         self._planned_ns = 0
         self._checked_ns = 0
-        """When another way, or one out of the way, was last looked for."""
+        """Time of the last search for another path or a refuge."""
         self._contested_ns: int | None = None
         """When others last held the robot up."""
         self._creep_until_ns = 0
         self._lost_ns: int | None = None
-        """Since when the planner has found no way any more."""
+        """Time since which the planner has found no path."""
         self._version = -1
-        """Of the map on which the way was last found safe."""
+        """Version of the map on which the path was last found safe."""
         self._search: LostSearch | None = None
         self.roams = False
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
-        """Width of the gap that last stopped the robot; None if something else did."""
+        """Width of the gap that last stopped the robot; None for another cause."""
 
     def connect(self) -> None:
         """Get the interfaces it needs.
@@ -202,14 +202,17 @@ class Travel:
 
     @property
     def position_lost(self) -> PositionLost | None:
-        """The same as a reason: the robot does not know where it is. None if it does."""
+        """The same as a reason: the robot is lost.
+
+        None if it does.
+        """
         reason = self._env.board.lost
         return PositionLost(self._env.robot, reason) if reason else None
 
     def find_itself(self, *, for_task: bool = False) -> bool:
         """Drive about slowly while the robot is lost, bound for nowhere; False once that has failed.
 
-        The goal is kept: when the robot knows again where it is, `step` goes on to it.
+        The goal is kept: when the robot is localised again, `step` continues to it.
 
         Args:
             for_task: whether a task is paused during the search.
@@ -243,7 +246,7 @@ class Travel:
         return None
 
     def standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
-        """Where the robot can stand and see a place, as near to it as can be; None if walls hide it from there."""
+        """The nearest place from which the robot can see a place; None if walls hide it from there."""
         return self._planner.standpoint(self.view(), place, within_m)
 
     def narrow_standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
@@ -332,7 +335,7 @@ class Travel:
         return False
 
     def coast(self) -> None:
-        """Go nowhere any more, but let the robot roll on for about a second, for the next goal may come before."""
+        """Drop the goal, but let the robot roll on for about a second, because the next goal may come before."""
         leg = self._leg
         self.forget()
         if leg is None:
@@ -352,7 +355,7 @@ class Travel:
         self._search = None
 
     def stand(self) -> None:
-        """Stand still, and tell the team."""
+        """Stop, and publish this."""
         self.forget()
         self.driver.stop()
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
@@ -395,7 +398,7 @@ class Travel:
         at_rest = circles(teammates, margin_m, Doing.STANDING)
         lasting = circles(teammates, margin_m, Doing.OBSTACLE)
         path = self._planner.plan(view, start, goal, lasting + at_rest, dear, is_narrow=is_narrow)
-        if path is None and at_rest:  # who only stands may make room
+        if path is None and at_rest:  # a robot without a path may make room
             path = self._planner.plan(view, start, goal, lasting, dear, is_narrow=is_narrow)
         return path
 
@@ -417,7 +420,7 @@ class Travel:
         return not self._is_safe(leg, pose)
 
     def _is_safe(self, leg: Leg, pose: Pose2D) -> bool:
-        """Whether the map, if it has changed, still has room for the way ahead."""
+        """Whether the map, if it has changed, still has room for the path ahead."""
         if self.view().version == self._version:
             return True
         self._version = self.view().version
@@ -430,7 +433,7 @@ class Travel:
         return min(len(ahead), skipped + safe)
 
     def _is_hopeless(self, now_ns: int) -> bool:
-        """No way was found, and not for the first time: a reading or two may be wrong and closes narrow places."""
+        """No path was found, and not for the first time: one or two wrong readings may close narrow places."""
         self._planned_ns = now_ns
         if self._lost_ns is None:
             self._lost_ns = now_ns
@@ -441,7 +444,7 @@ class Travel:
         return since is not None and self._env.clock.now_ns() - since < to_ns(self._parameters.replan_s)
 
     def _handle(self, path: list[Point2D], pose: Pose2D, *, is_narrow: bool = False) -> Leg:
-        """Make this path the way to the goal."""
+        """Follow this path to the goal."""
         self._leg = leg = Leg(self._outlet, pose, path, is_narrow=is_narrow)
         self._end = leg.end
         self._planned_ns = self._env.clock.now_ns()
@@ -450,7 +453,7 @@ class Travel:
         return leg
 
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> TravelState:
-        """Drive as far as others allow, or out of their way."""
+        """Drive as far as others permit, or aside."""
         if leg.is_escape:
             leg.drive(leg.guard(encounter, pose), self._travel_claim.claim)
             return self._wait()
@@ -478,7 +481,7 @@ class Travel:
         if self._lost_ns is not None:
             allowed = _at_most(allowed, self._safe_positions(leg, ahead) - round(NEXT_CHECK_M / STEP_M))
             if allowed.positions > CREEP_POSITIONS:
-                self._lost_ns = now_ns  # it may look different from nearer by
+                self._lost_ns = now_ns  # the view from nearer may differ
         # Small steps keep the driver from cutting corners; one that squeezes does not cut them.
         creeps = now_ns < self._creep_until_ns and not leg.is_narrow
         return _at_most(allowed, CREEP_POSITIONS) if creeps else allowed
@@ -498,7 +501,7 @@ class Travel:
         return True
 
     def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: Mate) -> None:
-        """Leave the way of a teammate that goes first, or claim to have nowhere to go."""
+        """Leave the path of a teammate with priority, or claim to have nowhere to go."""
         view, place = self.view(), Point2D(pose.x_m, pose.y_m)
         path, is_narrow = None, False
         for is_narrow in (False, True) if leg.is_narrow else (False,):

@@ -1,4 +1,4 @@
-"""Wander: goes about at random, off what is in the way; begun and ended from outside, and gives way to every task."""
+"""Wander: drives about at random, around obstacles; begun and ended from outside, and gives way to every task."""
 
 import math
 
@@ -36,7 +36,7 @@ class WanderBehavior(Behavior):
     period_s: float | None = STEP_S
     parameters: Parameters
     started = Event[float]()
-    """Heard by itself: in live its thread sleeps while the robot does not wander."""
+    """Observed by the plugin itself: in live its thread sleeps while the robot does not wander."""
 
     def init(self) -> None:
         self._until_ns: int | None = None
@@ -103,7 +103,7 @@ class WanderBehavior(Behavior):
             if room_m >= self.parameters.leg_m:
                 break
         if best_m <= 0.0:
-            self._driver.turn(float(self.env.rng.uniform(-math.pi, math.pi)))  # boxed in: look elsewhere
+            self._driver.turn(float(self.env.rng.uniform(-math.pi, math.pi)))  # boxed in: search elsewhere
             self._is_driving = True
             return
         leg_m = min(best_m, self.parameters.leg_m)

@@ -1,4 +1,4 @@
-"""Camera: takes a picture when somebody asks for one; where it comes from is the manifest's `interface`."""
+"""Camera: takes a picture on request; the manifest's `interface` selects the source."""
 
 import importlib
 import struct
@@ -39,7 +39,7 @@ class CameraInterface(Protocol):
         """Take a picture.
 
         Raises:
-            CallError: the camera gives none; the text says why.
+            CallError: the camera gives none; the text is the reason.
 
         """
 
@@ -122,7 +122,7 @@ class VideoCamera:
         return bytes(png.tobytes())
 
     def close(self) -> None:
-        """Let the device go."""
+        """Release the device."""
         self._device.release()
 
 
@@ -137,7 +137,7 @@ def open_backend(env: Environment, interface: str, channel: str, timeout_s: floa
     """Open a camera.
 
     Raises:
-        HardwareAbsent: there is none; the text says why.
+        HardwareAbsent: there is none; the text is the reason.
 
     """
     if interface not in BACKENDS:

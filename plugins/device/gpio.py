@@ -23,7 +23,7 @@ DEBOUNCE_S_MAX = 0.1
 
 
 class Pull(StrEnum):
-    """The chip's own resistor, which says what an open line reads as."""
+    """The chip's resistor, which decides the level of an open line."""
 
     UP = "up"
     DOWN = "down"
@@ -47,7 +47,7 @@ class InputLines:
         pull: the resistor on all of them.
         is_low_active: whether `read` is true for a low level.
         debounce_s: changes that last less are not seen; 0 for all.
-        consumer: who uses them, as `gpioinfo` shows it.
+        consumer: name of their user, as `gpioinfo` shows it.
 
     """
 
@@ -118,10 +118,13 @@ class BumperContact(Checked, frozen=True, forbid_unknown_fields=True):
 
 
 class GpioBumpers(Device):
-    """Tells each change of the contacts. It measures no ranges."""
+    """Reports each change of the contacts.
+
+    It measures no ranges.
+    """
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """Contacts that close to ground when they are pressed, unless said otherwise."""
+        """Contacts that close to ground when they are pressed, unless configured otherwise."""
 
         chip: ChipPath = "/dev/gpiochip0"
         contacts: Annotated[tuple[BumperContact, ...], Meta(max_length=CONTACTS_MAX)] = ()
@@ -192,7 +195,7 @@ class EmergencyStopInterface(Protocol):
     changed: Event[ButtonChange]
 
     def why_pressed(self) -> str:
-        """Why the robot has to stand, in words; empty if the button is released."""
+        """Reason why the robot has to stand, in words; empty if the button is released."""
 
 
 LINES_MAX = 4
@@ -221,7 +224,7 @@ class StopButton:
             self._lines.close()
 
     def read(self) -> str:
-        """Why the robot has to stand, in words; empty if all contacts are closed (GpioAbsent if not to be read)."""
+        """Reason why the robot has to stand; empty if all contacts are closed (GpioAbsent if they are unreadable)."""
         with self._using:
             was_open = self._lines.is_open
             if not was_open:
@@ -253,7 +256,7 @@ class GpioEmergencyStop(Device):
         wired_to: Literal["ground", "supply"] = "ground"
         """The potential to which a closed contact connects its line."""
         own_pull: bool = True
-        """Whether the chip's resistor pulls an open line the other way; false if the board has resistors."""
+        """Whether the chip's resistor pulls an open line to the other level; false if the board has resistors."""
         debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
 
         def __post_init__(self) -> None:
@@ -300,7 +303,7 @@ class GpioEmergencyStop(Device):
 
     @external
     def why_pressed(self) -> str:
-        """Why the robot has to stand, in words; empty if the button is released."""
+        """Reason why the robot has to stand, in words; empty if the button is released."""
         return self._button.why_not_resume()
 
     def _check(self) -> None:

@@ -18,7 +18,7 @@ class ImuMotion(NamedTuple):
 
 
 class ImuCodec(Protocol):
-    """Finds the measurements in a stream of bytes; it keeps what is incomplete, of bounded length."""
+    """Finds the measurements in a stream of bytes; it keeps incomplete bytes, of bounded length."""
 
     rejected: int
     """Frames or lines with a wrong checksum, or that cannot be read."""
@@ -30,7 +30,7 @@ class ImuCodec(Protocol):
 
 
 class ImuAbsent(OSError):
-    """The unit is not there, or says nothing."""
+    """The unit is not there, or is silent."""
 
 
 class ImuContradicted(Exception):

@@ -27,7 +27,7 @@ SENSORS_MAX = 12
 NO_ECHO_M = 2.55
 """Range in a frame that means no echo."""
 BUMP_SECTORS = 8
-"""A contact each; the first looks straight ahead, and covers 22.5° to either side."""
+"""A contact each; the first points straight ahead, and covers 22.5° to either side."""
 
 
 def bump_sector(direction_rad: float) -> int:
@@ -40,7 +40,7 @@ def bump_sector(direction_rad: float) -> int:
 
 
 def bump_directions_rad(contacts: int) -> list[float]:
-    """Where the contacts look that are pressed, in (−π, π], from the bits of a frame.
+    """Directions of the pressed contacts, in (−π, π], from the bits of a frame.
 
     >>> bump_directions_rad(0b100) == [math.pi / 2]
     True
@@ -55,7 +55,7 @@ def bump_directions_rad(contacts: int) -> list[float]:
 class RangeRing(msgspec.Struct, frozen=True):
     """One measurement of all range sensors, robot's frame.
 
-    A range is the distance from the hull, along its sensor's direction; `range_max_m` means that nothing was heard.
+    A range is the distance from the hull, along its sensor's direction; `range_max_m` means no echo.
     """
 
     stamp_ns: int

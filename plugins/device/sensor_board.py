@@ -1,4 +1,4 @@
-"""Sensor board: what a mote senses, sensed by the robot itself; asked when wanted.
+"""Sensor board: the measurements of a mote, made by the robot itself on request.
 
 Only the simulator's is there: another board is another class with the same interface.
 """
@@ -23,13 +23,13 @@ class Sensed(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SensorBoardInterface(Protocol):
-    """Measures what motes measure, when asked."""
+    """Measures the quantities of motes, on request."""
 
     def measure(self) -> Sensed:
         """Measure now.
 
         Raises:
-            CallError: the board does not answer; the text says why.
+            CallError: the board does not answer; the text is the reason.
 
         """
 

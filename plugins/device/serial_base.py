@@ -40,7 +40,7 @@ class WheelCodec(Protocol):
         """Ask for the counts; empty if the controller sends them by itself."""
 
     def feed(self, data: bytes) -> list[tuple[int, ...]]:
-        """Take in bytes as they came; the counts of all wheels in each report that they complete."""
+        """Read bytes as they came; returns the counts of all wheels in each report that they complete."""
 
 
 class LineWords(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -63,7 +63,7 @@ class LineWords(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     scale: float = 1.0
     """A value in the command for one in that unit: counts per turn / 30 for ROSArduinoBridge with `turns/s`."""
     signs: Annotated[tuple[Sign, ...], Meta(min_length=1, max_length=SIGNALS_MAX)] = (1,)
-    """-1 for a wheel that is mounted the other way round, for commands and counts; of a car for counts alone."""
+    """-1 for a wheel that is mounted in reverse, for commands and counts; of a car for counts alone."""
     command_signs: Annotated[tuple[Sign, ...], Meta(max_length=SIGNALS_MAX)] = ()
     """Of the commands, one for all or one for each; those of `signs` if empty, of a car 1."""
     count_bits: Annotated[int, Meta(ge=8, le=64)] = 32
@@ -186,7 +186,7 @@ class SerialBase(WheelDevice):
     """Turns velocities into lines or frames on a serial line, and counts into odometry."""
 
     class Parameters(WheelDevice.Parameters, Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-        """The line, and what is spoken on it."""
+        """The line, and its protocol."""
 
         base: WheelBase = Differential(wheel_radius_m=0.033, track_m=0.16, encoder_ticks_per_turn=1440)
         port: str = "/dev/base"
@@ -263,7 +263,7 @@ class WheelSerialLink:
         self._noise_ns = 0
         """When the first of these bytes came, once the controller has had time to start."""
         self._is_cut = False
-        """Whether the line has taken only a part of what was written last."""
+        """Whether the line has accepted only a part of the last write."""
 
     def command(self, values: Sequence[float]) -> None:
         """As WheelLink."""

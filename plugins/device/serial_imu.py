@@ -96,7 +96,7 @@ class LineChecksum(StrEnum):
 
 
 class LineFormat(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the lines look."""
+    """Format of the lines."""
 
     prefix: Annotated[str, Meta(max_length=32)] = ""
     """Lines that begin otherwise are ignored; columns are counted from behind it."""
@@ -115,7 +115,7 @@ class ImuLineCodec:
     """See ImuCodec.
 
     Args:
-        wanted: how the lines look.
+        wanted: format of the lines.
 
     """
 
@@ -125,7 +125,7 @@ class ImuLineCodec:
         self._prefix, self._separator = wanted.prefix.encode(), wanted.separator.encode()
         self._left = b""
         self._skips = True
-        """Until the next line begins: the first one may have begun before it was heard."""
+        """Until the next line begins: the first one may have begun before the port was open."""
 
     def feed(self, data: bytes) -> list[ImuMotion]:
         """As ImuCodec."""
@@ -192,7 +192,7 @@ class ImuCounters(msgspec.Struct, frozen=True):
 
     samples: int
     rejected: int
-    """Frames or lines with a wrong checksum, or that cannot be read, or beyond what a unit can measure."""
+    """Frames or lines with a wrong checksum, or that cannot be read, or beyond the range of a unit."""
     stray_bytes: int
 
 
@@ -200,7 +200,7 @@ class SerialImu(Device):
     """Reads a unit's turn rate and acceleration, and leaves the turn rate to the odometry."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """The line, what is spoken on it, and how the unit is mounted."""
+        """The line, its protocol, and the mount of the unit."""
 
         port: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/imu"
         """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:imu` is the simulator's."""

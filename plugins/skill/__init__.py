@@ -1,1 +1,1 @@
-"""Skills: plugins that know how to do something."""
+"""Skills: plugins that estimate, map and plan."""

@@ -1,4 +1,4 @@
-"""Energy: learns from the battery and the wheels what things cost, and tells what work will cost."""
+"""Energy: learns energy costs from the battery and the wheels, and estimates the cost of work."""
 
 import math
 from typing import Protocol
@@ -22,7 +22,7 @@ class EnergyInterface(Protocol):
         """Lower 95 % bound of the energy before the cut-off; 0 while the battery is unknown."""
 
     def outcome(self, work: Work, cost_j: float) -> None:
-        """Report what work that went as planned has cost; it adjusts later estimates of ways."""
+        """Report the cost of work that went as planned; it adjusts later estimates of paths."""
 
     def power_w(self) -> float:
         """Power drawn, averaged over some seconds; the manifest's standing power before the first measurement."""
@@ -87,7 +87,7 @@ class Energy(Skill):
         return self._current_model()
 
     def outcome(self, work: Work, cost_j: float) -> None:
-        """Report what work that went as planned has cost; it adjusts later estimates of ways."""
+        """Report the cost of work that went as planned; it adjusts later estimates of paths."""
         self._consumption.compare(work, cost_j)
         self._model = None
 

@@ -1,4 +1,4 @@
-"""Home: what a robot knows of chargers and of where it started, in one place for all behaviors."""
+"""Home: the robot's known chargers and its start, in one place for all behaviors."""
 
 import math
 from typing import Protocol
@@ -24,19 +24,19 @@ class ChargerPlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class HomeInterface(Protocol):
-    """The chargers that the robot knows, and the place that it started from."""
+    """The robot's known chargers, and its start."""
 
     asked: Event[str]
     """The robot should go home now; why."""
 
     def chargers(self) -> list[ChargerPlace]:
-        """All that are known; those of the manifest first."""
+        """All known chargers; those of the manifest first."""
 
     def learn(self, charger: ChargerPlace) -> None:
-        """Know one more, as from a task; one that is known already is not taken twice."""
+        """Add a charger, as from a task; a known one is not added twice."""
 
     def start(self) -> Point2D | None:
-        """Where the robot started, arena frame, as far as it knows now; None before it knows where it is."""
+        """Estimated start of the robot, arena frame; None before it knows its place."""
 
     def ask(self, why: str) -> None:
         """Request that the robot goes home; the plugin that drives it there observes `asked`."""
@@ -51,7 +51,7 @@ class Home(Skill):
     """Knows the chargers and the robot's start."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """The chargers that the robot knows from the beginning."""
+        """The chargers that are known from the beginning."""
 
         chargers: list[ChargerPlace] = []
 

@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 
 
 class Divergence(msgspec.Struct, frozen=True, kw_only=True):
-    """The robot does not know any more where it is, or has found itself again."""
+    """The robot is lost, or is localised again."""
 
     is_lost: bool
     why: str
@@ -64,7 +64,7 @@ class LocalisationHealth(msgspec.Struct, frozen=True, kw_only=True):
     last_fit: float
     """Share of the last such scan's beams that ended at the map's walls."""
     scale_error: float
-    """Estimated errors of the odometry: of the way, …"""
+    """Estimated errors of the odometry: of the path, …"""
     curve_rad_per_m: float
     """… turning that it does not see, for each metre ahead, …"""
     turn_error: float
@@ -75,7 +75,7 @@ class LocalisationInterface(Protocol):
     """The robot's place in the team's frame."""
 
     diverged: Event[Divergence]
-    """Told when the robot is lost, and again when it has been found."""
+    """Sent when the robot is lost, and again when it is localised."""
 
     def pose(self) -> Pose2D:
         """T_arena_robot now."""
@@ -113,7 +113,7 @@ class OdometryErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def share(self) -> float:
-        """The errors by those of a base that nobody has measured, at most 1."""
+        """Ratio of the errors to those of an unmeasured base, at most 1."""
         return min(max(self.scale, self.curve_rad_per_m) / 0.03, 1.0)
 
 
@@ -124,7 +124,10 @@ class Localisation(Skill):
     """Estimates the robot's pose in the arena with its uncertainty, and detects that it is lost."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """Where the robot starts, arena frame, and what it is corrected by. Values that are no place are chosen."""
+        """The robot's start, arena frame, and the sources of corrections.
+
+        Values that are no place are chosen.
+        """
 
         x_m: float = 0.0
         y_m: float = 0.0
@@ -266,7 +269,7 @@ class Localisation(Skill):
         )
 
     def _where_it_was(self) -> tuple[Pose2D, float, float]:
-        """T_arena_odom with the sigmas of place and yaw: the start, or, after a pause, what was known, less surely."""
+        """T_arena_odom with the sigmas of place and yaw: the start, or, after a pause, the widened estimate."""
         start, board = self.parameters, self.env.board
         if board.T_arena_odom is None or len(board.pose_covariance) != 9:
             return Pose2D(start.x_m, start.y_m, start.yaw_rad), start.start_sigma_m, start.start_sigma_rad
@@ -413,7 +416,7 @@ class Localisation(Skill):
         self._centre()
         localiser, board = self._localiser, self.env.board
         reported, maps = localiser.estimate(), self.parameters.scan_matching
-        # Until something has corrected it, the frame stays what it was, to the last bit.
+        # Without a correction, the frame stays unchanged, to the last bit.
         if self._signals or self._matches or self._is_corrected:
             self._T_arena_odom = reported.pose.compose(self._odometry.inverse())
         board.T_arena_odom = self._T_arena_odom

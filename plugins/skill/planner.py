@@ -1,4 +1,4 @@
-"""Planner: cheapest paths on the inflated map, and ways out of the way of others."""
+"""Planner: cheapest paths on the inflated map, and paths to refuges."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal, Protocol
@@ -60,7 +60,7 @@ class PlannerInterface(Protocol):
         """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
 
     def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
-        """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
+        """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
 
 
 class Planner(Skill):
@@ -124,7 +124,7 @@ class Planner(Skill):
         near_m = view.geometry.resolution_m
         if self._navigation(view).snap(place, near_m) is not None:
             return False
-        return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # else it is unknown or shut
+        return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # or it is unknown or closed
 
     def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
         """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
@@ -134,7 +134,7 @@ class Planner(Skill):
         return None if cell is None else grid.geometry.center_of(*cell)
 
     def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
-        """How many of `positions` (N, 2) on a path precede the first that is too near to a known obstacle."""
+        """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
         checked = self._grids.get(is_narrow)
         grid = checked.grid if checked is not None else self._navigation(view, is_narrow=is_narrow)
         return grid.clear_positions(view.classes, positions)

@@ -1,4 +1,4 @@
-"""Battery: state of charge and energy left, with an interval, from measurements that are doubted first."""
+"""Battery: state of charge and remaining energy, with an interval, from checked measurements."""
 
 from typing import Protocol
 
@@ -17,7 +17,7 @@ from robrain.protocol.model.ranges import Share
 
 
 class BatteryAlarm(msgspec.Struct, frozen=True):
-    """Something about the battery that others should know."""
+    """An event of the battery for other plugins."""
 
     why: str
     soc: float
@@ -26,7 +26,7 @@ class BatteryAlarm(msgspec.Struct, frozen=True):
 
 
 class BatteryInterface(Protocol):
-    """How much is left, and what is drawn."""
+    """Remaining energy, and power drawn."""
 
     low: Event[BatteryAlarm]
     cut_off: Event[BatteryAlarm]
@@ -48,7 +48,10 @@ class Battery(Unit):
     """Estimates the remaining energy, and warns when it is low or unknown."""
 
     class Parameters(PackModel, frozen=True, kw_only=True, forbid_unknown_fields=True):
-        """The pack's datasheet, when to warn, and what is not believed. Chosen; set those of your battery."""
+        """The pack's datasheet, warning levels, and limits of belief.
+
+        Chosen; set those of your battery.
+        """
 
         soc_at_start: Share | None = None
         """Estimated from the voltage if absent."""
@@ -123,7 +126,7 @@ class Battery(Unit):
             voltage_v=measured.voltage_v,
             current_a=measured.current_a,
             temperature_c=measured.temperature_c,
-            # More digits than are known would only travel.
+            # More digits would exceed the accuracy.
             soc=round(soc, 5),
             remaining_j=round(remaining_j, 1),
             remaining_low_j=round(low_j, 1),

@@ -39,7 +39,7 @@ class Terminal:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop reading; a command that takes too long is left behind."""
+        """Stop reading; a command that takes too long is abandoned."""
         self._wake.close()
         if self._thread is not threading.current_thread():  # the command may be what closes it
             self._thread.join(CLOSE_TIMEOUT_S)

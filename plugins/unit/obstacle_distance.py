@@ -1,7 +1,7 @@
 """Obstacle distance: the nearest obstacle in each direction, by lidar and range sensors together.
 
-It is worked out when somebody asks, so that it costs nothing otherwise. Sensors that are not fresh are left out and not
-named in the answer. The robot's own motion since the measurement (some centimetres) is not made up for.
+It is computed on request, so that it costs nothing otherwise. Sensors that are not fresh are omitted and not named in
+the answer. The robot's own motion since the measurement (some centimetres) is not made up for.
 """
 
 import math
@@ -43,7 +43,7 @@ FROZEN_M, FROZEN_RAD = 0.08, 0.08
 BUMPED_RAD = math.radians(80.0)
 """The robot does not drive within this angle of a touched direction."""
 SQUEEZED_GAP_M = 0.03
-"""In a narrow place the robot's edge stays this far from what is ahead."""
+"""In a narrow place the robot's edge keeps this distance from obstacles ahead."""
 
 
 def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> "Points":
@@ -67,7 +67,7 @@ def scan_points_m(scan: LaserScan, seen_from: Pose2D) -> "Points":
 def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) -> "Points":
     """Echoes of the range sensors (2, N), on their axes, in the frame of the pose of the measurement.
 
-    `before` is the measurement before: an echo that is missing once does not open the way.
+    `before` is the measurement before: an echo that is missing once does not free the path.
     """
     xs_m: list[float] = []
     ys_m: list[float] = []
@@ -120,7 +120,7 @@ class ObstaclePoints:
         self.scan_m = points_of([], [])
         """Points seen by the lidar; (2, N), frame odom."""
         self.ring_m = points_of([], [])
-        """Points heard by the range sensors, each on its sensor's axis; (2, N), frame odom."""
+        """Echoes of the range sensors, each on its sensor's axis; (2, N), frame odom."""
         self.is_frozen = False
         """Whether the lidar is frozen, by the last scan."""
         self._pose_at = pose_at
@@ -129,7 +129,7 @@ class ObstaclePoints:
         self._before: RangeRing | None = None
 
     def update(self, scan: LaserScan | None, ring: RangeRing | None, now_ns: int) -> str:
-        """Take what is new; why the robot is blind, nothing if it sees."""
+        """Read new data; returns the reason why the robot is blind, empty if it sees."""
         has_changed = False
         if scan is not None and scan.stamp_ns != self._scan_ns:
             self._scan_ns = scan.stamp_ns
@@ -160,10 +160,10 @@ class Lookout:
     """Keeps the latest sensor data and answers how far a direction is free.
 
     Args:
-        moc: tells where the robot was when something was seen, and how large it is.
-        scan: the lidar; told if it is frozen.
+        moc: gives the robot's pose at a measurement, and its size.
+        scan: the lidar; informed if it is frozen.
         ranges: the range sensors and bump contacts.
-        stop_distance_m: the robot's edge is to stay this far from what is ahead.
+        stop_distance_m: distance that the robot's edge keeps from obstacles ahead.
 
     """
 
@@ -200,7 +200,7 @@ class Lookout:
     def passage(self, pose: Pose2D, heading_rad: float) -> Passage:
         """The room for squeezing straight ahead through a narrow place, by the lidar.
 
-        Range sensors do not tell directions within their cone, so they count only for what is straight ahead.
+        Range sensors give no direction within their cone, so they count only for obstacles straight ahead.
         """
         found = passage(self._obstacles.scan_m, pose.x_m, pose.y_m, heading_rad, self._radius_m)
         free_m = min(found.free_m, self._reach_of_lookout_m(pose, heading_rad)) - SQUEEZED_GAP_M
@@ -209,7 +209,7 @@ class Lookout:
     def hold_off(
         self, pose: Pose2D, velocity_m_s: tuple[float, float], keep_m: float, per_s: float
     ) -> tuple[float, float]:
-        """The velocity (x, y), frame odom, less what would bring the hull within `keep_m` of what the lidar sees."""
+        """The velocity (x, y), frame odom, less its part towards lidar points within `keep_m` of the hull."""
         x_m_s, y_m_s = velocity_m_s
         if math.hypot(x_m_s, y_m_s) > 0.0 and self._is_touched(pose, math.atan2(y_m_s, x_m_s)):
             return 0.0, 0.0

@@ -53,8 +53,8 @@ class LineProcess:
         command: program and arguments.
         folder: where it runs; here if None.
         environment: variables beside those of this process.
-        max_line_bytes: longer lines are left out.
-        on_line: told of each line that it says, on a thread of the process's own; False if it is to be left out.
+        max_line_bytes: longer lines are skipped.
+        on_line: receives each line of the program, on a separate thread of the process; returns False to skip it.
 
     Raises:
         OSError: it cannot be started.
@@ -79,7 +79,7 @@ class LineProcess:
         self._stated: deque[str] = deque(maxlen=WAITING_LINES)
         self._change = threading.Condition()
         self.is_silent = False
-        """Whether it has closed its output, so that it will say no more."""
+        """Whether it has closed its output, so that no more lines come."""
         self._group = ProcessGroup(
             command,
             stdin=subprocess.PIPE,
@@ -131,12 +131,12 @@ class LineProcess:
         return True
 
     def forget(self) -> None:
-        """Lines that it has said so far answer nothing."""
+        """Earlier lines of the program answer nothing."""
         with self._change:
             self._stated.clear()
 
     def next_line(self, limit_s: float) -> str | None:
-        """The next line that it says; None if none comes in time, or none will come any more."""
+        """The next line of the program; None if none comes in time, or the output is closed."""
         with self._change:
             self._change.wait_for(lambda: bool(self._stated) or self.is_silent, limit_s)
             return self._stated.popleft() if self._stated else None
@@ -147,7 +147,7 @@ class LineProcess:
         self._group.wait(END_TIMEOUT_S)
         self.kill()
         for thread in self._threads:
-            # Something that left the group may hold the other end open: its thread is left behind, and closes then.
+            # Something that left the group may hold the other end open: its thread is abandoned, and closes then.
             thread.join(END_TIMEOUT_S)
         if self._group.process.stdin is not None:
             self._group.process.stdin.close()
@@ -208,7 +208,7 @@ class Lines:
     Args:
         number: the file descriptor.
         max_bytes: of one line.
-        on_too_long: told of each line that is longer, and left out.
+        on_too_long: called for each longer line, which is skipped.
 
     """
 
@@ -254,7 +254,7 @@ class Lines:
 
 
 class ProgramAbsent(HardwareAbsent):
-    """There is no such executable; the plugin is left out as if its hardware were absent."""
+    """There is no such executable; the plugin is omitted as if its hardware were absent."""
 
 
 class BadLine(PluginError):
@@ -285,14 +285,14 @@ class Running(StrEnum):
 
 
 class ProgramState(msgspec.Struct, frozen=True, kw_only=True):
-    """How a program stands."""
+    """State of a program."""
 
     running: Running
     pid: int | None = None
     restarts: int = 0
     """Restarts since it last ran for a while."""
     lines: int = 0
-    """Lines that it has said."""
+    """Lines that it has written."""
     lines_left_out: int = 0
     """Lines that were too long, or no JSON where JSON was expected."""
     why: str = ""
@@ -306,13 +306,13 @@ class ProgramInterface(Protocol):
     """Each line of the program's standard output, also those that answer a `send`."""
 
     def send(self, text: str) -> str:
-        """Give the program one line and return the next one that it says."""
+        """Give the program one line and return the next line that it writes."""
 
     def tell(self, text: str) -> None:
-        """Give the program one line; whatever it says comes as `said`."""
+        """Give the program one line; its lines come as `said`."""
 
     def state(self) -> ProgramState:
-        """How the program stands."""
+        """State of the program."""
 
 
 logger = logging.getLogger(__name__)
@@ -333,15 +333,18 @@ class Program(Unit):
     """Runs a program and speaks with it in lines, over its standard input and output."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """Lines are UTF-8. With `json` each line is a JSON document, and what is none is refused or left out."""
+        """Lines are UTF-8.
+
+        With `json` each line is a JSON document, and other lines are refused or skipped.
+        """
 
         command: list[str]
         input: Form = "lines"
         output: Form = "lines"
         time_limit_s: Positive = 2.0
-        """A program that takes longer to answer is killed: its next line would be taken for the wrong answer."""
+        """A program that takes longer to answer is killed: its next line would count as the wrong answer."""
         restart: Literal["no", "on-failure"] = "no"
-        """After an exit status other than 0, a signal or a late answer; else the plugin is faulted."""
+        """After an exit status other than 0, a signal or a late answer; otherwise the plugin is faulted."""
         restart_limit: NotNegativeInt = 5
         """Number of consecutive restarts after which the plugin is faulted."""
         folder: str = ""
@@ -398,7 +401,7 @@ class Program(Unit):
 
     @external
     def send(self, text: str) -> str:
-        """Give the program one line and return the next one that it says."""
+        """Give the program one line and return the next line that it writes."""
         process = self._running()
         line = self._line(text)
         process.forget()
@@ -410,7 +413,7 @@ class Program(Unit):
 
     @external
     def tell(self, text: str) -> None:
-        """Give the program one line; whatever it says comes as the event `said`."""
+        """Give the program one line; its lines come as the event `said`."""
         process = self._running()
         self._write(process, self._line(text))
 
@@ -515,7 +518,7 @@ class Program(Unit):
         )
 
     def _receive(self, line: str) -> bool:
-        """A line that the program says, on the thread that reads it."""
+        """Handle a line of the program, on the thread that reads it."""
         if self.parameters.output == "json":
             try:
                 msgspec.json.decode(line.encode(errors="replace"), type=msgspec.Raw)

@@ -32,9 +32,9 @@ MAX_LINE_BYTES = 4096
 class Conversation:
     """Turns received bytes into answers.
 
-    A line ends with a line feed, or with carriage return and line feed. One that is too long, or not UTF-8, is
-    answered with an error; the rest of it is skipped and the conversation goes on. An answer is always one line:
-    breaks within it become ` | `.
+    A line ends with a line feed, or with carriage return and line feed. One that is too long, or not UTF-8, is answered
+    with an error; its rest is skipped and the session continues. An answer is always one line: breaks within it become
+    ` | `.
 
     Args:
         execute: answers one command, and never raises.
@@ -47,7 +47,7 @@ class Conversation:
         self._skipping = False
 
     def take(self, received: bytes) -> Iterator[bytes]:
-        """The answers to the lines that end in what was received."""
+        """The answers to the lines that end in the received bytes."""
         *ended, rest = received.split(b"\n")
         for part in ended:
             yield from self._line(part)
@@ -108,7 +108,7 @@ SEND_TIMEOUT_S = 5.0
 """A client that takes no answer for so long is cut off."""
 ACCEPT_PAUSE_S = 0.1
 CLOSE_TIMEOUT_S = 2.0
-"""A command that takes longer when the server closes is left behind."""
+"""A command that takes longer when the server closes is abandoned."""
 
 
 class _Client:
@@ -208,7 +208,7 @@ class LineServer:
                 logger.info("a client that was too many has gone")
 
     def _refuse(self, host: str) -> None:
-        """Count and tell that all places are taken; the oldest client that has never given a command loses its own."""
+        """Count and report a refusal; the oldest client that has never given a command loses its place."""
         self.refused += 1
         now_s = time.monotonic()
         if now_s - self._reported_s >= REPORT_S:

@@ -1,4 +1,4 @@
-"""Teammates: where the other robots are, where they go and whether they still move, by what they publish."""
+"""Teammates: places, paths and motion of the other robots, by their messages."""
 
 import itertools
 import math
@@ -56,17 +56,16 @@ class Doing(StrEnum):
 
 
 class Mate(msgspec.Struct, frozen=True, eq=False):
-    """Another robot as one that drives has to reckon with it."""
+    """Another robot, as seen by a robot that drives."""
 
     name: str
     pose: Pose2D
     radius_m: float
-    """Larger than it is for one that does not know where it is."""
+    """Larger than the true radius for a lost robot."""
     doing: Doing
     claim: Claim
     track: Track
-    """Its way still to go; its `keep_m` is this teammate's radius alone, and `goes_first` is for the asker to fill in.
-    """
+    """Its remaining path; its `keep_m` is this teammate's radius alone, and the user fills in `goes_first`."""
     task: str
     """The id of the task that it is at; empty if none."""
     bound: Point2D
@@ -74,7 +73,7 @@ class Mate(msgspec.Struct, frozen=True, eq=False):
     behavior: str = ""
     """Behavior that drives the robot."""
     endurance_s: float = math.inf
-    """For how long its battery surely lasts at what it usually draws; inf if it does not say."""
+    """Guaranteed time of its battery at its usual power; inf if it reports none."""
     rank: Rank | None = None
     """`claim.rank(name)`, if it has been computed."""
 
@@ -86,13 +85,13 @@ class TeammatesInterface(Protocol):
     """
 
     def others(self) -> list[Teammate]:
-        """Those heard within the last two seconds, by name, in the robot's map frame."""
+        """Robots received within the last two seconds, by name, in the robot's map frame."""
 
     def in_frame(self, frame: MapFrame) -> list[Teammate]:
-        """Those heard within the last two seconds that tell their poses in a map frame, by name."""
+        """Robots received within the last two seconds with poses in a map frame, by name."""
 
     def count(self) -> int:
-        """How many were heard within the last two seconds, in whichever map frame."""
+        """Number of robots received within the last two seconds, in any map frame."""
 
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
@@ -106,15 +105,15 @@ TEAMMATES_MAX = 4096
 MOVED_M = 0.1
 """Less than this is no motion."""
 AT_END = 3
-"""Positions left of a way that is as good as driven: 0.2 m, as near as drivers get."""
+"""Remaining positions of a path that counts as driven: 0.2 m, as near as drivers get."""
 AHEAD = round(TEAMMATE_AHEAD_M / STEP_M)
-"""Positions of a way that are looked at."""
+"""Number of checked positions of a path."""
 ROLLS_M_S = 0.1
 ROLLS_S = 1.5
 """Time that a robot faster than `ROLLS_M_S` without a path is assumed to go straight on."""
 LEAST_W = 0.1
 LOST_MARGIN_M = 0.5
-"""Kept from a teammate that does not know where it is, beyond its radius; chosen."""
+"""Distance kept from a lost teammate, beyond its radius; chosen."""
 
 
 Box = tuple[float, float, float, float]
@@ -134,13 +133,13 @@ class KnownTeammate:
     def __init__(self, name: str, stalled_ns: int, speed_m_s: float) -> None:
         self.name = name
         self.heard_ns = 0
-        """When its state was heard last."""
+        """Time of the last reception of its state."""
         self.spoke_ns = 0
         """When anything was."""
         self.teammate: Teammate | None = None
-        """None before it has told where it is."""
+        """None before it has published its pose."""
         self.frame = ARENA
-        """The map frame in which it tells that."""
+        """The map frame of its pose."""
         self.state: RobotState | None = None
         """The last with a pose."""
         self.way: Floats | None = None
@@ -161,10 +160,10 @@ class KnownTeammate:
         self.stalled_ns = stalled_ns
         self.default_speed_m_s = speed_m_s
         self.mate: Mate | None = None
-        """As reckoned last; None if it has said anything new since."""
+        """The last prediction; None after a newer message."""
 
 
-# Each of these takes all teammates at once: calls are what a large team costs.
+# Each of these handles all teammates at once: calls dominate the cost of a large team.
 
 
 def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns: int) -> None:
@@ -209,7 +208,7 @@ def _path_of(path: PlannedPath) -> tuple[Floats, Box]:
 
 
 def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> list[Mate]:
-    """Mates as they are to be reckoned with, those left out that have not told where they are."""
+    """Predictions of the teammates, without those that have not published their pose."""
     placed = [known for known in teammates if known.teammate is not None]
     silent_ns = now_ns - fresh_ns
     stale = [known for known in placed if known.mate is None or known.heard_ns < silent_ns]
@@ -256,7 +255,7 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
 
 
 def _pass_on(teammates: Iterable[KnownTeammate]) -> None:
-    """Note how far teammates have come along their ways."""
+    """Record the progress of teammates along their paths."""
     driving, routes, passed, places = [], [], [], []
     for known in teammates:
         if known.way is not None and known.teammate is not None:
@@ -309,7 +308,7 @@ class Teammates(Unit):
     """Tracks places and paths of the other robots."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """When a teammate counts as lost, and for how long.
+        """Limits for silent and stalled teammates.
 
         All are chosen.
         """
@@ -345,11 +344,11 @@ class Teammates(Unit):
 
     @external
     def others(self) -> list[Teammate]:
-        """Those heard within the last two seconds, by name, in the robot's map frame."""
+        """Robots received within the last two seconds, by name, in the robot's map frame."""
         return self.in_frame(self.env.board.frame)
 
     def in_frame(self, frame: MapFrame) -> list[Teammate]:
-        """Those heard within the last two seconds that tell their poses in a map frame, by name."""
+        """Robots received within the last two seconds with poses in a map frame, by name."""
         now_ns = self._receive()
         return [
             known.teammate
@@ -358,7 +357,7 @@ class Teammates(Unit):
         ]
 
     def count(self) -> int:
-        """How many were heard within the last two seconds, in whichever map frame."""
+        """Number of robots received within the last two seconds, in any map frame."""
         now_ns = self._receive()
         return sum(now_ns - known.heard_ns <= self._fresh_ns for known in self._known.values())
 

@@ -78,7 +78,7 @@ class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class BatteryMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """All of it, with what the frames have in common.
+    """Parameters, including those that the frames have in common.
 
     Raises ValueError where a quantity is reported twice, or no voltage.
     """
@@ -95,7 +95,7 @@ class BatteryMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
             },
         ),
     )
-    """Each frame with the voltage is a measurement; the others have what is taken with the next one."""
+    """Each frame with the voltage is a measurement; values of the other frames belong to the next one."""
     current_sign: Sign = 1
     """-1 if the battery reports a current that is positive while charging."""
     current_a: float = 1.0

@@ -54,9 +54,9 @@ class InaBattery(PolledBattery):
         shunt_ohm: Annotated[float, Meta(gt=0, lt=1000.0)] = 0.1
         """Of the resistor that the current flows through; 0.1 on the usual boards."""
         current_sign: Literal[1, -1] = 1
-        """-1 if the shunt is connected the other way round: positive is discharging."""
+        """-1 if the shunt is connected in reverse: positive is discharging."""
         temperature_c: float = ASSUMED_C
-        """Taken for the battery's, which is not measured."""
+        """Assumed temperature of the battery, which is not measured."""
 
     parameters: Parameters
 
@@ -187,7 +187,7 @@ class SmartBattery(PolledBattery):
             -signed * self._amperes,  # the battery's is positive while charging
             0.1 * temperature + ABSOLUTE_ZERO_C,
             percent / 100 if error_percent <= 100 else None,
-            soc_sd=max(SOC_SD_LEAST, error_percent / 200),  # the error is taken for two standard deviations
+            soc_sd=max(SOC_SD_LEAST, error_percent / 200),  # the error counts as two standard deviations
         )
 
     @external

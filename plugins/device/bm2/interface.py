@@ -77,10 +77,10 @@ def plausible(
         assumed_a: stands for the current; None if there must be one.
         assumed_c: stands for the temperature.
         soc_sd: standard deviation of `soc`; None for a battery that never reports it.
-        is_charging: what the battery says, which decides the sign of the current; None if it does not say.
+        is_charging: the battery's status, which decides the sign of the current; None without one.
 
     Raises:
-        BadReading: naming the value and what was expected.
+        BadReading: naming the value and the expected range.
 
     """
     if not 0.0 < voltage_v <= VOLTAGE_MAX_V:
@@ -112,9 +112,9 @@ def counted(
     *,
     gap_s: float,
 ) -> BatteryMeasurement:
-    """A measurement with what was drawn until then: it is the mean of the time since the one before.
+    """A measurement with the charge drawn until then: it is the mean of the time since the one before.
 
-    A time longer than `gap_s` is not counted, because nobody knows what was drawn meanwhile.
+    A time longer than `gap_s` is not counted, because the charge drawn meanwhile is unknown.
     """
     charge_c, energy_j, from_ns = 0.0, 0.0, stamp_ns
     if before is not None:

@@ -1,6 +1,6 @@
 """Common part of all polled batteries, for any values and any bus.
 
-A reading that fails is tried again at the next step, with the bus opened again; `battery` goes on by its estimate
+A reading that fails is tried again at the next step, with the bus opened again; `battery` continues by its estimate
 meanwhile. After `silent_s` without a reading the device faults, and the manifest's restart policy tries until the
 battery answers.
 """
@@ -62,7 +62,7 @@ class PolledBattery(Device):
     """Name of the polled battery, such as `the smart battery at /dev/i2c-1, 0x0b`."""
 
     def open(self) -> None:
-        """Open what the battery is read by (OSError if that fails)."""
+        """Open the battery's bus or files (OSError if that fails)."""
         raise NotImplementedError
 
     def close(self) -> None:
@@ -146,14 +146,14 @@ MICRO = 1e-6
 NO_VALUE = (errno.ENODATA, errno.EINVAL, errno.EOPNOTSUPP)
 """Errors of drivers for an existing file that has no value at the moment."""
 CHARGING, DISCHARGING, IDLE = "Charging", "Discharging", ("Full", "Not charging")
-"""Status files; they decide the sign of the current, which drivers report in either way."""
+"""Status files; they decide the sign of the current, which drivers report with either sign."""
 
 
 class PowerSupply(PolledBattery):
     """Reads a battery of the kernel's power supply class."""
 
     class Parameters(PolledBattery.Parameters, Checked, frozen=True, forbid_unknown_fields=True):
-        """Which battery, and what is taken for measured where it is not."""
+        """The battery, and assumed values of unmeasured quantities."""
 
         name: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.:-]*$|^$")] = ""
         """Of the folder, such as `BAT0`; empty: the first battery that supplies the computer."""

@@ -77,7 +77,7 @@ class FrameSignals(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     units: tuple[SignalUnit, ...] = (SignalUnit.RAD_S,)
     """One for each signal, or one for all."""
     signs: tuple[Sign, ...] = (1,)
-    """-1 for a wheel whose motor or encoder turns the other way; one for each signal, or one for all."""
+    """-1 for a wheel whose motor or encoder turns in reverse; one for each signal, or one for all."""
 
     def __post_init__(self) -> None:
         for name in ("units", "signs"):
@@ -100,11 +100,11 @@ class StatusFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Empty if there is none."""
     state: SignalName = "state"
     failed: tuple[int, ...] = (3,)
-    """Values of `state` that say that the power stage has failed."""
+    """Values of `state` that mean that the power stage has failed."""
 
 
 class FrameMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """All of it, with what the frames have in common."""
+    """Parameters, including those that the frames have in common."""
 
     dbc: Annotated[str, Meta(min_length=1, max_length=4096)] = "robertino"
     """Path of the DBC file; or `robertino`, `two_wheels`, `four_wheels` or `car`, which come with robrain."""

@@ -18,7 +18,7 @@ class BusFault(MotionFault):
 
 
 class MotorFault(MotionFault):
-    """The controller is there, and says that it has failed."""
+    """The controller is there, and reports that it has failed."""
 
 
 class DriveCondition(msgspec.Struct, frozen=True):
@@ -35,7 +35,7 @@ class Counters(msgspec.Struct, frozen=True):
     rejected: int
     """Wrong length or checksum, or counts that wheels cannot have made."""
     foreign: int
-    """Frames that nobody on this robot's bus sends, and commands that another has given."""
+    """Frames that no device on this robot's bus sends, and commands of another sender."""
     lost: int
     """Encoder frames that never came, by the gaps in their counter."""
     errors: int
@@ -63,13 +63,13 @@ class MocDeviceInterface(Protocol):
         """Stop the wheels at once."""
 
     def is_fresh(self) -> bool:
-        """Whether the wheel encoders speak: without them nobody knows where the robot goes."""
+        """Whether the wheel encoders report: without them the robot's motion is unknown."""
 
     def pose(self) -> Pose2D:
         """T_odom_robot from the wheel encoders; the robot starts at the origin of odom."""
 
     def pose_if_fresh(self) -> tuple[Pose2D, bool]:
-        """`pose` and `is_fresh` in one call, for who asks many times a second."""
+        """`pose` and `is_fresh` in one call, for users that poll many times a second."""
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
         """T_odom_robot at a time within the last five seconds; after `odometry_until_ns` it is the newest pose."""
@@ -87,7 +87,7 @@ class MocDeviceInterface(Protocol):
         """Radius of the round footprint."""
 
     def is_holonomic(self) -> bool:
-        """Whether the base can drive sideways; else the left part of a velocity is ignored."""
+        """Whether the base can drive sideways; otherwise the left part of a velocity is ignored."""
 
     def turn_radius_min_m(self) -> float:
         """Radius of the tightest turn; 0 for a base that turns on the spot."""

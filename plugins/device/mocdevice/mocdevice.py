@@ -44,8 +44,7 @@ class WheelFrame(NamedTuple):
 
     codec: Codec
     factors: tuple[float, ...]
-    """Commands: a signal's value for a base's value of 1 in SI units; encoders: the other way round, or the sign of a
-    count."""
+    """Commands: a signal's value for a base's value of 1 in SI units; encoders: the inverse, or the sign of a count."""
 
 
 class WheelFrames:
@@ -169,9 +168,9 @@ class CanLink:
 
     Args:
         bus: closed with the link.
-        frames: what is on it.
+        frames: the frames on it.
         plugin: the device, named in faults.
-        warn: told of a bus that is error passive.
+        warn: called for a bus that is error passive.
 
     """
 
@@ -320,7 +319,7 @@ class CanLink:
             counter = int(values[-1])
             lost = self._sequences[frame.identifier].note(counter)
             self._missing += lost if 0 in self._by_id[frame.identifier] else 0
-        if frame.stamp_ns - self._round_ns > self._round_most_ns:  # what is left is of a round that was not complete
+        if frame.stamp_ns - self._round_ns > self._round_most_ns:  # the remaining frames are of an incomplete round
             self._missing += self._parts[0] is not None
             self._parts = [None] * len(self._parts)
         if not any(self._parts):

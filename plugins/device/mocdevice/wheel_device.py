@@ -59,7 +59,7 @@ class WheelLink(Protocol):
     statuses: int
     """Number of statuses received."""
     has_failed: bool
-    """Whether the last status says that the power stage has failed."""
+    """Whether the last status reports a failed power stage."""
     broken: MotionFault | None
     """Why nothing can be sent or read any more; None if it can."""
 
@@ -108,11 +108,11 @@ class WheelOdometry(PoseTrack):
     """Adds up encoder counts to T_odom_robot.
 
     Args:
-        base: what the robot takes its base for.
-        wheel_speed_max_rad_s: what the wheels can do.
-        pose: where the odometry goes on from.
-        ticks: counts at that pose, if they are known; else the first counts are taken as standing there.
-        counting: what the counts mean; 16 bits of the base's encoders if None.
+        base: the robot's assumed base.
+        wheel_speed_max_rad_s: limits of the wheels.
+        pose: pose from which the odometry continues.
+        ticks: counts at that pose, if they are known; otherwise the first counts belong to it.
+        counting: meaning of the counts; 16 bits of the base's encoders if None.
         period_s: of the frames.
 
     """
@@ -153,13 +153,13 @@ class WheelOdometry(PoseTrack):
         self.velocity, self.turned_rad = STANDING, 0.0
         if before is not None and ticks != before:
             half, modulus = self._half, self._modulus
-            # The shortest way round the counter.
+            # The shortest difference on the wrapping counter.
             steps, turns, share = [], [], self._rad_per_tick  # plain loops: this runs for each frame
             for now, then in zip(ticks, before, strict=True):
                 step = (now - then + half) % modulus - half
                 steps.append(step)
                 turns.append(step * share)
-            # After a silence nobody knows how many frames are missing; the watchdog stops the wheels within a second.
+            # After a silence the number of missing frames is unknown; the watchdog stops the wheels within a second.
             frames = missing + 1 if since_ns is not None else 1.0 / self._period_s
             most = max(map(abs, steps))
             if most > frames * self._ticks_per_frame or (since_ns is None and self._begins_at_0(ticks, most)):
@@ -206,7 +206,7 @@ class WheelOdometry(PoseTrack):
 
 
 ACKNOWLEDGE_NS = to_ns(0.1)
-"""A status that left the controller before it heard an acknowledgement is not held against it."""
+"""A status that left the controller before it received an acknowledgement does not count against it."""
 
 
 ABSURD = 1e6
@@ -246,7 +246,7 @@ class WheelDevice(Device):
         """Time without counts after which the controller counts as gone; those of the Robertino come every 20 ms."""
 
     interface = WheelsInterface
-    period_s = 0.06  # and whenever somebody asks for the odometry
+    period_s = 0.06  # and at each request of the odometry
     parameters: Parameters
     condition = Event[DriveCondition](outside=True)
 
@@ -319,7 +319,7 @@ class WheelDevice(Device):
     def drive(self, twist: Twist2D) -> None:
         """Command a velocity, body frame. It holds for 200 ms; beyond the wheels' limit its direction is kept."""
         if self._is_again and self._received_ns is None:
-            return  # it may hear and not be heard: no motion before it has spoken
+            return  # it may receive but not send: no motion before its first message
         forward_m_s, left_m_s, yaw_rad_s = twist.forward_m_s, twist.left_m_s, twist.yaw_rad_s
         # Plain comparisons: this runs many times a second.
         if not (-ABSURD < forward_m_s < ABSURD and -ABSURD < left_m_s < ABSURD and -ABSURD < yaw_rad_s < ABSURD):
@@ -363,7 +363,7 @@ class WheelDevice(Device):
         return self._odometry.pose
 
     def pose_if_fresh(self) -> tuple[Pose2D, bool]:
-        """`pose` and `is_fresh` in one call, for who asks many times a second."""
+        """`pose` and `is_fresh` in one call, for users that poll many times a second."""
         if self._pending:
             self._catch_up()
         received_ns = self._received_ns
@@ -425,7 +425,10 @@ class WheelDevice(Device):
         return self._gyro.bias_rad_s if self._gyro.is_used else None
 
     def _catch_up(self) -> None:
-        """Take in what has arrived. The device's own step raises a fault of the bus, never a caller's call."""
+        """Read the arrived reports.
+
+        The device's own step raises a fault of the bus, never a caller's call.
+        """
         link = self._link
         if link is None:
             return
@@ -441,7 +444,7 @@ class WheelDevice(Device):
                 self._record_failure(link)
         since_ns, now_ns = self._received_ns, self.env.clock.now_ns()
         if since_ns is None:
-            if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
+            if not self._is_again:  # no message yet: it may still be starting; the driver waits for it
                 if self._first.is_missing(now_ns):
                     logger.warning("%s: no encoder frame yet: %s", self.env.robot, link.refusal or self._where)
                 return

@@ -9,7 +9,7 @@ from robrain.protocol.tinyos.packet import ActiveMessage
 
 
 class ReceivedPacket(msgspec.Struct, frozen=True):
-    """A packet that the radio has heard."""
+    """A packet that the radio has received."""
 
     message: ActiveMessage
     stamp_ns: int
@@ -20,12 +20,12 @@ class Trouble(msgspec.Struct, frozen=True):
     """Something is wrong with the base station, or is no more."""
 
     kind: Literal["flood", "flood_over", "lost", "back"]
-    """It says more than the robot listens to; its line is lost; and the ends of both."""
+    """It sends more than the robot accepts; its line is lost; and the ends of both."""
     why: str
 
 
 class MoteBaseInterface(Protocol):
-    """TinyOS active messages, heard and sent."""
+    """TinyOS active messages, received and sent."""
 
     heard: Event[ReceivedPacket]
     trouble: Event[Trouble]

@@ -1,4 +1,4 @@
-"""Base station of the mote network: TinyOS packets from the air and to it, over whatever line it hangs on."""
+"""Base station of the mote network: TinyOS packets from the air and to it, over any kind of line."""
 
 import socket
 from collections import deque
@@ -27,7 +27,10 @@ from robrain.protocol.wire.endpoint import Endpoint
 
 
 class LineAbsent(OSError):
-    """The base station, or what it hangs on, is not there. A fault like others: the plugin is started again later."""
+    """The base station, or its line, is not there.
+
+    A fault like others: the plugin is started again later.
+    """
 
 
 class PacketLink(Protocol):
@@ -199,7 +202,7 @@ class SimulatedAirLink:
 
 CHUNK_BYTES = 65_536
 MAX_UNSENT_BYTES = 4096
-"""About a hundred packets; what comes when they wait already is not sent."""
+"""About a hundred packets; further ones are not sent while these wait."""
 
 
 class SfLink:
@@ -213,7 +216,7 @@ class SfLink:
         timeout_s: how long the first connection and its greeting may take.
 
     Raises:
-        OSError: nobody listens there, or nobody greets in time.
+        OSError: no server listens there, or none greets in time.
         BadGreeting: it is no Serial Forwarder.
 
     """
@@ -344,7 +347,10 @@ class FloodGuard:
         self._count = 0
 
     def admit(self, arrived: int, now_ns: int) -> int:
-        """How many of the packets that have arrived go on. A flood ends with the first second that keeps the limit."""
+        """Number of arrived packets that are passed on.
+
+        A flood ends with the first second that keeps the limit.
+        """
         if now_ns - self._second_ns >= NS_PER_S:
             if self._count <= self.limit:
                 self.since_ns = None
@@ -374,7 +380,7 @@ class PacketCounters(msgspec.Struct, frozen=True):
 
 
 class LineHealth(msgspec.Struct, frozen=True):
-    """How it stands with the line to the base station."""
+    """State of the line to the base station."""
 
     is_up: bool
     why_down: str
@@ -459,7 +465,7 @@ class MoteBase(Device):
             self._link = None
 
     def send(self, destination: int, kind: int, payload: bytes) -> None:
-        """Send one packet on the air (BadPacket if it is none); whether anybody hears it is not known."""
+        """Send one packet on the air (BadPacket if it is invalid); its reception is unknown."""
         message = ActiveMessage(
             type=kind, payload=payload, source=self.parameters.address, destination=destination
         )  # fmt: skip

@@ -38,7 +38,7 @@ class Ros2Parameters(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     namespace: str = ""
     """Namespace of the robot's topics, such as `/r7`; topics that begin with `/` are not in it."""
     domain_id: Annotated[int, Meta(ge=0, le=DOMAIN_MAX)] | None = None
-    """ROS domain; absent: `$ROS_DOMAIN_ID`, else 0."""
+    """ROS domain; absent: `$ROS_DOMAIN_ID`, otherwise 0."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,7 +76,7 @@ class Arrived(NamedTuple, Generic[M]):
     arrived_ns: int
     """Time of its arrival, ns since 1970."""
     number: int
-    """Its publisher's count of messages; 0 if the middleware does not say."""
+    """Its publisher's count of messages; 0 if the middleware has none."""
 
 
 class Ros2Inbox(Generic[M]):
@@ -115,11 +115,11 @@ SPIN_S = 0.2
 JOIN_S = 5.0
 DO_S = 5.0
 DISCOVERY_S = 5.0
-"""By then a node knows the publishers that there are."""
+"""Time after which a node has discovered all publishers."""
 ACKNOWLEDGE_S = 0.1
 """How long the end of a publisher waits until its last message is acknowledged."""
 ARGUMENTS = ["--ros-args", "--disable-external-lib-logs"]
-"""No log files in the user's home folder: what goes wrong is in the agent's log."""
+"""No log files in the user's home folder: errors are in the agent's log."""
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_]")
 _links: "dict[tuple[str, int], Ros2Link]" = {}
@@ -157,7 +157,7 @@ class Ros2Link:
     def subscribe(
         self, kind: type[Any], topic: str, qos: Any, on_arrival: Callable[[], None], *, raw: bool = False
     ) -> "Ros2Subscription[Any]":
-        """Hear a topic.
+        """Subscribe to a topic.
 
         Args:
             kind: the message's class.
@@ -174,14 +174,14 @@ class Ros2Link:
         return self.do(lambda: Ros2Publisher(self, kind, topic, qos))
 
     def every(self, period_s: float, function: Callable[[], None]) -> Callable[[], None]:
-        """Call a function on the thread of the node; returns what ends that."""
+        """Call a function on the thread of the node; returns a function that ends this."""
         timer = self.do(lambda: self.node.create_timer(period_s, function))
         return lambda: self.end(lambda: self.node.destroy_timer(timer))
 
     def do(self, function: Callable[[], R]) -> R:
         """Have a function called on the thread of the node, between two messages, and wait for that.
 
-        The executor fails if what it waits for is destroyed meanwhile.
+        The executor fails if an entity that it waits for is destroyed meanwhile.
 
         Raises:
             RuntimeError: the node is not spun any more.
@@ -206,14 +206,14 @@ class Ros2Link:
         self._executor.wake()
 
     def end(self, function: Callable[[], object]) -> None:
-        """As `do`, for what ends with the node in any case."""
+        """As `do`, for actions that end with the node in any case."""
         try:
             self.do(function)
         except (RuntimeError, TimeoutError) as error:
             logger.debug("not ended before the ROS 2 node: %s", error)
 
     def publishers(self, topic: str) -> int:
-        """How many publishers of a topic are known."""
+        """Number of known publishers of a topic."""
         return int(self.node.count_publishers(topic)) if not self.failure else 0
 
     def is_gone(self, topic: str) -> bool:
@@ -240,7 +240,7 @@ class Ros2Link:
                 self._run_requests()
         except (rclpy.executors.ExternalShutdownException, rclpy.executors.ShutdownException):
             self.failure = "the ROS 2 context was shut down"
-        except Exception as error:  # whatever a library under rclpy raises is reported as the devices' fault
+        except Exception as error:  # any error of a library under rclpy is reported as the devices' fault
             self.failure = f"the ROS 2 node has failed: {error}"
             logger.exception("the ROS 2 node is not spun any more")
         finally:
@@ -294,7 +294,7 @@ class Ros2Subscription(Ros2Inbox[M]):
         self._subscription = link.node.create_subscription(kind, topic, take, qos, raw=raw)
 
     def close(self) -> None:
-        """Hear no more."""
+        """Unsubscribe."""
         self._link.end(lambda: self._link.node.destroy_subscription(self._subscription))
 
 
@@ -310,11 +310,11 @@ class Ros2Publisher:
         self._publisher.publish(message)
 
     def listeners(self) -> int:
-        """How many subscriptions are known that take what is published."""
+        """Number of known matching subscriptions."""
         return int(self._publisher.get_subscription_count())
 
     def close(self) -> None:
-        """Publish no more; what was published last is given a moment to arrive."""
+        """Stop publishing; the last message gets a moment to arrive."""
         self._link.end(self._close)
 
     def _close(self) -> None:

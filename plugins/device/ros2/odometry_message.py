@@ -15,7 +15,7 @@ NORM_SLACK = 0.05
 
 
 class BadOdometry(ValueError):
-    """A message that is not believed; says why."""
+    """A message that is not believed; the text is the reason."""
 
 
 class Stamp(Protocol):
@@ -100,7 +100,7 @@ def read_odometry(message: OdometryMessage) -> OdometryReading:
     """
     place, orientation = message.pose.pose.position, message.pose.pose.orientation
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    if not (abs(place.x) <= PLACE_MAX_M and abs(place.y) <= PLACE_MAX_M):  # also False for what is not a number
+    if not (abs(place.x) <= PLACE_MAX_M and abs(place.y) <= PLACE_MAX_M):  # also False for NaN
         raise BadOdometry(f"expected a place within {PLACE_MAX_M:g} m, got {place.x:g}, {place.y:g}")
     velocity = Twist2D(linear.x, linear.y, angular.z)
     if not all(abs(each) <= SPEED_MAX for each in (linear.x, linear.y, angular.z)):

@@ -1,4 +1,4 @@
-"""The way of velocities to the robot, which says zero once nothing else is commanded.
+"""Sends velocities to the robot, and zero once nothing else is commanded.
 
 A velocity holds for `HOLD_S`; then zero is published, `ZEROS` times, in case one is lost. While the robot is halted,
 zero is published all the time, so that no other node drives it. This is done on the thread of the ROS node: it also
@@ -76,7 +76,7 @@ class CommandGate:
             self._stand_still()
 
     def hold(self) -> None:
-        """Command zero until `release`, whatever else is commanded."""
+        """Command zero until `release`, regardless of other commands."""
         with self._lock:
             self._held_ns = self._now_ns()
             self._stand_still()
@@ -91,7 +91,7 @@ class CommandGate:
                 self._held_ns = None
 
     def tick(self) -> None:
-        """Say zero if that is due; called every `TICK_S`."""
+        """Send zero if it is due; called every `TICK_S`."""
         with self._lock:
             if self._is_closed:
                 return
@@ -126,13 +126,13 @@ BLIND_S = 1.0
 
 
 class ReportedPath(PoseTrack):
-    """Follows the odometry of a base; the frame odom begins where the robot was first heard.
+    """Follows the odometry of a base; the frame odom begins at the robot's first message.
 
     Args:
         speed_m_s: greatest speed of the base.
         turn_rate_rad_s: its greatest turn rate.
         pose: T_odom_robot from which it goes on.
-        before: what the base reported at that pose, and the number of that message; None if that is not known.
+        before: the base's report at that pose, and the number of that message; None if they are unknown.
 
     """
 
@@ -145,7 +145,7 @@ class ReportedPath(PoseTrack):
         self._speed_m_s, self._turn_rate_rad_s = speed_m_s, turn_rate_rad_s
 
     def take(self, reported: OdometryReading, measured_ns: int, number: int) -> bool:
-        """Take what the base reports; returns False if its odometry has jumped, and the pose has stayed.
+        """Read a report of the base; returns False if its odometry has jumped, and the pose has stayed.
 
         Args:
             reported: the message.
@@ -180,7 +180,7 @@ class ReportedPath(PoseTrack):
 
 
 COMMAND_QOS = QoSProfile(depth=1)
-"""Reliable, the newest only: a subscription of any reliability hears it."""
+"""Reliable, the newest only: a subscription of any reliability receives it."""
 
 
 class Ros2Base(Device):
@@ -217,7 +217,7 @@ class Ros2Base(Device):
                 raise ValueError("expected turn_radius_min_m = 0 for a holonomic base")
 
     interface = MocDeviceInterface
-    period_s = 0.06  # and whenever somebody asks for the odometry
+    period_s = 0.06  # and at each request of the odometry
     parameters: Parameters
     condition = Event[DriveCondition](outside=True)
 
@@ -234,7 +234,7 @@ class Ros2Base(Device):
         self._silence = Silence(self._silent_ns)
         self._first = FirstWord(self.env.clock.now_ns())
         self._is_again = board.T_odom_robot is not None
-        """The robot has told odometry before: this is a restart, or a reload."""
+        """The robot has reported odometry before: this is a restart, or a reload."""
         start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
         self._path = ReportedPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
         self._received_ns: int | None = None
@@ -281,7 +281,7 @@ class Ros2Base(Device):
     def drive(self, twist: Twist2D) -> None:
         """Command a velocity, body frame. It holds for 200 ms; beyond the base's limits its curvature is kept."""
         if self._gate is None or (self._is_again and self._received_ns is None):
-            return  # it may hear and not be heard: no motion before it has spoken
+            return  # it may receive but not send: no motion before its first message
         wanted = self.parameters
         forward, left, yaw = twist.forward_m_s, twist.left_m_s * wanted.holonomic, twist.yaw_rad_s
         speed_m_s = math.hypot(forward, left)
@@ -403,7 +403,7 @@ class Ros2Base(Device):
             raise BusFault(self.env.plugin, link.failure)
         now_ns = self.env.clock.now_ns()
         if since_ns is None:
-            if not self._is_again:  # it has never spoken: it may still be starting; the driver stands until it does
+            if not self._is_again:  # no message yet: it may still be starting; the driver waits for it
                 if self._first.is_missing(now_ns):
                     logger.warning("%s: %s", self.env.robot, self._silence_text("no odometry yet"))
                 return

@@ -68,7 +68,7 @@ class Ros2Battery(TopicDevice):
     """Reads a ROS 2 robot's battery, and integrates charge and energy."""
 
     class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
-        """Topic, and what stands for what the robot does not measure."""
+        """Topic, and values for quantities that the robot does not measure."""
 
         battery: str = "battery_state"
         """Topic of the measurements, sensor_msgs/BatteryState."""

@@ -32,11 +32,11 @@ logger = logging.getLogger(__name__)
 ACCELERATION_MAX_M_S2 = 2000.0
 """Beyond the range of any accelerometer of this kind: 200 g."""
 NOT_MEASURED = -1.0
-"""First element of the covariance of what a unit does not measure (sensor_msgs/Imu, REP 145)."""
+"""First element of the covariance of a quantity that a unit does not measure (sensor_msgs/Imu, REP 145)."""
 
 
 class BadImu(ValueError):
-    """A message that is not believed; says why."""
+    """A message that is not believed; the text is the reason."""
 
 
 class ImuVector(Protocol):

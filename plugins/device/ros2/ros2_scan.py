@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 
 
 class BadScan(ValueError):
-    """A turn that is not believed; says why."""
+    """A turn that is not believed; the text is the reason."""
 
 
 class ScanMessage(Protocol):

@@ -76,7 +76,7 @@ class CheckedMessage(NamedTuple, Generic[T]):
     measured_ns: int
     """Time of measurement, robot's clock."""
     number: int
-    """Its publisher's count of messages; 0 if the middleware does not say."""
+    """Its publisher's count of messages; 0 if the middleware has none."""
 
 
 class CheckedTopic(Generic[T]):
@@ -142,12 +142,12 @@ class CheckedTopic(Generic[T]):
         return accepted
 
     def close(self) -> None:
-        """Hear no more."""
+        """Unsubscribe."""
         self._inbox.close()
 
 
 class TopicDevice(Device):
-    """Hears one topic; `activate` of a device opens both."""
+    """Subscribes to one topic; `activate` of a device opens both."""
 
     _link: Ros2Link | None = None
     _topic: CheckedTopic[Any] | None = None

@@ -40,7 +40,7 @@ class ScanInterface(Protocol):
         """The last scan; None before the first."""
 
     def doubt(self, reason: str) -> None:
-        """Say that the last scan cannot be true: the lidar is at fault until it sends another."""
+        """Report that the last scan cannot be true: the lidar is at fault until it sends another."""
 
 
 def _array(values: tuple[float, ...]) -> "Floats":

@@ -36,11 +36,11 @@ class Mount(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     y_m: Offset = 0.0
     """To the left of it."""
     yaw_rad: Annotated[float, Meta(ge=-math.tau, le=math.tau)] = 0.0
-    """Where its front looks, counter-clockwise from the robot's."""
+    """Direction of its front, counter-clockwise from the robot's."""
     upside_down: bool = False
-    """Mounted with its top down: it then turns the other way round."""
+    """Mounted with its top down: it then turns in reverse."""
     hidden_within_m: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
-    """Points nearer than this to the robot's centre are parts of the robot itself, and are left out."""
+    """Points nearer than this to the robot's centre are parts of the robot itself, and are omitted."""
 
 
 Placed = tuple[Pose2D, Sequence[Point]]
@@ -53,7 +53,7 @@ class ScanMaker:
     The nearest point of a beam counts, at its own angle.
 
     Args:
-        beams: of a scan, all around; the first looks back (−π).
+        beams: of a scan, all around; the first points back (−π).
         range_max_m: points beyond it are none.
         mount: how the lidar is mounted.
 
@@ -125,7 +125,7 @@ class ScanMaker:
 
 
 class LidarFault(PluginError):
-    """The lidar is silent or unplugged, or what it says cannot be true."""
+    """The lidar is silent or unplugged, or its data cannot be true."""
 
 
 class HasSilence(Protocol):
@@ -169,7 +169,7 @@ class LidarDevice(Device):
 
         Args:
             scan: the turn.
-            ranges_mm: its ranges, to know it again.
+            ranges_mm: its ranges, to recognise it again.
             now_ns: the time.
 
         """
@@ -210,7 +210,7 @@ class LidarDevice(Device):
         return self._latest
 
     def doubt(self, reason: str) -> None:
-        """Say that the last scan cannot be true: the device faults, and hands no such turn on again."""
+        """Report that the last scan cannot be true: the device faults, and passes no such turn on again."""
         self._doubt = reason
 
     @external
@@ -222,6 +222,6 @@ class LidarDevice(Device):
         return nearest_m if nearest_m < self._latest.range_max_m else None
 
     def fail(self, reason: str) -> None:
-        """Tell the team, and fault."""
+        """Report to the team, and fault."""
         self.trouble.notify(reason)
         raise LidarFault(self.env.plugin, reason)

@@ -16,7 +16,7 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.serial.serial_line import SerialLine
 
 POLL_S = 0.02
-"""Period of the look for bytes; a turn takes 0.1 s or more."""
+"""Period of the poll for bytes; a turn takes 0.1 s or more."""
 ASK_NS = to_ns(1.0)
 """A sensor that has to be asked, and has sent nothing for so long, is asked again."""
 POINTS_MAX = 8_000
@@ -143,7 +143,7 @@ class SerialLidar(LidarDevice):
             self._hand_on(now_ns)
         seen, self._seen, self._points = self._seen, [], 0
         was_whole, self._is_whole = self._is_whole, True
-        if was_whole and seen:  # else it began somewhere on the way
+        if was_whole and seen:  # otherwise it began within the turn
             self._ended = seen
 
     def _is_known(self, stamp_ns: int) -> bool:

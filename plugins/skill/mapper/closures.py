@@ -25,12 +25,12 @@ CHECKS_MAX = 9
 contradicted it.
 
 Measured in runs of 3 and 8 robots on four floors, wheels slipping: of 565 scans laid on teammates' submaps none did.
-That the robot's own submaps agree says nothing: those that it made since it went wrong always do.
+Agreement of the robot's own submaps is no evidence: those made since its error always agree.
 """
 SLACK_ARM_M = 5.0
 """Distance of the walls, metres, that turns the slack in position into one in yaw."""
 UNSAID: Variances = (4e-4, 4e-4, 1e-5)
-"""Least variances of the pose of a teammate's submap, and those of one whose teammate has told none."""
+"""Least variances of the pose of a teammate's submap, and those of one whose teammate has reported none."""
 OTHER_SUBMAPS_MAX = 2 * SUBMAPS_MAX
 """Number of teammates' submaps whose variances are kept."""
 
@@ -50,7 +50,7 @@ class ClosureSearch:
     Args:
         robot: name of this robot.
         graph: its part of the pose graph.
-        atlas: all submaps that it knows.
+        atlas: all known submaps.
 
     """
 
@@ -109,7 +109,7 @@ class ClosureFinder:
     Args:
         robot: name of this robot.
         graph: its part of the pose graph.
-        atlas: all submaps that it knows.
+        atlas: all known submaps.
         slack_m: offsets up to this distance count as zero.
 
     """
@@ -133,14 +133,14 @@ class ClosureFinder:
         """Submaps that contradicted a scan; None for those that agreed."""
 
     def begin_anew(self) -> None:
-        """The robot may be anywhere now: what was found before says nothing."""
+        """The robot may be anywhere now: earlier results are no evidence."""
         self.search.forget()
         self._checks.clear()
 
     def misplacement_reason(self) -> str:
         """Why the robot cannot be where it believes to be; empty while it may be.
 
-        One teammate that is wrong contradicts all others, so submaps of two robots have to speak against this one.
+        One teammate that is wrong contradicts all others, so submaps of two robots have to contradict this one.
         """
         contradicting = [key for key in self._checks if key is not None]
         submaps = set(contradicting)
@@ -220,7 +220,7 @@ class ClosureFinder:
         return reason
 
     def receive_submap_poses(self, patch: MapPatch) -> None:
-        """Note the poses of a teammate's submaps and their variances."""
+        """Record the poses of a teammate's submaps and their variances."""
         moved = False
         for part in patch.parts or (patch,):
             if part.robot != patch.robot or part.withdrawn:

@@ -33,7 +33,7 @@ ANSWERS_MIN = 3
 ANSWERS_MAX = 12
 """Number of latest answers that are kept."""
 BODY_M = 0.4
-"""Radius of what others may have drawn of this robot."""
+"""Radius of this robot as others may have drawn it."""
 STRANGERS_MAX = 3
 """Number of robots that may be on the maps unknown: small things that are on one map only."""
 UNSURE_M = 1.0
@@ -47,7 +47,7 @@ OUTSIDE_MAX = 50
 APART_M = 1.0
 """Least distance, metres, between two of the places from which agreeing answers were found."""
 PLAIN_MIN = 250
-"""Agreeing wall cells above which that distance is not needed if none contradicts: a robot may stand still."""
+"""Agreeing wall cells above which that distance is not needed if none contradicts: a robot may be at rest."""
 AGREE_M, AGREE_RAD = 0.3, 0.05
 """Answers that put the robot within this distance and turn agree."""
 JOIN_SIGMA_M, JOIN_SIGMA_RAD = 0.1, 0.02
@@ -81,11 +81,11 @@ class Frames:
 
     Args:
         robot: whose frame it is.
-        atlas: all submaps that the robot knows.
+        atlas: all submaps known to the robot.
         graph: the robot's own part of the pose graph.
         own: the submap that it is making.
-        mates_in: (K, 3) x, y, radius in metres of the teammates that tell their places in a map frame.
-        mates: number of all teammates that are heard.
+        mates_in: (K, 3) x, y, radius in metres of the teammates that publish their places in a map frame.
+        mates: number of all received teammates.
 
     """
 
@@ -99,7 +99,7 @@ class Frames:
         teammates: Callable[[], int],
     ) -> None:
         self.told: list[MapPatch] = []
-        """Where own submaps lie now, to be told."""
+        """New poses of own submaps, to publish."""
         self._robot = robot
         self._atlas = atlas
         self._graph = graph
@@ -134,7 +134,10 @@ class Frames:
         self._place({(self._robot, number): self._graph.own[number].T_arena_local for number in numbers})
 
     def uncertainty_reason(self) -> str:
-        """Why the robot should leave the map of the team: it hardly knows its place. Empty if it does, or is alone."""
+        """Reason why the robot should leave the team's map: its place is too uncertain.
+
+        Empty if it does, or is alone.
+        """
         current = self._graph.current
         if current is None or self.frame != ARENA:
             return ""
@@ -145,12 +148,12 @@ class Frames:
         return f"its place is known to ± {sigma_m:.1f} m only" if has_teammates else ""
 
     def apply_fix(self, fix: ArenaFix) -> None:
-        """Motes have told where the robot is in the arena."""
+        """Motes have localised the robot in the arena."""
         if self.frame != ARENA and fix.trajectory == self._own.trajectory:
             self._join(ARENA, fix.T_arena_frame, fix.at, fix.covariance)
 
     def move_of(self, patch: MapPatch) -> FrameMove | None:
-        """How a teammate that mapped in the robot's frame moves into a better one with this patch; None if it does not.
+        """Move of a teammate from the robot's frame into a better one by this patch; None if there is none.
 
         To be asked before the patch is taken into the atlas.
         """
@@ -173,7 +176,7 @@ class Frames:
         self._join(move.frame, move.T_new_old, move.T_new_old.compose(here), covariance)
 
     def search(self, here: Pose2D, may_be_at: MayBeAt) -> None:
-        """Look for the robot's map on that of a better frame, and move there if it is surely found.
+        """Search for the robot's map on that of a better frame, and move there if the result is certain.
 
         Args:
             here: where the robot is in its frame.
@@ -217,9 +220,9 @@ class Frames:
             self._join(frame, T_new_old, T_new_old.compose(place), covariance)
 
     def _agrees_with_prior(self, T_new_old: Pose2D) -> bool:
-        """Whether the robot may lie so, by what it knew of its place when it left the arena frame.
+        """Whether the robot may lie so, by its estimate when it left the arena frame.
 
-        Walls that look alike fit in several places, and a robot that was only unsure is in one near where it believed.
+        Similar walls fit in several places. A robot that was only uncertain is in one near its estimate.
         """
         current = self._graph.current
         if self._prior is None or current is None:
@@ -249,7 +252,7 @@ class Frames:
         return len(agreeing) >= ANSWERS_MIN and apart_m >= least_apart_m
 
     def _own_bodies(self, here: Pose2D) -> Floats:
-        """Where others may have seen this robot while they did not know what it was."""
+        """Places where others may have seen this robot without recognising it."""
         stayed = [here, *(node.pose for node in self._graph.own.values() if node.frame == self.frame)]
         return np.array([(at.x_m, at.y_m, BODY_M) for at in stayed])
 

@@ -43,7 +43,7 @@ INBOX_MAX = 4096
 
 
 class MapReceiver:
-    """Takes in the maps and closures of the other robots.
+    """Receives the maps and closures of the other robots.
 
     Args:
         robot: that listens.
@@ -97,10 +97,10 @@ class MapReceiver:
             name = change.names["robot"]
             self._met.add(name)
             if not change.present:
-                # If the robot restarts, it does not know these submaps, so this robot keeps telling them.
+                # If the robot restarts, it does not know these submaps, so this robot keeps publishing them.
                 self._orphans.update(key for key in self._atlas.submaps if key[0] == name)
             if change.present and name != self._robot:
-                # Catch up with a robot that was there before; one that has just started has nothing to tell.
+                # Catch up with a robot that was there before; one that has just started has nothing to publish.
                 self._wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
         self._allowed_ms = map_stamp_ms(self._wire.clock.now_ns()) + AHEAD_MAX_MS
         self._merge_all(self._inbox.drain())
@@ -168,7 +168,7 @@ class MapReceiver:
     def _without_own(self, patch: MapPatch) -> MapPatch:
         """A patch without the submaps that this robot has made itself since it started.
 
-        Others tell them while they do not hear this robot, and may not know that some are withdrawn.
+        Others publish them while they do not receive this robot, and may not know that some are withdrawn.
 
         Raises:
             ValueError: it has one that this robot has not made.
@@ -225,7 +225,7 @@ class MapSender:
         self.moved(reported)
 
     def moved(self, messages: list[MapPatch]) -> None:
-        """Submaps have moved, as these messages say."""
+        """Submaps have moved, by these messages."""
         if messages:
             self._untold.append(joined_message(self._robot, self._geometry, messages))
 

@@ -55,9 +55,9 @@ class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
     scans: int
     """Put into the map."""
     scans_left_out: int
-    """Left out because the robot did not know well enough where it was."""
+    """Scans skipped because the robot's place was too uncertain."""
     why_left_out: str
-    """Why they are left out now; empty if they are not."""
+    """Reason why scans are skipped now; empty if they are not."""
     patches_dropped: int
     """Patches of others that came faster than they could be merged."""
     submaps: int
@@ -125,7 +125,7 @@ class Mapper(Skill):
     period_s = 0.5
     parameters: Parameters
     paused = Event[str](outside=True)
-    """Why scans are left out, from now on; empty when they are taken in again."""
+    """Reason why scans are skipped from now on; empty when they are mapped again."""
 
     def init(self) -> None:
         self._own_map = self.env.board.shared(OwnMap)
@@ -216,13 +216,13 @@ class Mapper(Skill):
         self._integrate()
 
     def _integrate(self) -> None:
-        """Map the waiting scans whose pose is known by now."""
+        """Map the waiting scans whose pose is now known."""
         while self._waiting and (local_pose := self._own_map.local_pose) is not None:
             stamp_ns = self._waiting[0].stamp_ns
             if stamp_ns > local_pose.until_ns or stamp_ns > self._driver.odometry_until_ns():
                 return
             scan = self._waiting.popleft()
-            # An unmatched scan could be of another place, to which somebody has carried the robot.
+            # An unmatched scan could be of another place, to which a person has carried the robot.
             if local_pose.checked is None or scan.stamp_ns in local_pose.checked:
                 self._handle_scan(scan, local_pose)
 
@@ -266,7 +266,7 @@ class Mapper(Skill):
         self._seen = _Seen(scan, local)
 
     def _draw_own_patch(self) -> None:
-        """Draw what the robot has seen, and queue the patch."""
+        """Draw the robot's observations, and queue the patch."""
         self._own.contradict(self._atlas.grid)
         own = self._own.pop_patch()
         if own is None:
@@ -321,10 +321,10 @@ class Mapper(Skill):
         self._own_map.local_map, self.env.board.frame = self._own.local_map(), self._own.frame
 
     def _find_frame(self) -> None:
-        """Look for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
+        """Search for the team's map frame if the robot is not in it; leave it if the robot lies wrong there."""
         now_ns = self.env.clock.now_ns()
         if reason := self._desk.misplacement_reason():
-            # Somewhere in this trajectory is a break, as when somebody has carried the robot off unnoticed.
+            # Somewhere in this trajectory is a break, as when a person has carried the robot off unnoticed.
             nodes = self._graph.own.values()
             self._withdraw([node.number for node in nodes if node.trajectory == self._own.trajectory])
             self._own.begin_trajectory(self._own.trajectory)
@@ -341,7 +341,7 @@ class Mapper(Skill):
         self._publish_move()
 
     def _publish_move(self) -> None:
-        """Submaps have changed their frame: tell the team, and localisation."""
+        """Submaps have changed their frame: inform the team and localisation."""
         if not self._frames.told:
             return
         self._outgoing.moved(self._frames.told)
@@ -384,14 +384,14 @@ class Mapper(Skill):
         return self.env.clock.now_ns() - (self._began_ns or 0) < to_ns(for_s)
 
     def _restart(self) -> None:
-        """Withdraw what was mapped from a wrong start pose."""
+        """Withdraw submaps mapped from a wrong start pose."""
         if not self._has_restarted:
             self._has_restarted = True
             self._withdraw(list(self._graph.own))
             self._own.begin_trajectory(self._own.trajectory)
 
     def _withdraw_covered(self) -> None:
-        """Remove own submaps that can no longer be moved and that the map no longer shows: else maps grow for ever.
+        """Remove fixed own submaps that the map no longer shows: otherwise maps grow for ever.
 
         The last of them stays: the oldest one that can be moved is placed relative to it.
         """

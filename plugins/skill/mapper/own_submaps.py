@@ -47,7 +47,7 @@ class OwnPatch(NamedTuple):
 
 
 class OwnSubmaps:
-    """Maps what this robot sees, in the frame `local`.
+    """Maps this robot's observations, in the frame `local`.
 
     Args:
         geometry: the team's grid.
@@ -139,7 +139,7 @@ class OwnSubmaps:
         self.grid.integrate_scan(sensor, angles_rad, received_m, range_max_m, stamp_ms, ignore, drift)
 
     def contradict(self, team: OccupancyGrid) -> None:
-        """Mark floor that the team's map shows as a wall, such as a teammate that stood there, to be told again.
+        """Mark floor that the team's map shows as a wall, such as a teammate that stood there, to publish it again.
 
         Does nothing while the submap is shifted by half a cell or more, because cells would not correspond.
         """

@@ -1,4 +1,4 @@
-"""Driving by hand under a deadman's lease: the wheels turn only while the lease's holder goes on asking.
+"""Driving by hand under a deadman's lease: the wheels turn only while the lease's holder keeps commanding.
 
 A holder takes the lease, and each velocity that it asks for renews it. A holder that vanishes, hangs or loses its link
 renews nothing: the lease lapses and the robot stops. A lapsed lease is never renewed, so late commands of a stalled
@@ -49,7 +49,7 @@ class ByHand:
         """Give the lease to a holder. The same holder's earlier lease ends with it.
 
         Raises:
-            CallError: somebody else holds it (`busy`), or the name cannot be one (`bad_arguments`).
+            CallError: another holder has it (`busy`), or the name is invalid (`bad_arguments`).
 
         """
         if not is_name(by):
@@ -72,7 +72,7 @@ class ByHand:
         if not all(map(math.isfinite, numbers)):
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"move: expected finite numbers, got {numbers}")
         is_held = lease == self._number and self.holder(now_ns) != ""
-        if not any(numbers):  # who wants to stand may do so at any time; another holder's drive goes on
+        if not any(numbers):  # a stop is allowed at any time; another holder's drive continues
             if is_held:
                 self._lapses_ns = now_ns
                 self._until_ns = None if self._until_ns is None else now_ns
@@ -84,11 +84,11 @@ class ByHand:
         self._lapses_ns = self._until_ns = now_ns + self._lease_ns
 
     def holds(self, now_ns: int) -> bool:
-        """Whether somebody drives now."""
+        """Whether a holder drives now."""
         return self._until_ns is not None and now_ns < self._until_ns
 
     def is_command_due(self, now_ns: int, period_ns: int) -> bool:
-        """Whether the last command is a period old, half a look more or less; if so, now is when the next is made."""
+        """Whether the last command is a period old, within half a check; if so, the next one is made now."""
         last_ns = self._commanded_ns
         if last_ns is not None and 0 <= now_ns - last_ns < period_ns - period_ns // 6:
             return False
@@ -96,14 +96,14 @@ class ByHand:
         return True
 
     def has_ended(self, now_ns: int) -> bool:
-        """Whether somebody drove, and does not any more; said once."""
+        """Whether driving by hand has ended; True once."""
         if self._until_ns is None or self.holds(now_ns):
             return False
         self.stand()
         return True
 
     def stand(self) -> None:
-        """Forget what was asked for."""
+        """Forget the command."""
         self._until_ns = self._commanded_ns = None
         self.wanted = Twist2D()
 

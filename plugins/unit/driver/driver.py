@@ -36,11 +36,11 @@ from robrain.protocol.model.ranges import Count, Metres, Name, Positive, Radians
 
 PERIOD_S = 0.06
 HAND_PERIOD_S = PERIOD_S / 3
-"""Driven by hand, it looks this often whether the lease lapses; it commands at the usual period."""
+"""Period of the checks for a lapsed lease while driven by hand; it commands at the usual period."""
 DELAY_S = PERIOD_S + 0.02
 """From the pose that a command is decided on until the wheels obey, at the most."""
 ARRIVED_M = 0.08
-"""Of paths; who replans all the time needs no more."""
+"""Of paths; a plugin that replans continuously needs no more."""
 PLACED_M, STEERED_M, PARKED_M = 0.01, 0.03, 0.2
 """Of actions that go to a place; of a base that cannot drive sideways; of one that cannot turn on the spot."""
 TURNED_RAD, PARKED_RAD = 0.008, 0.05
@@ -72,7 +72,7 @@ class Driver(OnBase):
         braking_m_s2: Positive = 1.2
         """Braking for obstacles too near for a smooth stop; the wheels' grip allows a little more."""
         stop_distance_m: Positive = 0.12
-        """The robot's edge stays this far from what it sees ahead."""
+        """The robot's edge keeps this distance from obstacles ahead."""
         patience_s: Positive = 10.0
         """Time behind an obstacle after which an action fails."""
         hand_lease_s: Positive = 0.1
@@ -134,7 +134,7 @@ class Driver(OnBase):
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
             self._stand_still()
         now_ns = self.env.clock.now_ns()
-        if self._hand.has_ended(now_ns + to_ns(HAND_PERIOD_S)):  # or would, before it looks again
+        if self._hand.has_ended(now_ns + to_ns(HAND_PERIOD_S)):  # or would, before its next check
             self._release_hand()
         if self._hand.holds(now_ns):
             self._step_by_hand(now_ns, *self._moc.pose_if_fresh())
@@ -158,7 +158,7 @@ class Driver(OnBase):
         if self._action is not None:
             self._action.supersede()
         new_path = Path(path, ARRIVED_M, fastest_m_s=fastest_m_s, is_narrow=is_narrow) if path else None
-        if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the hand lets go
+        if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the lease ends
             self._path = new_path
         else:
             self._stand_still() if new_path is None else self._set_out(new_path)
@@ -173,14 +173,14 @@ class Driver(OnBase):
 
     @external
     def take_hand(self, by: Name) -> HandLease:
-        """Take the lease without which nobody drives by hand: call `move` with its number, every `renew_s`."""
+        """Take the lease for driving by hand: call `move` with its number, every `renew_s`."""
         return self._hand.take(by, self.env.clock.now_ns())
 
     @external
     def move(self, forward_m_s: Speed, left_m_s: Speed, yaw_rad_s: Speed, lease: Count) -> None:
         """Drive by hand at this velocity, body frame, until the lease lapses; this renews it. Zero ends it.
 
-        The robot still stops before what it sees. Paths given meanwhile wait; actions are cancelled.
+        The robot still stops before obstacles. Paths given meanwhile wait; actions are cancelled.
         """
         now_ns = self.env.clock.now_ns()
         had_it = self._hand.holds(now_ns)
@@ -205,7 +205,7 @@ class Driver(OnBase):
 
     @external
     def go_to(self, x_m: Metres, y_m: Metres, yaw_rad: Radians) -> ActionId:
-        """Drive straight to a pose, frame odom, turning on the way; returns the action's id."""
+        """Drive straight to a pose, frame odom, turning meanwhile; returns the action's id."""
         check_range("go_to", x_m, y_m, yaw_rad)
         steers = not self._steering.is_holonomic
         placed_m = STEERED_M if steers else PLACED_M
@@ -312,7 +312,7 @@ class Driver(OnBase):
 
     def _bump(self, bump: Bump) -> None:
         self._lookout.feel(bump)
-        # Whatever it drives to: it stands first, and goes on only away from what it has touched.
+        # Regardless of the goal, it stops first, and continues only away from the touched obstacle.
         turns_by_arcs = self._to_turn_rad and self._arcs is not None
         is_driven = self._path is not None or turns_by_arcs or self._hand.holds(self.env.clock.now_ns())
         if bump.directions_rad and is_driven:
@@ -441,7 +441,7 @@ class Driver(OnBase):
         return self._steering.twist(pose, fastest_m_s=min(path.fastest_m_s, limits.speed_m_s))
 
     def _sees(self, *, is_fresh: bool) -> bool:
-        """Look at what is around; a robot that is blind stands, and says why."""
+        """Check the surroundings; a blind robot stops, and reports the reason."""
         blind_reason = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
         if blind_reason:
             self._record(blind_reason)

@@ -21,7 +21,7 @@ class Motion(StrEnum):
     STANDING = "standing"
     DRIVING = "driving"
     BLOCKED = "blocked"
-    """Something stands in the way, or the robot does not know what does; the driver waits."""
+    """Something blocks the path, or the robot cannot see whether it does; the driver waits."""
 
 
 class OdometryNoise(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,7 +48,7 @@ class DriverInterface(Protocol):
     """An action has ended; its result, if it is done, is T_odom_robot."""
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
-        """Drive along these points to the last one, at most this fast, in place of whatever was driven before.
+        """Drive along these points to the last one, at most this fast, in place of an earlier path.
 
         With `is_narrow` the robot squeezes, slowly, through places hardly wider than itself.
         """
@@ -60,22 +60,22 @@ class DriverInterface(Protocol):
         """Drive straight ahead, or back if negative, without turning; returns the action's id."""
 
     def go_to(self, x_m: float, y_m: float, yaw_rad: float) -> ActionId:
-        """Drive straight to a pose, turning on the way; the action's id."""
+        """Drive straight to a pose, turning meanwhile; returns the action's id."""
 
     def turn(self, angle_rad: float) -> ActionId:
         """Turn on the spot, to the left if positive; the action's id."""
 
     def cancel(self, action: str) -> bool:
-        """Cancel this action and stand still; False if it is not running."""
+        """Cancel this action and stop; False if it is not running."""
 
     def stop(self) -> None:
-        """Stand still."""
+        """Stop the robot."""
 
     def motion(self) -> Motion:
         """Present motion of the driver."""
 
     def blocked_s(self) -> float:
-        """For how long something has stood in the way; 0 if nothing does."""
+        """Time for which something has blocked the path; 0 if nothing does."""
 
     def blocked_why(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
@@ -120,7 +120,7 @@ class OnBase(Unit):
 
     @external
     def cancel(self, action: str) -> bool:
-        """Cancel this action and stand still; False if it is not running."""
+        """Cancel this action and stop; False if it is not running."""
         if not self._actions.cancel(action):
             return False
         self._stand_still()
@@ -128,7 +128,7 @@ class OnBase(Unit):
 
     @external
     def stop(self) -> None:
-        """Stand still."""
+        """Stop the robot."""
         caller = self.env.caller
         self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
         self._stand_still()

@@ -21,7 +21,7 @@ MOVED_M = 0.05
 STUCK_NS = 3_000_000_000
 """A robot that has not moved by `MOVED_M` for this long does not fit; creeping takes a third of the time."""
 SAME_DIRECTION_RAD = math.radians(60.0)
-"""Two paths whose next points lie within this angle lead on the same way."""
+"""Two paths whose next points lie within this angle lead in the same direction."""
 LOOK_AHEAD_M = 1.5
 """Corners farther off do not matter yet at any speed of a small robot."""
 
@@ -90,13 +90,13 @@ class Path:
         return len(self._points) == 1 and pose.distance_m(self._points[0]) < self.arrived_m
 
     def is_done(self, pose: Pose2D) -> bool:
-        """Whether the goal has been reached, and the robot looks where it should."""
+        """Whether the goal has been reached, and the robot has its goal heading."""
         return self.is_at_goal(pose) and (
             self._turned_rad is None or abs(self.to_turn_rad(pose, 0.0)) < self._turned_rad
         )
 
     def remaining_m(self, pose: Pose2D) -> float:
-        """Length of the rest of the way."""
+        """Length of the remaining path."""
         before = self._points[0]
         left_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
         for point in self._points:
@@ -119,13 +119,13 @@ class Path:
         return math.atan2(end.y_m - begin.y_m, end.x_m - begin.x_m)
 
     def to_turn_rad(self, pose: Pose2D, bearing_rad: float) -> float:
-        """How far to turn to look where it should, with the target at `bearing_rad` of the robot's frame."""
+        """Turn to the wanted heading, with the target at `bearing_rad` of the robot's frame."""
         if self.yaw_rad is None or (self._steers and not self.is_straight and not self.is_at_goal(pose)):
             return bearing_rad
         return wrap_angle_rad(self.yaw_rad - pose.yaw_rad)
 
     def take_progress(self, before: "Path", pose: Pose2D) -> None:
-        """Go on with the `is_stuck` of the path before if both lead on the same way from `pose`.
+        """Keep the `is_stuck` of the path before if both lead in the same direction from `pose`.
 
         A behavior that replans every two seconds would never learn that the robot is stuck otherwise.
         """
@@ -183,7 +183,7 @@ class RampLimits(msgspec.Struct, frozen=True):
 
 
 def speed_to_stop(distance: float, acceleration: float, delay_s: float) -> float:
-    """The speed from which a deceleration that begins after `delay_s` ends within a distance; 0 if none is left.
+    """The speed from which a deceleration that begins after `delay_s` ends within a distance; 0 if none remains.
 
     The solution of v·delay + v²/(2a) = distance.
     """
@@ -231,7 +231,7 @@ class Ramp:
         return speed * (speed / (2.0 * limits.acceleration) + lag_s)
 
     def keep_along(self, direction_x: float, direction_y: float, *, may_reverse: bool) -> None:
-        """Keep what goes along this direction (a unit vector); with `may_reverse` also what goes against it."""
+        """Keep the part along this direction (a unit vector); with `may_reverse` also the part against it."""
         speed = direction_x * self.x + direction_y * self.y
         gain = direction_x * self._acceleration_x + direction_y * self._acceleration_y
         if speed < 0.0 and not may_reverse:
@@ -240,7 +240,7 @@ class Ramp:
         self._acceleration_x, self._acceleration_y = gain * direction_x, gain * direction_y
 
     def take_along(self, other: "Ramp", direction_x: float, direction_y: float) -> None:
-        """Be, as a speed along a line, what another ramp is along this direction (a unit vector)."""
+        """Copy, as a speed along a line, another ramp's part along this direction (a unit vector)."""
         self.x, self.y = direction_x * other.x + direction_y * other.y, 0.0
         gain = direction_x * other._acceleration_x + direction_y * other._acceleration_y
         self._acceleration_x, self._acceleration_y = gain, 0.0
@@ -256,7 +256,7 @@ class Ramp:
         self.x = self.y = self._acceleration_x = self._acceleration_y = 0.0
 
     def follow(self, wanted_x: float, wanted_y: float) -> None:
-        """Go on by a period towards the wanted velocity."""
+        """Advance by a period towards the wanted velocity."""
         period_s, limits = self._period_s, self.limits
         missing_x, missing_y = wanted_x - self.x, wanted_y - self.y
         missing = math.hypot(missing_x, missing_y)
@@ -280,7 +280,7 @@ class Ramp:
         self.y += period_s * self._acceleration_y
 
     def brake(self, deceleration: float) -> None:
-        """Go on by a period towards rest, with this deceleration and at once."""
+        """Advance by a period towards rest, with this deceleration and at once."""
         speed = self.speed
         left = max(0.0, speed - deceleration * self._period_s)
         share = left / speed if speed > 0.0 else 0.0

@@ -1,6 +1,6 @@
 """A driver that has Nav2 drive, with the stock driver's interface: it sends ends of paths as goals of NavigateToPose.
 
-Nav2 finds its own way to them, at its own speed, and stops before obstacles by itself. Where robots meet, the team's
+Nav2 plans its own path to them, at its own speed, and stops before obstacles by itself. Where robots meet, the team's
 rules hold all the same: behaviors only send the driver as far as the robot may go.
 """
 
@@ -190,7 +190,7 @@ class Ros2Navigator(OnBase):
         action: str = "navigate_to_pose"
         """Name of the action nav2_msgs/NavigateToPose."""
         frame: str = "odom"
-        """Frame of the odometry that `ros2_base` hears."""
+        """Frame of the odometry that `ros2_base` receives."""
         goal_step_m: Positive = 0.15
         """A goal nearer than this to the one before, and within `goal_step_rad`, is not sent."""
         goal_step_rad: Positive = 0.5
@@ -259,7 +259,7 @@ class Ros2Navigator(OnBase):
             goals.cancel()
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
-        """Drive to the last of these points; speed and way are Nav2's."""
+        """Drive to the last of these points; speed and path are Nav2's."""
         if not path:
             self._stand_still()
             return
@@ -294,7 +294,10 @@ class Ros2Navigator(OnBase):
 
     @external
     def turn(self, angle_rad: Radians) -> ActionId:
-        """Turn to a heading; returns the action's id. More than half a turn is done the shorter way."""
+        """Turn to a heading; returns the action's id.
+
+        More than half a turn is done in the shorter direction.
+        """
         check_range("turn", angle_rad)
         return self._start("turn", self._moc.pose().compose(Pose2D(0.0, 0.0, wrap_angle_rad(angle_rad))))
 
@@ -311,11 +314,11 @@ class Ros2Navigator(OnBase):
         return self._reason if self._blocked_since_ns is not None else ""
 
     def squeezes(self) -> bool:
-        """Whether the robot is in a narrow place: Nav2 does not say."""
+        """Whether the robot is in a narrow place: Nav2 does not report it."""
         return False
 
     def gap_m(self) -> float | None:
-        """Width of the gap that is too narrow for the robot: Nav2 does not say."""
+        """Width of the gap that is too narrow for the robot: Nav2 does not report it."""
         return None
 
     def _start(self, name: str, goal: Pose2D) -> ActionId:

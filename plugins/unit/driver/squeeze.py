@@ -18,7 +18,7 @@ BEGIN_M = 0.3
 SPEED_M_S, WIDE_M_S = 0.15, 0.6
 """Speed at the least clearance and at the preferred one; it grows linearly between them."""
 CREEP_M_S = 0.05
-"""Least speed between walls, whatever seems to be ahead: `hold_off` lets the robot slide along walls."""
+"""Least speed between walls, regardless of apparent obstacles ahead: `hold_off` lets the robot slide along walls."""
 CENTRING_PER_S = 1.5
 CENTRING_M_S = 0.08
 SEEN_M = 0.1
@@ -49,7 +49,7 @@ class Squeeze(NamedTuple):
     is_between: bool
     """Whether the robot is between walls, or about to be."""
     gap_m: float | None
-    """Width between them if the robot does not fit; else None."""
+    """Width between them if the robot does not fit; otherwise None."""
 
     def velocity_m_s(self, forward_m_s: float) -> tuple[float, float]:
         """Velocity (x, y), frame odom, with `forward_m_s` in the direction `heading_rad`."""
@@ -58,7 +58,7 @@ class Squeeze(NamedTuple):
 
 
 def squeeze(lookout: Lookout, pose: Pose2D, target_rad: float, along_rad: float, radius_m: float) -> Squeeze:
-    """How to go on where there is little room.
+    """Motion where there is little room.
 
     Between walls the robot drives parallel to the path, `along_rad`, because the path may be off the middle by half a
     cell of the map. Before the walls, and where the path bends, it drives towards the path, `target_rad`. Both angles

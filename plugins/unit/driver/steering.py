@@ -17,7 +17,7 @@ LEG_M = 0.3
 STILL_M_S = 0.02
 """Slower than this it changes its direction."""
 SLOW_RAD_S = 0.03
-"""A turn as slow as this is left out if it cannot be driven."""
+"""A turn as slow as this is omitted if it cannot be driven."""
 ROOM_M = 0.03
 """With less room than this ahead and behind it cannot turn."""
 
@@ -26,7 +26,7 @@ class Arcs:
     """Makes the velocities of a driver's ramp drivable.
 
     Args:
-        lookout: what lies ahead and behind.
+        lookout: obstacles ahead and behind.
         limits: of the speed.
         turn_radius_min_m: radius of the tightest turn.
         period_s: of the commands.
@@ -56,17 +56,17 @@ class Arcs:
         return Twist2D(speed_m_s, 0.0, max(-most_rad_s, min(most_rad_s, rate_rad_s)))
 
     def go_on(self, ramp: Ramp, axis: tuple[float, float]) -> None:
-        """Drive on as the driver's ramp says, for this period."""
+        """Drive on by the driver's ramp, for this period."""
         self.has_room, self._begin = True, None
         self._speed.take_along(ramp, *axis)
 
     def turn(self, pose: Pose2D, ramp: Ramp, axis: tuple[float, float], rate_rad_s: float, fastest_m_s: float) -> None:
-        """Go on by a period, on an arc if the driver's ramp is too slow for the turn; `ramp` then has the arc's.
+        """Advance by a period, on an arc if the driver's ramp is too slow for the turn; `ramp` then has the arc's.
 
         Args:
             pose: where the robot is, frame odom.
             ramp: the driver's ramp, a velocity in frame odom along the axis.
-            axis: where the robot looks, a unit vector.
+            axis: the robot's heading, a unit vector.
             rate_rad_s: the turn that is wanted.
             fastest_m_s: of an arc.
 
@@ -105,7 +105,7 @@ class Steering:
     """Moves the ramps of a driver.
 
     Args:
-        lookout: what lies ahead.
+        lookout: obstacles ahead.
         way: the ramp of the body's velocity, frame odom.
         turn: the ramp of its turn rate.
         turn_rate_rad_s: greatest turn rate.
@@ -151,14 +151,14 @@ class Steering:
         *,
         may_reverse: bool = False,
     ) -> None:
-        """Go on by a period towards this velocity, frame odom, or slower if what is ahead demands it.
+        """Advance by a period towards this velocity, frame odom, or slower if obstacles ahead demand it.
 
         Args:
             pose: where the robot is, frame odom.
             heading_rad: direction of the velocity.
             speed_m_s: at most.
             free_m: room in that direction.
-            ahead_m: way that is driven there before a wish to slow down has its effect, see `Ramp.ahead`.
+            ahead_m: distance driven before a wish to slow down has its effect, see `Ramp.ahead`.
             may_reverse: as for `twist`.
 
         """
@@ -176,7 +176,7 @@ class Steering:
         ramp.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
 
     def go(self, pose: Pose2D, velocity_m_s: tuple[float, float]) -> float:
-        """Go on by a period towards a velocity (x, y), frame odom; returns its direction."""
+        """Advance by a period towards a velocity (x, y), frame odom; returns its direction."""
         x_m_s, y_m_s = velocity_m_s
         heading_rad = math.atan2(y_m_s, x_m_s)
         share = 1.0 if self.is_holonomic else self._share(pose, heading_rad)
@@ -184,19 +184,19 @@ class Steering:
         return heading_rad
 
     def brake(self) -> None:
-        """Go on by a period towards rest, as hard as the wheels' grip allows."""
+        """Advance by a period towards rest, as hard as the wheels' grip permits."""
         self._ramp.brake(self._braking_m_s2)
         self._brakes = True
 
     def slow_down(self, pose: Pose2D) -> None:
-        """Go on by a period towards rest, hard only if there is no room for a smooth stop."""
+        """Advance by a period towards rest, hard only if there is no room for a smooth stop."""
         if self.goes_too_fast(pose):
             self.brake()
         else:
             self._ramp.follow(0.0, 0.0)
 
     def goes_too_fast(self, pose: Pose2D) -> bool:
-        """Whether it cannot stop as smoothly as it should before what lies where it really goes, as past a corner."""
+        """Whether it cannot stop smoothly enough before an obstacle on its real course, as past a corner."""
         ramp = self._ramp
         if math.hypot(ramp.x, ramp.y) < SLOW_M_S:
             return False
@@ -204,7 +204,7 @@ class Steering:
         return ramp.stopping(self._delay_s) > free_m + SPARE_M
 
     def turn_by(self, angle_rad: float) -> None:
-        """Go on by a period with a turn of which so much is left."""
+        """Advance by a period with a turn that has this angle remaining."""
         turn = self._turn
         left_rad = abs(angle_rad) - turn.ahead(math.copysign(1.0, angle_rad), 0.0)
         stop_rad_s = speed_to_stop(left_rad, turn.limits.acceleration, self._delay_s)
@@ -244,7 +244,7 @@ class Steering:
             self.arcs.stand()
 
     def _share(self, pose: Pose2D, heading_rad: float, *, may_reverse: bool = False) -> float:
-        """Share of a speed that it drives while it does not face that way yet, or faces away from it."""
+        """Share of a speed that it drives while it does not face this direction yet, or faces away from it."""
         facing = math.cos(heading_rad - pose.yaw_rad)
         if self.arcs is not None and facing < 0.0 and not may_reverse:
             return 0.0  # backwards only on arcs

@@ -1,6 +1,6 @@
 """Asking motes for stored readings, over a radio that loses requests and answers alike.
 
-A mote listens for a moment after each packet that it sends, whether or not that packet is heard. While it may be
+A mote listens for a moment after each packet that it sends, whether or not that packet is received. While it may be
 answering, it is asked again for the readings still missing. Where the link is weak, each request asks for more and is
 repeated. A mote that was not received at its time is asked all the same.
 """
@@ -26,13 +26,13 @@ from robrain.protocol.tinyos.payloads import (
 )
 
 WAIT_NS = to_ns(10.0)
-"""Between two packets of one type to one mote, and until a missing reading counts as lost on the way (chosen)."""
+"""Between two packets of one type to one mote, and until a missing reading counts as lost (chosen)."""
 FRESH_NS = to_ns(120.0)
 """For which a mote's parent is remembered, and a packet waits for the first mote of its route (chosen)."""
 SPAN = 8
-"""Readings that are asked for at once: motes have little room for what they pass on."""
+"""Readings that are requested at once: motes have little room for forwarded packets."""
 AT_ONCE = 4
-"""Packets that are given to one mote when it is heard."""
+"""Packets that are given to one mote when it is received."""
 DUTY_TRIES = 20
 
 Send = Callable[[int, int, bytes], None]
@@ -56,15 +56,16 @@ class OverHops:
         self._send = send
         self._acknowledge_every = acknowledge_every
         self._parents: dict[int, tuple[int | None, int]] = {}
-        """By mote: the mote that passes its readings on, None if it is heard directly, and since when that is known."""
+        """By mote: the mote that passes its readings on, None if it is received directly, and since when this is known.
+        """
         self._waiting: dict[tuple[int, int], tuple[bytes, int]] = {}
-        """By mote and AM type: what is to be said, and since when."""
+        """By mote and AM type: the payload to send, and since when."""
         self._published_ns: dict[tuple[int, int], int] = {}
         self._lacking_ns: dict[int, int] = {}
         self._serial = 0
 
     def hear(self, mote: int, now_ns: int) -> None:
-        """A mote was heard, and listens: give it what it is to pass on."""
+        """A mote was received, and listens: give it the packets to pass on."""
         self._parents[mote] = None, now_ns
         if not self._waiting:
             return
@@ -80,7 +81,7 @@ class OverHops:
                 self._say(route, kind, payload)
 
     def received_direct(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
-        """A base station that does not ask motes in its own reach has heard one: send it what it is missing.
+        """A base station that does not ask motes in its reach has received one: request its missing readings.
 
         Its readings are acknowledged already.
         """
@@ -89,7 +90,7 @@ class OverHops:
         self.hear(record.number, now_ns)
 
     def received_forwarded(self, record: MoteRecord, reading: ReadingPayload, parent: int, now_ns: int) -> None:
-        """A mote's reading has come over others, and was noted in its window: decide what there is to say to the mote.
+        """A mote's reading has come over others, and is in its window: decide on the packets to the mote.
 
         Args:
             record: of the mote.
@@ -108,7 +109,7 @@ class OverHops:
             self._want(record.number, ACKNOWLEDGE_TYPE, complete[0].pack(), now_ns)
 
     def route(self, mote: int, now_ns: int) -> tuple[int, ...] | None:
-        """The motes on the way to a mote, itself last; None if no way is known, or only one that is too long."""
+        """The motes on the route to a mote, itself last; None if no route is known, or only a too long one."""
         route: list[int] = [mote]
         while True:
             known = self._parents.get(route[-1])
@@ -134,7 +135,7 @@ class OverHops:
             record.duty_tries += 1
 
     def _want_missing(self, record: MoteRecord, now_ns: int) -> None:
-        """Ask for what is missing for longer than readings take on their way."""
+        """Request readings that are missing for longer than their transport takes."""
         request = record.window.request(SPAN)
         if request is None:
             record.is_asked_for = False
@@ -144,7 +145,7 @@ class OverHops:
             self._want(record.number, REQUEST_TYPE, request.pack(), now_ns)
 
     def _want(self, mote: int, kind: int, payload: bytes, now_ns: int) -> bool:
-        """Have something said to a mote when the first mote of its route is heard; False if that was done just now."""
+        """Queue a packet to a mote for the reception of the first mote of its route; False if one was just queued."""
         at = mote, kind
         if at in self._waiting:
             self._waiting[at] = payload, self._waiting[at][1]
@@ -209,7 +210,7 @@ class Asking:
         self._owing: dict[int, MoteRecord] = {}
 
     def ask(self, record: MoteRecord, now_ns: int) -> bool:
-        """Ask a mote that was just heard for what is missing; False if nothing is."""
+        """Request the missing readings of a mote that was just received; False if none is missing."""
         record.asked = record.window.request(self._span(record))
         if record.asked is None:
             return False

@@ -9,58 +9,59 @@ from robrain.protocol.model.geometry import Point2D
 
 
 class ReceivedMote(msgspec.Struct, frozen=True, kw_only=True):
-    """A mote as this robot has heard it so far."""
+    """A mote by the packets that this robot has received."""
 
     mote: str
     """Its name on the wire, `m` and its number on the air."""
     place: Point2D | None
-    """Where it says that it lies, arena frame; None if it does not know."""
+    """Its reported place, arena frame; None if it does not know."""
     rssi_dbm: float
-    """Strength of the last packet heard."""
+    """Strength of the last received packet."""
     mean_rssi_dbm: float
-    """Mean over all packets heard; biased towards strong ones where weak ones are lost."""
+    """Mean over all received packets; biased towards strong ones where weak ones are lost."""
     stamp_ns: int
-    """When it was last heard."""
+    """Time of the last reception."""
     heard_from: Point2D | None
-    """Where the robot was then, arena frame; None if it did not know."""
+    """Place of the robot then, arena frame; None if unknown."""
     readings: int
     """Readings taken in, each sequence number once."""
     missing: int
-    """Readings that the mote is known to have made and this robot has neither got nor seen another robot bring in."""
+    """Readings that the mote is known to have made and neither this robot nor, to its knowledge, another has received.
+    """
     period_s: float
-    """How often the mote says that it senses; 0 while not known."""
+    """Reported sensing period of the mote; 0 while unknown."""
     voltage_v: float
     last_value: float
 
 
 class RssiMeasurement(msgspec.Struct, frozen=True, kw_only=True):
-    """One packet of a mote was heard: what a robot can tell its distance from."""
+    """One received packet of a mote: a measure of its distance."""
 
     mote: str
     place: Point2D | None
-    """Where the mote says that it lies, arena frame."""
+    """Reported place of the mote, arena frame."""
     rssi_dbm: float
     stamp_ns: int
-    """When the packet was heard."""
+    """Time of the reception."""
 
 
 class ReceivedRobot(msgspec.Struct, frozen=True, kw_only=True):
-    """Another robot's base station as this one's has heard it so far."""
+    """Another robot's base station by the beacons that this one has received."""
 
     robot: str
     rssi_dbm: float
-    """Strength of the last beacon heard."""
+    """Strength of the last received beacon."""
     mean_rssi_dbm: float
-    """Mean over all beacons heard; biased towards strong ones where weak ones are lost."""
+    """Mean over all received beacons; biased towards strong ones where weak ones are lost."""
     stamp_ns: int
-    """When it was last heard."""
+    """Time of the last reception."""
     packets: int
     missed: int
-    """Beacons that were said between those heard, by their numbers."""
+    """Beacons that were sent between the received ones, by their numbers."""
 
 
 class SnwInterface(Protocol):
-    """Motes and base stations in reach: who was heard, what motes sensed, and asking them for more."""
+    """Motes and base stations in reach: the received ones, the motes' readings, and requests for more."""
 
     measured: Event[RssiMeasurement]
 

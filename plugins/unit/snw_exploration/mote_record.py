@@ -1,4 +1,4 @@
-"""All that a robot knows of one mote, such as which of its last readings have arrived, by their sequence numbers."""
+"""A robot's record of one mote, such as the arrived ones of its last readings, by their sequence numbers."""
 
 from collections import deque
 from collections.abc import Callable
@@ -60,7 +60,7 @@ class ReadingStore:
         return bool(self._coordinators.present)
 
     def tell(self, reading: MoteReading) -> None:
-        """A reading that the team does not know has been heard."""
+        """Store a received reading that the team does not know."""
         if self.is_up and reading.mote not in self._stored:
             self._publish_now(reading)
             return
@@ -75,7 +75,7 @@ class ReadingStore:
                 del self._stored[most]
 
     def step(self, now_ns: int) -> None:
-        """See whether the network is there, and forward what is due."""
+        """Check whether the network is there, and forward due readings."""
         if self._coordinators.arrived:
             self._coordinators.changes()
         if not self._stored or not self.is_up or now_ns < self._forward_ns:
@@ -152,7 +152,7 @@ class SequenceWindow:
         return self._newest is not None and sequence == self._newest % SEQUENCES
 
     def mote_holds_from(self, sequence: int) -> None:
-        """The mote says which is the oldest reading that it has not got rid of."""
+        """The mote reports its oldest stored reading."""
         if self._newest is not None:
             number = min(self._number(sequence), self._newest)
             self._oldest = max(number, self._newest - self._size + 1)
@@ -199,7 +199,7 @@ def _range(first: int, last: int) -> SequenceRange:
 
 
 class MoteRecord:
-    """One mote: what has arrived of it, how it is heard, and what is to be said to it.
+    """One mote: its arrived readings, its reception, and the packets to send to it.
 
     Args:
         name: on the wire.
@@ -218,7 +218,7 @@ class MoteRecord:
         self.publisher: Publisher | None = None
         self.readings = 0
         self.is_asked_for = False
-        """Somebody wants its stored readings."""
+        """Its stored readings were requested."""
         self.asked: RequestPayload | None = None
         """The request that it is answering."""
         self.asked_until_ns = 0
@@ -229,13 +229,13 @@ class MoteRecord:
         self.wanted_stamp_ns = -1
         self.duty_tries = 0
         self.stamp_ns = 0
-        """When this robot heard it last."""
+        """Time when this robot last received it."""
         self._received_from: Point2D | None = None
         self._rssi_sum_dbm = 0.0
         self._packets = 0
 
     def record_packet(self, reading: ReadingPayload, stamp_ns: int, received_from: Point2D | None) -> None:
-        """One packet of it was heard by this robot."""
+        """Record one packet that this robot received from it."""
         self.latest = reading
         if self.latest_live is None or reading.age_ds == 0:
             self.latest_live = reading
@@ -246,19 +246,22 @@ class MoteRecord:
         self._packets += 1
 
     def record_answer(self, sequence: int) -> None:
-        """A stored reading has come. After the last one of a request no more will, whatever was lost before it."""
+        """A stored reading has come.
+
+        After the last one of a request no more will come, even if earlier ones were lost.
+        """
         if self.asked is not None and sequence == self.asked.sequences()[-1]:
             self.asked = None
 
     def want_period(self, period_ds: int, stamp_ns: int) -> bool:
-        """Somebody wants a duty; False if a later wish is known."""
+        """Request a duty; False if a later request is known."""
         if stamp_ns < self.wanted_stamp_ns:
             return False
         self.wanted_period_ds, self.wanted_stamp_ns, self.duty_tries = period_ds, stamp_ns, 0
         return True
 
     def as_received(self) -> ReceivedMote | None:
-        """For the table; None if this robot has never heard it."""
+        """Entry of the table; None if this robot has never received it."""
         if self.latest is None or self.latest_live is None:
             return None
         return ReceivedMote(
@@ -277,7 +280,7 @@ class MoteRecord:
 
 
 def place_of(reading: ReadingPayload) -> Point2D | None:
-    """Where a mote says that it lies, arena frame; None if it does not know."""
+    """Reported place of a mote, arena frame; None if it does not know."""
     if reading.x_dm == NO_PLACE and reading.y_dm == NO_PLACE:
         return None
     return Point2D(reading.x_dm / DECI, reading.y_dm / DECI)

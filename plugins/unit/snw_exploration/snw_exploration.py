@@ -46,7 +46,7 @@ MAX_ROBOTS = 256
 
 
 class _Link:
-    """One robot as this one hears it."""
+    """Reception of one other robot."""
 
     def __init__(self) -> None:
         self.sequence = -1
@@ -58,7 +58,7 @@ class _Link:
 
 
 class BaseLinks:
-    """The base stations that this one hears, and its own beacons.
+    """The received base stations, and the robot's own beacons.
 
     Args:
         robot: its own name.
@@ -76,9 +76,9 @@ class BaseLinks:
         self.has_mates |= robot != self._robot
 
     def beacon(self) -> bytes | None:
-        """The payload of its next beacon; None for a robot alone, whom nobody would hear, or with too long a name.
+        """The payload of its next beacon; None for a robot without teammates, or with too long a name.
 
-        A robot that has lost all others on the wire goes on: it is then that the radio counts.
+        A robot that has lost all others on the wire continues: the radio matters then.
         """
         if not self.has_mates or len(self._robot.encode()) > MAX_NAME_BYTES:
             return None
@@ -96,14 +96,14 @@ class BaseLinks:
         link = self._links.get(beacon.robot)
         if link is None:
             link = self._links[self._new(beacon.robot)] = _Link()
-        elif 0 < (gap := sequences_after(beacon.sequence, link.sequence)) < SEQUENCES // 4:  # else it started again
+        elif 0 < (gap := sequences_after(beacon.sequence, link.sequence)) < SEQUENCES // 4:  # else it was restarted
             link.missed += gap - 1
         link.sequence, link.stamp_ns, link.rssi_dbm = beacon.sequence, stamp_ns, float(beacon.rssi_dbm)
         link.packets += 1
         link.sum_dbm += beacon.rssi_dbm
 
     def heard(self) -> list[ReceivedRobot]:
-        """The robots that were heard, by name."""
+        """The received robots, by name."""
         return [
             ReceivedRobot(
                 robot=name,
@@ -117,11 +117,11 @@ class BaseLinks:
         ]
 
     def message(self, now_ns: int, fresh_ns: int, motes: Iterable[MoteRecord]) -> RobotLinks | None:
-        """Whom the robot hears, for the team; None if there has been nobody since the last one.
+        """The received motes and robots, for the team; None if there were none since the last one.
 
         Args:
             now_ns: by the robot's clock.
-            fresh_ns: who was heard so long ago counts; a mote also within three of its periods.
+            fresh_ns: longest time since a reception that counts; for a mote also three of its periods.
             motes: those that are known.
 
         """
@@ -153,7 +153,7 @@ class BaseLinks:
 
 
 IN_REACH_NS = to_ns(15.0)
-"""For so long after it was heard a mote is spoken to directly alone."""
+"""Time after a reception for which a mote is only addressed directly."""
 PREFIX = "m"
 """A mote's name on the wire is this and its number."""
 QUANTITIES = {int(quantity): quantity.wire_name for quantity in Quantity}
@@ -167,7 +167,7 @@ class SnwCounters(msgspec.Struct):
     repeated: int
     """Had arrived before, from the mote or by another robot."""
     unreadable: int
-    """Said to be readings or beacons and were none."""
+    """Invalid packets of the types of readings or beacons."""
     requests: int
     acknowledgements: int
     duties: int
@@ -182,9 +182,9 @@ class SnwCounters(msgspec.Struct):
 class SNwExploration(Unit):
     """Collects readings from motes in range, publishes each once, and sends motes requests and duties.
 
-    A mote listens only for a moment after it has sent: whatever is to be said to it is said when it is heard. Once
-    another robot has been there, it also says a beacon at intervals, so that base stations know how they hear each
-    other. Whom it hears is published as `robot/R/links`.
+    A mote listens only for a moment after it has sent: packets to it are sent at its reception. Once another robot has
+    been there, it also sends a beacon at intervals, so that base stations measure their links. Its received motes and
+    robots are published as `robot/R/links`.
     """
 
     class Parameters(AskingParameters, frozen=True, forbid_unknown_fields=True):
@@ -196,11 +196,11 @@ class SNwExploration(Unit):
         acknowledge_every: PositiveInt = 8
         duty_tries: PositiveInt = 20
         beacon_s: Positive = 1.0
-        """Time between two beacons; with every second one the robot publishes which motes and robots it hears."""
+        """Time between two beacons; with every second one the robot publishes its received motes and robots."""
         link_fresh_s: Positive = 5.0
         """Time of silence, or three periods of a mote, after which a link is no longer published."""
         store_readings: NotNegativeInt = 0
-        """Readings that it stores while there is no coordinator, and forwards later; 0: it tells them at once."""
+        """Readings that it stores while there is no coordinator, and forwards later; 0: it publishes them at once."""
 
         def __post_init__(self) -> None:
             super().__post_init__()
@@ -248,18 +248,18 @@ class SNwExploration(Unit):
 
     @external
     def heard(self) -> list[ReceivedMote]:
-        """The motes that this robot has heard, by number."""
+        """The motes that this robot has received, by number."""
         rows = (self._records[number].as_received() for number in sorted(self._records))
         return [row for row in rows if row is not None]
 
     @external
     def robots(self) -> list[ReceivedRobot]:
-        """The robots whose base stations this one has heard, by name."""
+        """The robots whose base stations this one has received, by name."""
         return self._links.heard()
 
     @external
     def request_stored(self, mote: str) -> None:
-        """Request missing readings from a mote as soon as it is heard again.
+        """Request missing readings from a mote at its next reception.
 
         Raises:
             ValueError: that is no mote's name.
@@ -269,7 +269,7 @@ class SNwExploration(Unit):
 
     @external
     def set_duty(self, mote: str, period_s: float) -> None:
-        """Set a mote's period of measuring as soon as it is heard again.
+        """Set a mote's period of measuring at its next reception.
 
         Raises:
             ValueError: that is no mote's name, or no period that a mote can have.
@@ -299,7 +299,7 @@ class SNwExploration(Unit):
         record = self._record(reading.mote)
         if record is None:
             return
-        self._receive_team()  # somebody may have put it on the wire a moment ago
+        self._receive_team()  # another robot may have put it on the wire a moment ago
         record.record_packet(reading, packet.stamp_ns, self._place())
         is_new = record.window.add(reading.sequence, is_live=message.type == READING_TYPE)
         if message.type == READING_TYPE:  # a stored reading reports an earlier state
@@ -356,7 +356,7 @@ class SNwExploration(Unit):
         publisher.put(reading)
 
     def _answer(self, record: MoteRecord, now_ns: int) -> None:
-        """Say what there is to say, while the mote listens."""
+        """Send the waiting packets while the mote listens."""
         self._answer_duty(record)
         window = record.window
         if record.asked is not None and (now_ns >= record.asked_until_ns or not window.lacks(record.asked)):
@@ -419,7 +419,7 @@ class SNwExploration(Unit):
                 if record is None:
                     continue
                 if isinstance(message, MoteReading):
-                    # Another robot's word tells nothing of order: it may be a stored reading.
+                    # A reading from another robot shows nothing about order: it may be a stored one.
                     record.window.add((message.sequence or 0) & 0xFFFF, is_live=False)
                 elif isinstance(message, MoteDuty):
                     # A stamp in the future, from a wrong clock, would override all later requests until then.
@@ -455,9 +455,9 @@ def wire_reading(
     """A reading as it is published to the team.
 
     Args:
-        reading: as the base station heard it.
+        reading: as the base station received it.
         via: whose base station.
-        stamp_ns: when it heard it.
+        stamp_ns: time of the reception.
         route: how the reading came, if other motes have passed it on.
 
     """
