@@ -170,8 +170,7 @@ class Negotiation:
     def receive(self, ballot: Ballot) -> bool:
         """Take another robot's ballot into account.
 
-        Returns:
-            False if it is of a later negotiation or cannot be understood, so that a new one is to be opened.
+        Returns: False if it is of a later negotiation or cannot be understood, so that a new one must be opened.
 
         """
         if ballot.term != self.term:

@@ -15,7 +15,7 @@ class BatteryReport(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the current is measured and the charge is to be found from it and the voltage."""
+        """Whether the current is measured, and the charge follows from it and the voltage."""
         return self.has_current and self.soc is None
 
 

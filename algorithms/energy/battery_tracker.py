@@ -47,9 +47,9 @@ class GaugeLimits(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True
     frozen_s: Positive = 4.0
     """Voltage and current are the same to the last bit for no longer than this; more for a gauge that averages."""
     stale_s: Positive = 1.5
-    """So long without a measurement is a fault."""
+    """Time without a measurement that is a fault."""
     recover_s: Positive = 10.0
-    """So long everything has to be right again."""
+    """Time for which all measurements must be right again."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -108,7 +108,7 @@ class GaugeCheck:
         return self._settle(wrong, since_s)
 
     def silent(self, since_s: float, elapsed_s: float) -> bool:
-        """Whether it still is to be believed after `since_s` without a measurement; `elapsed_s` since asked last."""
+        """Whether it is still believed after `since_s` without a measurement; `elapsed_s` since the last call."""
         is_stale = since_s > self.limits.stale_s
         return self._settle(f"no measurement for {since_s:.1f} s", elapsed_s) if is_stale else not self.why
 

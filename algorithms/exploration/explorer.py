@@ -139,7 +139,7 @@ class Attempts:
 
 
 def _is_unchanged(attempts: _Attempts, grid: "OccupancyGrid") -> bool:
-    """Whether no more has been seen around a place since, and little has become unknown again."""
+    """Whether nothing new has been seen around a place since, and little has become unknown again."""
     lost_max = LOST_SHARE * (2 * round(LOOK_M / grid.geometry.resolution_m) + 1) ** 2
     return 0 <= unknown_around(grid, attempts.place) - attempts.unknown <= lost_max
 

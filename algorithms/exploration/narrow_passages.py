@@ -21,7 +21,7 @@ class Gap(NamedTuple):
     """A gap that a robot did not fit through."""
 
     place: Point2D
-    """Where the robot stood in front of it, arena frame."""
+    """Place of the robot in front of it, arena frame."""
     gap_m: float
     tries: int
     again_ns: int

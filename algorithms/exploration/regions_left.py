@@ -46,7 +46,7 @@ class Evidence(NamedTuple):
     been: Sequence[Point2D] = ()
     """Places where robots were."""
     spent: Sequence[Point2D] = ()
-    """Frontiers at which a robot was and saw no more than before: not reported."""
+    """Frontiers at which a robot has seen nothing new: not reported."""
 
 
 def exploration_left(classes: NDArray[np.int8], geometry: GridGeometry, evidence: Evidence) -> ExplorationLeft:

@@ -63,7 +63,7 @@ GAP_NS = 300_000_000
 FRAMES_KEPT = 64
 """Frames of the wheels, so that measurements may arrive later than these: 1.3 s at the usual period."""
 STILL_AFTER_NS = 200_000_000
-"""The robot may still rock for so long after its wheels have stopped."""
+"""Time for which the robot may still rock after its wheels have stopped."""
 WINDOW_NS = 500_000_000
 SPREAD_RAD_S = 0.05
 """Largest spread of the measurements of a window while the robot stands."""
@@ -80,7 +80,7 @@ COMPARED_RAD = 0.4
 COMPARED_NS = 10_000_000_000
 """A longer time is skipped: wheels of unequal sizes seem to turn the robot slowly while it drives ahead."""
 RATIO_MIN, RATIO_MAX = -0.3, 4.0
-"""Of the gyroscope's turning to the wheels'. Blocked wheels give 0, a track taken for 3 times its size gives 3."""
+"""Of the gyroscope's turning to the wheels'. Blocked wheels give 0, a track configured at 3 times its size gives 3."""
 REFUSED_AFTER, TRUSTED_AFTER = 2, 3
 """Numbers of consecutive comparisons that decide; a single one may be a person who pushes the robot."""
 
@@ -194,8 +194,8 @@ class GyroYaw:
     def _compare(self, turned_rad: float, by_wheels_rad: float, elapsed_ns: int) -> None:
         """Hold the gyroscope against the wheels.
 
-        A wrong yaw added before that is not taken back: dead reckoning must not jump (REP 105), and localisation
-        corrects the error.
+        A wrong yaw added before is not withdrawn: dead reckoning must not jump (REP 105), and localisation corrects the
+        error.
         """
         compared = self._compared
         compared.turned_rad += turned_rad

@@ -319,9 +319,9 @@ class OccupancyGrid:
     `SURFACE_HITS_MAX`.
 
     `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
-    observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class
-    since the last patch. `version` grows whenever a class changes; `known_count` counts the cells not UNKNOWN.
-    The arrays are to be read from outside, not written.
+    observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class since the
+    last patch. `version` grows whenever a class changes; `known_count` counts the cells not UNKNOWN. Other code may
+    read the arrays but not write them.
     """
 
     def __init__(self, geometry: GridGeometry, *, surfaces: bool = False) -> None:

@@ -73,7 +73,7 @@ POINTS_A_SIDE = 25
 ROUNDING = 1e-9
 """Relays stand as far apart as the radio reaches."""
 LEAST_GOAL_DAYS = 20.0
-"""Beyond its goal the field is run as if it were so far away."""
+"""Beyond its goal the field is run as if the goal were this far away."""
 MAX_DAYS = 3650.0
 FLAT_J = 1e-6
 """A mote with no more than this remaining is dead."""

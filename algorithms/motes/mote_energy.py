@@ -12,7 +12,7 @@ SENSE_A, SENSE_S = 0.0087, 0.02
 LOG_A, LOG_S = 0.0264, 0.001
 SEND_A, LISTEN_A = 0.0174, 0.01209
 OVERHEAD_BITS = 8 * 18
-"""Preamble, header and checksum of any packet; an acknowledgement is no more than that."""
+"""Preamble, header and checksum of any packet; an acknowledgement consists of these alone."""
 PACKET_BITS = 8 * 24 + OVERHEAD_BITS
 """Payload of a reading, and overhead."""
 BITS_PER_S = 19_200.0
@@ -39,7 +39,7 @@ class MoteEnergy(msgspec.Struct, frozen=True, kw_only=True):
     send_j: float
     """To send a packet over one hop and receive its acknowledgement."""
     receive_j: float
-    """To receive a packet that is to be forwarded, and acknowledge it."""
+    """To receive a packet for forwarding, and acknowledge it."""
     hand_over_j: float
     """To hand a stored reading over to a robot that stands near."""
     beacon_send_j: float

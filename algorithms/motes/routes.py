@@ -211,7 +211,7 @@ def share_at_once(
     """The largest share of all readings that may travel over the air, 0 to 1; robots collect the rest.
 
     Args:
-        routes: what travels.
+        routes: the packets to send.
         sources: motes that take readings.
         budgets_w: energy that each mote may spend on packets.
         energy: of the motes.

@@ -298,7 +298,7 @@ def _search(
 ) -> NDArray[np.int32]:
     """Parents of the flattened cells: −1 where a cell was not reached; the start is its own.
 
-    The heap holds cells and knows each one's slot, so that a cell found on a cheaper way moves up in place.
+    The heap holds cells and knows each one's slot, so that a cell found on a cheaper path moves up in place.
     """
     height, width = traversable.shape
     distance = np.full(height * width, np.inf)

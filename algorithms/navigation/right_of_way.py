@@ -397,7 +397,7 @@ def _release(
 
 
 WINDOW_M = 12.0
-"""Refuges are looked for within this distance, chosen: farther away another path is worth more than waiting."""
+"""Refuges are searched for within this distance, chosen: farther away another path is worth more than waiting."""
 HEAD_START_S = 0.5
 """A teammate comes later than foreseen by at least this: it starts first, and brakes before robots on its path."""
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)

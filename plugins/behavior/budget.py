@@ -78,8 +78,7 @@ class Budget:
     def connect(self) -> None:
         """Connect the plugins that it needs.
 
-        Raises:
-            PluginMissing, AccessDenied, PluginBusy: it is not to be had.
+        Raises: PluginMissing, AccessDenied, PluginBusy: it is not available.
 
         """
         self._energy = self._env.use("energy", EnergyInterface)
@@ -93,11 +92,11 @@ class Budget:
         return BudgetVerdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
 
     def duration_s(self, work: Work) -> float:
-        """How long this work takes."""
+        """Duration of this work."""
         return self._energy.estimate(work).duration_s
 
     def learn(self, work: Work, cost_j: float) -> None:
-        """A work that went as planned has cost so much."""
+        """Report the cost of a work that went as planned."""
         self._energy.outcome(work, cost_j)
 
     def path_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:

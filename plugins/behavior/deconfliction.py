@@ -68,7 +68,7 @@ class Encounter:
         self.tracks = _tracks(teammates, radius_m, claim.rank(robot))
 
     def release(self, ahead: Floats) -> Release:
-        """How far the robot may go along positions (N, 2)."""
+        """Released part of the positions (N, 2)."""
         return release(ahead, self._speed_m_s, self.tracks, MARGINS)
 
     def guard(self, ahead: Floats) -> Release:
@@ -120,7 +120,7 @@ def _tracks(teammates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track
 
 
 def circles(teammates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Circle]:
-    """Where teammates of one kind are, with a margin beyond their radius."""
+    """Places of teammates of one kind, with a margin beyond their radius."""
     return [
         (teammate.pose.x_m, teammate.pose.y_m, teammate.radius_m + margin_m)
         for teammate in teammates
@@ -141,7 +141,7 @@ class TravelClaim:
     """The claim of one robot while it travels.
 
     Args:
-        ageing_s: after waiting so long the claim counts for one more.
+        ageing_s: waiting time after which the claim counts for one more.
 
     """
 
@@ -155,7 +155,7 @@ class TravelClaim:
         self._waited_ns = 0
         self._cornered_ns = -to_ns(CORNERED_AGAIN_S)
         self._cornered_by: list[str] = []
-        """The teammates that have to give way, because this robot cannot."""
+        """The teammates that must give way, because this robot cannot."""
 
     @property
     def claim(self) -> Claim:
@@ -175,7 +175,7 @@ class TravelClaim:
         self._held_ns = None
 
     def wait(self, now_ns: int) -> int:
-        """Others hold the robot up; for how long they have at a stretch, nanoseconds."""
+        """Record that others hold the robot up; returns the uninterrupted time of this, nanoseconds."""
         if self._held_ns is None:
             self._held_ns = self._counted_ns = now_ns
         self._waited_ns += now_ns - self._counted_ns
@@ -194,7 +194,7 @@ class TravelClaim:
         self._lent = None
 
     def has_no_refuge(self, encounter: Encounter, here: Floats, now_ns: int) -> None:
-        """There is no place to yield to; reported once a robot is near enough to wait for it."""
+        """Record that there is no refuge; it is reported once a robot is near enough to wait for it."""
         pressed_by = encounter.in_the_way_of(here, PRESSED_S)
         if pressed_by and now_ns - self._cornered_ns >= to_ns(CORNERED_AGAIN_S):
             self._cornered_ns = now_ns
@@ -203,14 +203,14 @@ class TravelClaim:
             self._own = msgspec.structs.replace(self._own, cornered=1 + most)
 
     def relieve(self, encounter: Encounter, ahead: Floats) -> None:
-        """Cornered no more, once the paths of those that had to give way no longer meet the robot's path."""
+        """End the cornered state once the paths of those that had to give way no longer meet the robot's path."""
         if self._cornered_by and not encounter.still_meets(ahead, self._cornered_by):
             self._cornered_by = []
             self._own = msgspec.structs.replace(self._own, cornered=0)
 
 
 class Outlet(NamedTuple):
-    """Where a leg goes: to the driver, and to the team."""
+    """Outputs of a leg: to the driver, and to the team."""
 
     robot: str
     speed_m_s: float
@@ -240,7 +240,7 @@ class Leg:
         self.end = path[-1]
         self._outlet = outlet
         self._released_m = -1.0
-        """How far along it the driver has been sent; below 0 for not at all."""
+        """Length of the path sent to the driver; below 0 for none."""
         self._reported: tuple[Claim, float | None] | None = None
 
     def guard(self, encounter: Encounter, pose: Pose2D) -> Release:

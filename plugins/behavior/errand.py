@@ -48,7 +48,7 @@ set."""
 CHECK_NS = to_ns(2.0)
 """Period of the energy checks of a running task."""
 SETTLE_S = 4.0
-"""Having arrived, the robot rolls on to the very end of its path for at most so long."""
+"""Longest time that an arrived robot rolls on to the very end of its path."""
 ACTION_LIMIT_S = 20.0
 FACED_RAD = 0.05
 
@@ -120,13 +120,13 @@ class Run(Generic[P]):
         self.measured_ns = 0
 
     def pause(self) -> None:
-        """Do nothing of it for now."""
+        """Pause the script."""
         self.is_paused = True
         self.is_as_planned = False
         self.script.close()
 
     def begin_anew(self) -> None:
-        """From its beginning, the path included: the robot may have gone somewhere else meanwhile."""
+        """Start again, the path included: the robot may have gone somewhere else meanwhile."""
         self.is_paused = False
         self.there_ns = None
         self.script = self._play()
@@ -138,7 +138,7 @@ class Errand(Behavior, ABC, Generic[P]):
     Parameters: ClassVar[type[msgspec.Struct]] = TravelParameters
     period_s: float | None = STEP_S
     idle_period_s: ClassVar[float | None] = None
-    """Its period while it has nothing to do."""
+    """Its period while it is idle."""
     accepted = Event[str]()
     """Observed by the errand itself: the path begins in its own step, right after the answer to the offer."""
 
@@ -184,7 +184,7 @@ class Errand(Behavior, ABC, Generic[P]):
             yield
 
     def face(self, yaw_rad: float) -> Part:
-        """Turn on the spot until the robot faces so, arena frame."""
+        """Turn on the spot until the robot has this heading, arena frame."""
         for _ in range(TURNS):
             turn_rad = wrap_angle_rad(yaw_rad - self.travel.pose().yaw_rad)
             if abs(turn_rad) < FACED_RAD:
@@ -203,7 +203,7 @@ class Errand(Behavior, ABC, Generic[P]):
             yield
 
     def away_m(self, place: Point2D) -> float:
-        """How far the robot is from a place."""
+        """Distance of the robot from a place."""
         return self.travel.pose().distance_m(place)
 
     def battery(self) -> BatteryState:
@@ -271,7 +271,7 @@ class Errand(Behavior, ABC, Generic[P]):
             self.finish(TaskState.FAILED, error.message)
 
     def _foresee(self, run: Run[P]) -> None:
-        """So that the next task can be there when this one ends."""
+        """Report the expected end, so that the next task can be there when this one ends."""
         if run.own or run is not self.run:
             return
         left_s = self.left_s(run)
@@ -320,7 +320,7 @@ class Errand(Behavior, ABC, Generic[P]):
         return TaskAnswer(accepted=True)
 
     def why_not(self, run: Run[P]) -> OfferRefusal | None:
-        """Why a task cannot be taken on, before it is begun; None if it can."""
+        """Reason why a task cannot be accepted, before it is begun; None if it can."""
         verdict = self.budget.judge(self._left(run), run.home_m)
         if not verdict.is_affordable:
             return verdict.reason
@@ -333,7 +333,7 @@ class Errand(Behavior, ABC, Generic[P]):
         """Handle the end of an activity that the robot began by itself."""
 
     def accept_task(self, run: Run[P]) -> None:
-        """Have this to do from now on."""
+        """Begin this task."""
         self.run = run
         self.period_s = STEP_S
         self.accepted.notify(run.task.id)
@@ -391,7 +391,7 @@ class Errand(Behavior, ABC, Generic[P]):
             self.travel.stand()
 
     def drop(self) -> None:
-        """Have nothing to do any more; scripts clean up after themselves."""
+        """Drop the task; scripts clean up after themselves."""
         run, self.run = self.run, None
         if run is not None:
             run.script.close()

@@ -1,4 +1,4 @@
-"""Errands of few lines: visit, inspect, collect, sense and replace, and how pictures leave the robot."""
+"""Errands of few lines: visit, inspect, collect, sense and replace, and the output of pictures."""
 
 import math
 from collections.abc import Generator
@@ -34,7 +34,7 @@ all."""
 
 
 class ImageOut:
-    """Where a behavior's pictures leave the robot; made again in each `activate`.
+    """Output of a behavior's pictures; made again in each `activate`.
 
     Args:
         env: the behavior's.
@@ -91,7 +91,10 @@ class InspectBehavior(Errand[Inspect]):
         return Work(turn_rad=math.pi if inspect.look_at is not None else 0.0, wait_s=STEADY_S + task.service_s)
 
     def do(self, task: Task, inspect: Inspect) -> Script:
-        """Look. Result: `image`, `yaw_rad`."""
+        """Take a picture.
+
+        Result: `image`, `yaw_rad`.
+        """
         if inspect.look_at is not None:
             pose = self.travel.pose()
             yield from self.face(math.atan2(inspect.look_at.y_m - pose.y_m, inspect.look_at.x_m - pose.x_m))
@@ -112,7 +115,7 @@ PACKETS = 64
 
 
 class CollectBehavior(Errand[Collect]):
-    """Fetches the readings that a mote has stored."""
+    """Fetches the stored readings of a mote."""
 
     kind = COLLECT
 
@@ -121,11 +124,14 @@ class CollectBehavior(Errand[Collect]):
         super().activate()
 
     def work(self, task: Task, collect: Collect) -> Work:
-        """All of the time that it may take."""
+        """All of its allowed time."""
         return Work(wait_s=collect.timeout_s, radio_packets=PACKETS)
 
     def do(self, task: Task, collect: Collect) -> Script:
-        """Ask and wait. Result: `readings` that came, and how many are still `missing`."""
+        """Request and wait.
+
+        Result: received `readings`, and the number still `missing`.
+        """
         before = self._received(collect.mote)
         had = before.readings if before is not None else 0
         begun_ns = self.env.clock.now_ns()

@@ -199,7 +199,7 @@ class ExploreBehavior(Behavior):
         self._is_hidden = False
         """No place from which the robot could see its frontier is known."""
         self._least_cells = MIN_CELLS
-        """A goal around which frontiers are shorter has been seen."""
+        """A goal with only shorter frontiers around it counts as seen."""
         self._frame = ARENA
         """The map frame of the robot's own choice."""
         self._spent: deque[Point2D] = deque(maxlen=SPENT_MAX)
@@ -320,7 +320,7 @@ class ExploreBehavior(Behavior):
         return self.env.board.frame != ARENA and not (battery is not None and battery.charging)
 
     def _is_free(self) -> bool:
-        """Whether no behavior drives, or the robot drives about in search of itself although it could explore."""
+        """Whether no behavior drives, or the robot searches for its place although it could explore."""
         behavior, now_ns = self.env.board.behavior, self.env.clock.now_ns()
         if behavior != FIND_ITSELF or now_ns < self._check_due_ns:
             return behavior == IDLE
@@ -346,7 +346,7 @@ class ExploreBehavior(Behavior):
             self.env.tasks.vacate(self.env.plugin)
 
     def _revise(self) -> None:
-        """Decide with regard to the other robots where to go; the goal there is may be the best."""
+        """Choose a goal with regard to the other robots; the present goal may stay."""
         now_ns, travel = self.env.clock.now_ns(), self._travel
         if now_ns < self._decide_due_ns:
             return

@@ -16,7 +16,7 @@ from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import NotNegative
 
 NEAR_M = 0.5
-"""So near to its place a robot stays where it is."""
+"""A robot within this distance of its place stays there."""
 SEARCH_AFTER_S = 3.0
 """Another behavior may have a better method to localise the robot: it has this time to begin."""
 RETRY_S = 30.0
@@ -48,7 +48,7 @@ class IdleBehavior(Behavior):
         self._is_searching = self._has_searched = False
         self._since_ns: int | None = None
         self._lost_ns: int | None = None
-        """Since when the robot has been lost with nothing to do."""
+        """Time since which the idle robot has been lost."""
 
     def activate(self) -> None:
         self._travel.connect()
@@ -63,7 +63,7 @@ class IdleBehavior(Behavior):
 
     @external
     def wait_at(self, x_m: float, y_m: float) -> None:
-        """Set the place where the robot waits when it has nothing to do, arena frame."""
+        """Set the place where the idle robot waits, arena frame."""
         if not (math.isfinite(x_m) and math.isfinite(y_m)):
             raise CallError(ErrorCode.BAD_ARGUMENTS, f"expected a finite place, got {x_m}, {y_m}")
         self._home = Point2D(x_m, y_m)

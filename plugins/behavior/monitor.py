@@ -27,7 +27,7 @@ from robrain.protocol.model.tasks.task import Task
 
 HALF = 2
 TURN_MAX_RAD = 0.14
-"""How far the robot may face from where it did."""
+"""Largest difference between the headings of two pictures."""
 TURN_STEPS = 17
 """Turns that are tried first, some a pixel apart; then half of that, a quarter and an eighth."""
 VIEW_RAD = 1.2
@@ -78,7 +78,7 @@ def changed_share(before: Colors, now: Colors, view_rad: float = VIEW_RAD) -> fl
 
 
 def _turn_rad(before: Colors, now: Colors, view_rad: float) -> float:
-    """By how much the earlier picture has to be turned to agree best with the new one."""
+    """Angle by which the earlier picture must be turned to agree best with the new one."""
     gray, gray_now = (colors.mean(axis=2, keepdims=True) for colors in (before, now))
 
     def disagreement(turn_rad: float) -> float:
@@ -117,7 +117,7 @@ def _turned(colors: Colors, turn_rad: float, view_rad: float) -> tuple[Colors, M
 
 
 def _difference(before: Colors, now: Colors) -> Colors:
-    """(H, W) how far each pixel is from the most alike of the nine where it was."""
+    """(H, W) difference of each pixel from the most similar of the nine pixels at its earlier place."""
     rows, columns, _ = now.shape
     wide = np.pad(before, ((1, 1), (1, 1), (0, 0)), mode="edge")
     around = [wide[down : down + rows, across : across + columns] for down in range(3) for across in range(3)]
@@ -149,7 +149,7 @@ class RoomChange(msgspec.Struct, frozen=True, kw_only=True):
     image: str
     """Key of the picture."""
     yaw_rad: float
-    """Where the robot looked, arena frame."""
+    """Heading of the robot, arena frame."""
     share: float
     """Of the picture that has changed."""
 

@@ -57,7 +57,7 @@ class Queue:
         self._wanted = ChargerPlace(task.place.x_m, task.place.y_m, yaw_rad)
         self._priority = round(min(task.priority, PRIORITY_MAX))
         self._skipped: dict[Point2D, int] = {}
-        """Until when."""
+        """Time until which each is skipped."""
         self._given: dict[Point2D, int] = {}
         self._trouble = ""
 
@@ -78,7 +78,7 @@ class Queue:
         return min(self._errand.budget.ways(Point2D(pose.x_m, pose.y_m), free), key=lambda route: route[1])[0]
 
     def leave_out(self, charger: ChargerPlace, reason: str) -> None:
-        """It was of no use."""
+        """Skip a useless charger for a while."""
         self._trouble = reason
         self._skipped[charger.place] = self._now_ns() + to_ns(LEFT_OUT_S)
 
@@ -202,7 +202,7 @@ class Docking:
     Args:
         errand: the behavior.
         charger: where.
-        no_power_s: a charger that has given nothing for so long gives nothing.
+        no_power_s: time without current after which a charger counts as useless.
 
     """
 
@@ -288,7 +288,7 @@ GUARD_S = 2.0
 AT_HOME_M = 1.0
 """A robot without a known charger is at home within this distance of its start."""
 FULL_ERROR = 0.06
-"""The estimate of a full battery may be off by so much. Chosen: about three deviations of it."""
+"""Largest error of the estimate of a full battery. Chosen: about three deviations of it."""
 RETRY_NS = to_ns(20.0)
 """Time between a failed path home and the next try."""
 HOMEWARD = 10.0
@@ -306,7 +306,7 @@ class RechargeBehavior(Errand[Recharge]):
         """When the robot goes to charge by itself, and how long it stays; chosen."""
 
         reserve_s: Positive = 60.0
-        """Energy kept beyond the way home, as time of standing."""
+        """Energy kept beyond the path home, as time of standing."""
         until_soc: Annotated[float, Meta(gt=0, le=1)] = 0.95
         no_power_s: Positive = 10.0
         """A charger without current for this long counts as useless."""
@@ -318,7 +318,7 @@ class RechargeBehavior(Errand[Recharge]):
     def init(self) -> None:
         super().init()
         self._wanted = ""
-        """Why the robot is to go home by itself; empty if it need not."""
+        """Reason why the robot must go home by itself; empty if it need not."""
         self._charged_j = 0.0
         self._not_before_ns = 0
         self._home_m = 0.0
@@ -429,7 +429,7 @@ class RechargeBehavior(Errand[Recharge]):
             self.period_s = STEP_S
 
     def ended_own(self, state: TaskState, reason: str) -> None:
-        """Try again after a while, if it still is needed then."""
+        """Try again after a while, if a charge is still necessary then."""
         if state is not TaskState.DONE:
             self._not_before_ns = self.env.clock.now_ns() + RETRY_NS
 
@@ -468,7 +468,7 @@ class RechargeBehavior(Errand[Recharge]):
             self.env.tasks.recall(self._wanted)
 
     def _clear_charger(self) -> None:
-        """Leave a charger that the robot does not need any more, when a teammate waits for one."""
+        """Leave a charger that the robot no longer needs, when a teammate waits for one."""
         chargers = self.budget.home.chargers()
         if not chargers or self.env.tasks.is_busy or self.env.board.pose is None or self.travel.lost:
             return

@@ -23,7 +23,7 @@ BALANCE_DB = 3.0
 """A step towards the weaker of two links must be worth more than this; about the change by a step of the usual size."""
 
 NEW_SHARE = 0.3
-"""How much a packet's strength counts against those before: fading must not move the robot."""
+"""Weight of a packet's strength against earlier ones: fading must not move the robot."""
 SILENT_DBM = -1000.0
 """Strength of a link on which nothing is received."""
 
@@ -75,7 +75,7 @@ class RelayBehavior(Errand[Relay]):
     """Keeps a radio link to a mote, a robot, or both."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
-        """How the robot moves for the link's sake; chosen."""
+        """Motion of the robot for a better link; chosen."""
 
         step_m: Positive = 0.7
         stray_m: Positive = 3.0

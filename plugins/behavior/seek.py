@@ -43,7 +43,7 @@ SIDES_MIN = 3
 SUMMIT_SD_M = 0.5
 """Largest standard deviation of a source's place."""
 MOVED_M = 0.3
-"""A step that moves the robot less has led nowhere."""
+"""A step that moves the robot less than this has failed."""
 STUCK_MAX = 4
 """Number of consecutive steps without a gain that end the climb."""
 GOLDEN_RAD = math.radians(137.5)
@@ -51,7 +51,7 @@ SPIRAL_M = 0.8
 """The first turn of the spiral; its radius grows by the square root."""
 WIDTH_M = 2.5
 NEAR_WIDTH_M = 1.2
-"""Readings so far away count a quarter of those here: during the climb, and on the circle around the summit."""
+"""Distance at which readings count a quarter: during the climb, and on the circle around the summit."""
 RECEIVED_S = 60.0
 """Readings of motes that are older do not count."""
 PACE_M_S = 0.25
@@ -79,7 +79,7 @@ class SourceFound(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SeekBehavior(Errand[Seek]):
-    """Finds where a quantity is greatest."""
+    """Finds the place of a quantity's maximum."""
 
     kind = SEEK
     found = Event[SourceFound](outside=True)
@@ -223,7 +223,7 @@ class Climb:
         return None
 
     def _circle(self, middle: Point2D) -> Generator[None, None, int]:
-        """Drive around a place; how many points of the circle were reached."""
+        """Drive around a place; returns the number of reached points of the circle."""
         reached = 0
         here = self._here()
         begin_rad = math.atan2(here.y_m - middle.y_m, here.x_m - middle.x_m)

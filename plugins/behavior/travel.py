@@ -98,7 +98,7 @@ GAP = "gap_m"
 
 
 class TravelParameters(Checked, frozen=True, forbid_unknown_fields=True):
-    """When a place counts as reached, and how long the robot bears with obstacles; a base for a behavior's own."""
+    """When a place counts as reached, and how long the robot waits before obstacles; a base for a behavior's own."""
 
     arrived_m: Positive = 0.3
     """Distance at which a place counts as reached."""
@@ -134,7 +134,7 @@ class TravelState(Enum):
     TOO_NARROW = auto()
     """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_PATH = auto()
-    """The planner finds no path any more."""
+    """The planner no longer finds a path."""
     LOST = auto()
     """The robot is lost, and has not found its place."""
 
@@ -174,7 +174,7 @@ class Travel:
         """Width of the gap that last stopped the robot; None for another cause."""
 
     def connect(self) -> None:
-        """Get the interfaces it needs.
+        """Connect the interfaces that it needs.
 
         Raises:
             PluginMissing, AccessDenied, PluginBusy: one of them is not available.
@@ -197,14 +197,14 @@ class Travel:
 
     @property
     def lost(self) -> str:
-        """Why the robot must not drive to places of the arena, in words; empty if it may."""
+        """Reason why the robot must not drive to places of the arena, in words; empty if it may."""
         return told(self.position_lost) if self._env.board.lost else ""
 
     @property
     def position_lost(self) -> PositionLost | None:
         """The same as a reason: the robot is lost.
 
-        None if it does.
+        None if it is not.
         """
         reason = self._env.board.lost
         return PositionLost(self._env.robot, reason) if reason else None
@@ -237,7 +237,7 @@ class Travel:
         return self._localisation.pose()
 
     def plan(self, goal: Point2D) -> list[Point2D] | None:
-        """A path from here to a place, arena frame, through narrow places if need be; None if there is none."""
+        """A path from here to a place, arena frame, through narrow places if necessary; None if there is none."""
         encounter = self._meet(self.pose())
         for is_narrow in self._widths():
             path = self._plan(encounter, goal, is_narrow=is_narrow)
@@ -348,7 +348,7 @@ class Travel:
         rest.drive(Release(2, is_whole=True, must_leave=False, by=-1), IDLE)
 
     def forget(self) -> None:
-        """Go nowhere any more; the driver keeps to its last path."""
+        """Drop the goal; the driver keeps to its last path."""
         self._goal = None
         self._end = None
         self._leg = None
@@ -535,7 +535,7 @@ def _at_most(allowed: Release, positions: int) -> Release:
 
 
 def too_narrow(travel: Travel) -> tuple[str, dict[str, float]]:
-    """Why a travel ended with `TOO_NARROW`: in words, and as the result of a task."""
+    """Reason why a travel ended with `TOO_NARROW`: in words, and as the result of a task."""
     gap_m, needed_m = travel.gap_m or 0.0, least_gap_m(travel.driver.radius_m())
     result = {GAP: round(gap_m, 3), "needed_m": round(needed_m, 3)}
     return f"the way is too narrow: {gap_m:.2f} m wide, the robot needs {needed_m:.2f} m", result

@@ -67,7 +67,7 @@ class RangeRing(msgspec.Struct, frozen=True):
 
 
 class Bump(msgspec.Struct, frozen=True):
-    """The hull has begun to be touched, or is not touched any more."""
+    """A touch of the hull has begun or ended."""
 
     stamp_ns: int
     directions_rad: tuple[float, ...]

@@ -202,7 +202,7 @@ class Localisation(Skill):
         self._T_arena_local = IDENTITY if self._own_map.local_map is None else self._own_map.local_map.T_arena_local
         self._trajectories_before = 0 if self._own_map.local_pose is None else self._own_map.local_pose.trajectory
         self._centred = self._trajectories_before
-        """The last trajectory that needs not be moved to the middle of the map any more."""
+        """The last trajectory that needs no move to the middle of the map."""
         self._waiting: deque[LaserScan] = deque(maxlen=WAITING_MAX)
         self._checked: deque[int] = deque(maxlen=WAITING_MAX)
         """Stamps of the last scans that were matched."""

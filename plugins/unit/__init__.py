@@ -1,1 +1,1 @@
-"""Units: plugins that make more of Devices."""
+"""Units: plugins that combine and control Devices."""

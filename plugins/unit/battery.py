@@ -32,10 +32,10 @@ class BatteryInterface(Protocol):
     cut_off: Event[BatteryAlarm]
     """The battery is at its end, or has cut the motors off."""
     implausible: Event[BatteryAlarm]
-    """The measurements are not believed any more."""
+    """The measurements are no longer believed."""
 
     def state(self) -> BatteryState | None:
-        """The battery as it is believed to be; None before the first measurement."""
+        """The estimated state of the battery; None before the first measurement."""
 
     def drawn(self) -> Drawn | None:
         """Energy drawn so far, as of the last measurement; None before the first."""

@@ -41,7 +41,7 @@ class Terminal:
     def close(self) -> None:
         """Stop reading; a command that takes too long is abandoned."""
         self._wake.close()
-        if self._thread is not threading.current_thread():  # the command may be what closes it
+        if self._thread is not threading.current_thread():  # the command itself may close it
             self._thread.join(CLOSE_TIMEOUT_S)
 
     def _run(self) -> None:

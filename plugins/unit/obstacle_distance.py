@@ -39,7 +39,7 @@ SCAN_FRESH_NS = to_ns(0.6)
 """Three turns of a lidar at 5 Hz."""
 RING_FRESH_NS = to_ns(0.3)
 FROZEN_M, FROZEN_RAD = 0.08, 0.08
-"""A robot that has moved so far cannot see the very same ranges, to the millimetre."""
+"""Motion after which a robot cannot see the very same ranges, to the millimetre."""
 BUMPED_RAD = math.radians(80.0)
 """The robot does not drive within this angle of a touched direction."""
 SQUEEZED_GAP_M = 0.03
@@ -84,7 +84,7 @@ def ring_points_m(ring: RangeRing, before: RangeRing | None, seen_from: Pose2D) 
 
 
 class LidarMonitor:
-    """Sees that a lidar is frozen: its ranges stay equal to the millimetre while the robot moves."""
+    """Detects a frozen lidar: its ranges stay equal to the millimetre while the robot moves."""
 
     def __init__(self) -> None:
         self._ranges_m: Sequence[float] = ()
@@ -93,7 +93,7 @@ class LidarMonitor:
         """Since the first scan with these ranges."""
 
     def is_frozen(self, scan: LaserScan, seen_from: Pose2D) -> bool:
-        """Take the next scan, and where the robot was by its odometry."""
+        """Check the next scan, with the robot's odometry pose at it."""
         before, self._before = self._before, seen_from
         ranges_m = scan.beam_ranges_m
         has_hit = min(ranges_m, default=math.inf) < scan.range_max_m  # out of sight of everything all scans are equal
@@ -180,18 +180,18 @@ class Lookout:
         self._radius_m = moc.radius_m()
 
     def feel(self, bump: Bump) -> None:
-        """Take a change of the bump contacts."""
+        """Handle a change of the bump contacts."""
         self._touched_rad = bump.directions_rad
 
     def look(self, now_ns: int) -> str:
-        """Read the sensors; returns why the robot is blind, empty if it is not."""
+        """Read the sensors; returns the reason why the robot is blind, empty if it is not."""
         blind_reason = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
         if self._obstacles.is_frozen:
             self._scan.doubt("the lidar is frozen: its ranges stay equal to the millimetre while the robot moves")
         return blind_reason
 
     def free_m(self, pose: Pose2D, heading_rad: float) -> float:
-        """How far the robot can go straight in this direction of odom, less its stop distance before an obstacle."""
+        """Free straight path in this direction of odom, less the stop distance before an obstacle."""
         if self._touched_rad and self._is_touched(pose, heading_rad):
             return 0.0
         points_m = self._obstacles.points_m
@@ -245,7 +245,7 @@ class ObstacleField(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ObstacleDistanceInterface(Protocol):
-    """Distances when asked for."""
+    """Distances on request."""
 
     def view(self, sectors: int = 12) -> ObstacleField:
         """The nearest obstacle in each of this many sectors, by sensors with recent data."""

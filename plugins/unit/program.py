@@ -111,14 +111,14 @@ class LineProcess:
 
     @property
     def status(self) -> int | None:
-        """None while it runs, else as in subprocess."""
+        """None while it runs, otherwise as in subprocess."""
         return self._group.status
 
     def write(self, line: str, limit_s: float) -> bool:
-        """Give it a line; False if it does not take it in time.
+        """Send it a line; False if it does not accept the line in time.
 
         Raises:
-            OSError: it does not listen any more.
+            OSError: it no longer listens.
 
         """
         left = memoryview(f"{line}\n".encode())
@@ -142,7 +142,7 @@ class LineProcess:
             return self._stated.popleft() if self._stated else None
 
     def end(self) -> None:
-        """Ask it to end, see that it does, with all that it has started, and give everything back."""
+        """Terminate it and its child processes, and release all resources."""
         self._group.ask_to_end()
         self._group.wait(END_TIMEOUT_S)
         self.kill()
@@ -258,7 +258,7 @@ class ProgramAbsent(HardwareAbsent):
 
 
 class BadLine(PluginError):
-    """That cannot be given to the program."""
+    """Text that cannot be sent to the program."""
 
     code = ErrorCode.BAD_ARGUMENTS
 
@@ -296,7 +296,7 @@ class ProgramState(msgspec.Struct, frozen=True, kw_only=True):
     lines_left_out: int = 0
     """Lines that were too long, or no JSON where JSON was expected."""
     why: str = ""
-    """How it ended last."""
+    """Reason of its last end."""
 
 
 class ProgramInterface(Protocol):
@@ -322,15 +322,15 @@ Form = Literal["lines", "json"]
 BACKOFF_S = 0.5
 LONGEST_BACKOFF_S = 30.0
 A_MOMENT_S = 0.1
-"""Between a program's last word and its end."""
+"""Time between a program's last output and its end."""
 SILENT_S = 2.0
 """The same for one that has closed its output, and so is ending: on a busy machine that takes its time."""
 STEADY_S = 10.0
-"""A program that has run for so long has its restarts forgiven."""
+"""Running time after which earlier restarts no longer count."""
 
 
 class Program(Unit):
-    """Runs a program and speaks with it in lines, over its standard input and output."""
+    """Runs a program and exchanges lines with it, over its standard input and output."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Lines are UTF-8.
@@ -348,7 +348,7 @@ class Program(Unit):
         restart_limit: NotNegativeInt = 5
         """Number of consecutive restarts after which the plugin is faulted."""
         folder: str = ""
-        """Where it runs; relative to where the robot's agent runs, which is the default."""
+        """Working directory; relative to that of the robot's agent, which is the default."""
         environment: dict[str, str] = msgspec.field(default_factory=dict)
         """Variables beside those of the robot's agent."""
         max_line_bytes: PositiveInt = 65536
@@ -459,7 +459,7 @@ class Program(Unit):
             process.end()
 
     def _ended(self, process: LineProcess, status: int) -> None:
-        """The program has ended by itself, or was killed: start it again, or leave it at that, or be at fault."""
+        """The program has ended by itself, or was killed: start it again, stay ended, or be at fault."""
         self._reason = f"{self.parameters.command[0]} {how_it_ended(status)}"
         self._end()
         if self._was_halted:

@@ -88,7 +88,7 @@ class Conversation:
 
 
 def as_line(answer: str) -> bytes:
-    """An answer as it goes out."""
+    """An answer as a line to send."""
     one = " | ".join(answer.splitlines())
     return one.encode(errors="backslashreplace") + b"\n"
 
@@ -101,18 +101,18 @@ MAX_PORT = 65535
 
 RECEIVED_BYTES = 4096
 FIRST_COMMAND_S = 1.0
-"""A client that has given no command for so long makes room for another when all places are taken."""
+"""Time without a command after which a client makes room for another when all places are taken."""
 REPORT_S = 10.0
 """Between two warnings that all places are taken."""
 SEND_TIMEOUT_S = 5.0
-"""A client that takes no answer for so long is cut off."""
+"""Time after which a client that reads no answer is disconnected."""
 ACCEPT_PAUSE_S = 0.1
 CLOSE_TIMEOUT_S = 2.0
 """A command that takes longer when the server closes is abandoned."""
 
 
 class _Client:
-    """One that is connected."""
+    """A connected client."""
 
     def __init__(self, thread: threading.Thread) -> None:
         self.thread = thread
@@ -144,7 +144,7 @@ class LineServer:
         self._idle_s = idle_s
         self._clients: dict[socket.socket, _Client] = {}
         self.refused = 0
-        """How many were cut off because all places were taken."""
+        """Number of clients disconnected because all places were taken."""
         self._reported_s = -math.inf
         self._guard = threading.Lock()
         self._closing = False
@@ -158,11 +158,11 @@ class LineServer:
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of connected clients."""
         return len(self._clients)
 
     def close(self) -> None:
-        """Stop listening, cut all clients off, and wait for their threads."""
+        """Stop listening, disconnect all clients, and wait for their threads."""
         deadline_s = time.monotonic() + CLOSE_TIMEOUT_S
         self._wake.close()
         self._thread.join(CLOSE_TIMEOUT_S)
@@ -269,7 +269,7 @@ class TcpSocket(Unit):
     """Lets programs call the robot over TCP, in lines of text. There is no log-in."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """Where to listen, and to how many."""
+        """Address, and limits of the clients."""
 
         enabled: bool = False
         """Off by default, because there is no log-in."""

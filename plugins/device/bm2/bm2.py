@@ -187,7 +187,7 @@ class BatteryFrames:
             return None
         current_a = self._recent("current", stamp_ns)
         if self._has_current and current_a is None:
-            return None  # the frame with the current has not come, or comes no more
+            return None  # the frame with the current has not come, or has stopped
         wanted = self._wanted
         try:
             return plausible(

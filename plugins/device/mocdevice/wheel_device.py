@@ -192,7 +192,7 @@ class WheelOdometry(PoseTrack):
         return tuple([(stamp_ns + offset_ns, pose) for stamp_ns, pose in itertools.islice(history, first, None)])
 
     def turn(self, angle_rad: float, rate_rad_s: float | None) -> None:
-        """Turn the pose of the last frame by what a gyroscope has measured beyond the wheels' turning.
+        """Turn the pose of the last frame by a gyroscope's turn beyond that of the wheels.
 
         `rate_rad_s` takes the place of the wheels' turn rate in the velocity; None leaves it.
         """
@@ -217,7 +217,7 @@ FAST_PERIOD_S = 0.02
 
 
 class OpenLink(NamedTuple):
-    """A connection, and how its counts are to be read."""
+    """A connection, and the meaning of its counts."""
 
     link: WheelLink
     where: str
@@ -227,7 +227,7 @@ class OpenLink(NamedTuple):
     """Of the reports."""
     stamped_at: StampedAt
     start_s: float = 0.0
-    """A controller that starts when its line is opened may be silent for so long."""
+    """Longest silence of a controller that starts when its line is opened."""
 
 
 class WheelDevice(Device):

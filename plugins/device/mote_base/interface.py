@@ -17,7 +17,7 @@ class ReceivedPacket(msgspec.Struct, frozen=True):
 
 
 class Trouble(msgspec.Struct, frozen=True):
-    """Something is wrong with the base station, or is no more."""
+    """A fault of the base station has begun or ended."""
 
     kind: Literal["flood", "flood_over", "lost", "back"]
     """It sends more than the robot accepts; its line is lost; and the ends of both."""

@@ -255,7 +255,7 @@ class SfLink:
         self._early = []
         try:
             self._flush()
-            # As much as the inbox holds, and no more: a forwarder that never ends must not keep the step.
+            # At most as much as the inbox holds: an endless forwarder must not block the step.
             for _ in range(1 + self._capacity * 64 // CHUNK_BYTES):
                 data = self._socket.recv(CHUNK_BYTES)
                 if not data:

@@ -138,7 +138,7 @@ class Ros2Link:
     def __init__(self, name: str, domain_id: int) -> None:
         self.domain_id = domain_id
         self.failure = ""
-        """Why the node is not spun any more; empty while it is."""
+        """Reason why the node no longer spins; empty while it does."""
         self.users = 1
         self._released_s, self._opened_s = 0.0, time.monotonic()
         self._context = rclpy.context.Context()
@@ -184,7 +184,7 @@ class Ros2Link:
         The executor fails if an entity that it waits for is destroyed meanwhile.
 
         Raises:
-            RuntimeError: the node is not spun any more.
+            RuntimeError: the node no longer spins.
 
         """
         if threading.current_thread() is self._thread:
@@ -198,7 +198,7 @@ class Ros2Link:
         return done.result(DO_S)
 
     def later(self, function: Callable[[], object]) -> None:
-        """As `do`, without waiting; without effect once the node is not spun any more."""
+        """As `do`, without waiting; without effect once the node no longer spins."""
         with self._asking:
             if self.failure:
                 return

@@ -131,7 +131,7 @@ class ReportedPath(PoseTrack):
     Args:
         speed_m_s: greatest speed of the base.
         turn_rate_rad_s: its greatest turn rate.
-        pose: T_odom_robot from which it goes on.
+        pose: T_odom_robot from which it continues.
         before: the base's report at that pose, and the number of that message; None if they are unknown.
 
     """

@@ -11,7 +11,7 @@ from robrain.protocol.clock import NS_PER_S, to_ns
 LATENCY_MAX_NS = to_ns(0.5)
 """Messages that all come later after their stamps are stamped by another clock."""
 AHEAD_MAX_NS = to_ns(0.005)
-"""Likewise those with stamps so far in the future; synchronised clocks differ by less."""
+"""Likewise those with stamps this far in the future; synchronised clocks differ by less."""
 WINDOW = 256
 """Messages of a window; the least delay is that of the current window and the one before."""
 RESTART_NS = 3 * NS_PER_S

@@ -18,14 +18,14 @@ from robrain.protocol.serial.serial_line import SerialLine
 POLL_S = 0.02
 """Period of the poll for bytes; a turn takes 0.1 s or more."""
 ASK_NS = to_ns(1.0)
-"""A sensor that has to be asked, and has sent nothing for so long, is asked again."""
+"""Silence after which a polled sensor is asked again."""
 POINTS_MAX = 8_000
 """Most points of a turn; more are dropped and counted (chosen: twice what any of these sensors measures)."""
 NOISE_S = 2.0
-"""Bytes without a valid packet for so long are a fault."""
+"""Time of bytes without a valid packet that is a fault."""
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 WAIT_NS = to_ns(0.06)
-"""A turn waits so long for the odometry of its end; counts come every 20 ms."""
+"""Longest time that a turn waits for the odometry of its end; counts come every 20 ms."""
 
 
 class SerialLidar(LidarDevice):

@@ -240,7 +240,7 @@ class Frames:
         return any(key[0] == self._robot and each.frame == frame for key, each in self._atlas.submaps.items())
 
     def _is_sure(self, frame: MapFrame, T_new_old: Pose2D, here: Pose2D, least_apart_m: float) -> bool:
-        """Whether enough answers, from places so far apart, agree with this one."""
+        """Whether enough answers, from places apart, agree with this one."""
         at = T_new_old.compose(here)
         agreeing = []
         for of_frame, answer in self._answers:

@@ -38,14 +38,14 @@ PERIOD_S = 0.06
 HAND_PERIOD_S = PERIOD_S / 3
 """Period of the checks for a lapsed lease while driven by hand; it commands at the usual period."""
 DELAY_S = PERIOD_S + 0.02
-"""From the pose that a command is decided on until the wheels obey, at the most."""
+"""Largest delay from the pose of a decision until the wheels obey."""
 ARRIVED_M = 0.08
 """Of paths; a plugin that replans continuously needs no more."""
 PLACED_M, STEERED_M, PARKED_M = 0.01, 0.03, 0.2
 """Of actions that go to a place; of a base that cannot drive sideways; of one that cannot turn on the spot."""
 TURNED_RAD, PARKED_RAD = 0.008, 0.05
 BLOCKED_M = 0.02
-"""Less room than this ahead is none."""
+"""Less room ahead than this counts as none."""
 POINTS_MAX = 100_000
 _X_Y = attrgetter("x_m", "y_m")
 NO_ODOMETRY = "no data from the wheel encoders"

@@ -246,13 +246,13 @@ class Ramp:
         self._acceleration_x, self._acceleration_y = gain, 0.0
 
     def point_along(self, line: "Ramp", direction_x: float, direction_y: float) -> None:
-        """Be the velocity of a speed `line` along this direction (a unit vector)."""
+        """Take the velocity of a speed `line` along this direction (a unit vector)."""
         self.x, self.y = line.x * direction_x, line.x * direction_y
         gain = line._acceleration_x
         self._acceleration_x, self._acceleration_y = gain * direction_x, gain * direction_y
 
     def stand(self) -> None:
-        """Be at rest from now on, however that is brought about."""
+        """Reset to rest."""
         self.x = self.y = self._acceleration_x = self._acceleration_y = 0.0
 
     def follow(self, wanted_x: float, wanted_y: float) -> None:

@@ -37,7 +37,7 @@ SUCCEEDED, CANCELED = 4, 5
 
 
 class GoalState(StrEnum):
-    """How a goal ended."""
+    """End state of a goal."""
 
     ARRIVED = "arrived"
     FAILED = "failed"
@@ -80,7 +80,7 @@ class GoalClient:
         """Of the goals that Nav2 has accepted and not ended; on the thread of the node."""
         self._last = 0
         self._cancelled_to = 0
-        """Goals up to this number are to be cancelled."""
+        """Goals up to this number must be cancelled."""
         self._is_idle = threading.Event()
         self._is_idle.set()
 
@@ -168,7 +168,7 @@ MOVES_M_S, MOVES_RAD_S = 0.05, 0.1
 
 
 class NavigationGoal(msgspec.Struct):
-    """Where the robot is to go."""
+    """Goal of the robot."""
 
     pose: Pose2D
     """Frame odom."""
@@ -178,7 +178,7 @@ class NavigationGoal(msgspec.Struct):
     length: float = 0.0
     """At the start, metres and radians."""
     again_ns: int | None = None
-    """When it is sent again after it has failed; None while Nav2 is at it."""
+    """Time when a failed goal is sent again; None while Nav2 pursues it."""
 
 
 class Ros2Navigator(OnBase):

@@ -38,7 +38,7 @@ class Arcs:
         self, lookout: Lookout, limits: RampLimits, turn_radius_min_m: float, period_s: float, delay_s: float
     ) -> None:
         self.has_room = True
-        """Whether it could move as it was last asked to."""
+        """Whether the last commanded motion was possible."""
         self._lookout, self._radius_m, self._delay_s = lookout, turn_radius_min_m, delay_s
         self._speed = Ramp(limits, period_s)
         self._direction = 1.0
@@ -46,7 +46,7 @@ class Arcs:
         self._leg_m = 0.0
 
     def stand(self) -> None:
-        """Be at rest from now on, however that is brought about."""
+        """Reset to rest."""
         self._speed.stand()
         self._begin, self.has_room = None, True
 
@@ -98,7 +98,7 @@ class Arcs:
 SLOW_M_S = 0.05
 """Below this it does not matter where the robot still drifts."""
 SPARE_M = 0.04
-"""So much of the stop distance may be used up before it brakes hard."""
+"""Share of the stop distance that may be used up before it brakes hard."""
 
 
 class Steering:
@@ -237,7 +237,7 @@ class Steering:
         return self.arcs.limited(cos * ramp.x + sin * ramp.y, rate_rad_s)
 
     def stand(self) -> None:
-        """Be at rest from now on, however that is brought about."""
+        """Reset to rest."""
         self._ramp.stand()
         self._turn.stand()
         if self.arcs is not None:

@@ -176,7 +176,7 @@ SEEK_MOTES = 3
 
 
 class AskingParameters(Checked, frozen=True, forbid_unknown_fields=True):
-    """How eagerly motes are asked; a base for the plugin's own."""
+    """Rates of requests to motes; a base for the plugin's parameters."""
 
     request_span: int = 16
     request_patience_s: Positive = 1.5
@@ -192,10 +192,10 @@ class AskingParameters(Checked, frozen=True, forbid_unknown_fields=True):
 
 
 class Asking:
-    """Which motes owe an answer.
+    """Open requests to motes.
 
     Args:
-        parameters: how eagerly they are asked.
+        parameters: rates of the requests.
         send: puts a packet on the air: address, AM type, payload.
 
     """
@@ -219,7 +219,7 @@ class Asking:
         return True
 
     def step(self, now_ns: int) -> None:
-        """Ask again whom it may help."""
+        """Repeat the requests that may help."""
         if not self._owing:
             return
         sought = 0

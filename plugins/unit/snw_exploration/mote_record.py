@@ -44,7 +44,7 @@ class ReadingStore:
 
     def __init__(self, wire: Endpoint, capacity: int, put: Put) -> None:
         self.dropped = 0
-        """Readings that there was no room for."""
+        """Readings dropped for lack of room."""
         self.waiting = 0
         """Readings that are stored."""
         self._coordinators = wire.watch(COORDINATOR_ALIVE)
@@ -97,10 +97,10 @@ RESTART_BACK = 16
 
 
 class SequenceWindow:
-    """Follows one mote's sequence numbers across their wrap.
+    """Tracks one mote's sequence numbers across their wrap.
 
     Args:
-        size: of the last numbers, how many are followed.
+        size: how many of the last numbers are tracked.
 
     """
 
@@ -120,7 +120,7 @@ class SequenceWindow:
         return self._lacking().bit_count()
 
     def add(self, sequence: int, *, is_live: bool = True) -> bool:
-        """A reading has arrived; whether it is the first time.
+        """Add an arrived reading; returns whether it is new.
 
         Args:
             sequence: its number, 16 bits.
@@ -169,7 +169,7 @@ class SequenceWindow:
         return RequestPayload((self._newest - first) % SEQUENCES, int(oldest_first[::-1], 2))
 
     def lacks(self, request: RequestPayload) -> bool:
-        """Whether something of a request is missing still."""
+        """Whether a part of a request is still missing."""
         if self._newest is None:
             return False
         lacking, newest = self._lacking(), self._newest
@@ -224,7 +224,7 @@ class MoteRecord:
         self.asked_until_ns = 0
         self.spoke_ns = 0
         self.live_ns = 0
-        """When it was asked last."""
+        """Time of the last request."""
         self.wanted_period_ds: int | None = None
         self.wanted_stamp_ns = -1
         self.duty_tries = 0

@@ -72,7 +72,7 @@ class BaseLinks:
         self._links: dict[str, _Link] = {}
 
     def record_robot(self, robot: str) -> None:
-        """A robot of that name is in the team."""
+        """Record that a robot of this name is in the team."""
         self.has_mates |= robot != self._robot
 
     def beacon(self) -> bytes | None:
@@ -86,7 +86,7 @@ class BaseLinks:
         return BeaconPayload(self._sequence, self._robot).pack()
 
     def hear(self, payload: bytes, stamp_ns: int) -> None:
-        """A beacon has come.
+        """Handle a received beacon.
 
         Raises:
             BadPacket: it is none, its name is no robot's, or it is one robot too many.
@@ -163,9 +163,9 @@ class SnwCounters(msgspec.Struct):
     """Counters of the packets received."""
 
     readings: int
-    """Put on the wire."""
+    """Readings put on the wire."""
     repeated: int
-    """Had arrived before, from the mote or by another robot."""
+    """Readings that had arrived before, from the mote or by another robot."""
     unreadable: int
     """Invalid packets of the types of readings or beacons."""
     requests: int
@@ -176,7 +176,7 @@ class SnwCounters(msgspec.Struct):
     over_hops: int
     """Requests, acknowledgements and duties that other motes were given to pass on."""
     refused: int
-    """Wishes and readings on the wire that cannot be, and motes beyond the most."""
+    """Impossible requests and readings on the wire, and motes beyond the limit."""
 
 
 class SNwExploration(Unit):
@@ -188,7 +188,10 @@ class SNwExploration(Unit):
     """
 
     class Parameters(AskingParameters, frozen=True, forbid_unknown_fields=True):
-        """How eagerly motes are asked. Raises ValueError where a value is without sense."""
+        """Rates of requests to motes.
+
+        Raises ValueError if a value makes no sense.
+        """
 
         collect: bool = True
         max_motes: PositiveInt = 4096
@@ -321,7 +324,7 @@ class SNwExploration(Unit):
         self._over_hops.hear(record.number, packet.stamp_ns)
 
     def _handle_forwarded(self, payload: bytes, stamp_ns: int) -> None:
-        """A reading has come over other motes, by which its own mote can be spoken to."""
+        """Handle a reading that came over other motes; its mote is reachable by the same route."""
         try:
             forwarded = ForwardedPayload.unpack(payload)
         except BadPacket:
