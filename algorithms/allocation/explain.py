@@ -221,7 +221,7 @@ def judge(arrays: ProblemArrays, routes: RouteBatch, worker: int, visit: int) ->
 
 
 def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) -> RobotReason | None:
-    """Why the worker is excluded; None if it is not."""
+    """Reason why the worker is excluded; None if it is not."""
     match judgement.code:
         case code if code == FITS:
             return None

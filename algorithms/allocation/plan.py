@@ -60,7 +60,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     cost_j: float
     lost_prize_j: float
     makespan_s: float
-    """When the last robot with a job arrives at its charger; 0 if no robot has one."""
+    """Time when the last robot with a job arrives at its charger; 0 if no robot has one."""
     least_left_j: float
     """The least remaining energy of any robot; infinite without robots."""
 

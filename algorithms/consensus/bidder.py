@@ -23,7 +23,7 @@ class BidAction(StrEnum):
     """Effect of a ballot on the receiver's own opinion."""
 
     UPDATE = "update"
-    """Take over the sender's."""
+    """Adopt the sender's bid."""
     RESET = "reset"
     """Forget it: no winner of the task is known."""
     LEAVE = "leave"
@@ -247,7 +247,10 @@ class Bidder:
         return Ballot(robot=self.robot, number=self.number, bids=bids, heard=heard)
 
     def receive(self, ballot: Ballot) -> bool:
-        """Take another robot's ballot into account; whether that changed an opinion. Repeated and old ones do not."""
+        """Update by another robot's ballot; returns whether an opinion changed.
+
+        Repeated and old ones do not.
+        """
         sender = ballot.robot
         if sender == self.robot or ballot.number <= self.heard.get(sender, -1):
             return False

@@ -168,7 +168,7 @@ class Negotiation:
         )
 
     def receive(self, ballot: Ballot) -> bool:
-        """Take another robot's ballot into account.
+        """Update by another robot's ballot.
 
         Returns: False if it is of a later negotiation or cannot be understood, so that a new one must be opened.
 

@@ -180,7 +180,7 @@ class Scout(NamedTuple):
 
     name: str
     place: Point2D | None
-    """Where it is, arena frame; None if that is unknown."""
+    """Its place, arena frame; None if it is unknown."""
     radius_m: float
     goal: Point2D | None = None
     """The frontier to which it drives."""
@@ -224,7 +224,7 @@ class Explorer:
         """The last question without a result: the same question has the same answer."""
         self._attempts = Attempts()
         self.idle: dict[str, IdleReason] = {}
-        """Why each robot got no goal at the last decision."""
+        """Reason why each robot got no goal at the last decision."""
         self._fields = FrontierFields()
         self._narrow = NarrowPassages()
         self._narrow_due_ns = 0
@@ -406,7 +406,7 @@ class Explorer:
     def _idle_reason(
         self, seeker: Seeker, candidates: list[FrontierCandidate], within: list[FrontierCandidate], radius_m: float
     ) -> IdleReason:
-        """Why a robot has nothing to explore, given the frontiers that it has some path to."""
+        """Reason why a robot has nothing to explore, given its reachable frontiers."""
         if not candidates:
             return NothingUnknown()
         tried = [one for one in within if is_avoided(one, seeker) or self._narrow.is_given_up(one.place)]

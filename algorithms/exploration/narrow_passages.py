@@ -25,7 +25,7 @@ class Gap(NamedTuple):
     gap_m: float
     tries: int
     again_ns: int
-    """When it may be tried again, unless it has been given up."""
+    """Time when it may be tried again, unless it has been given up."""
 
 
 class NarrowPassages:

@@ -36,7 +36,7 @@ class Evidence(NamedTuple):
     """Evidence besides the map; places are in the arena frame."""
 
     robots: Sequence[Point2D]
-    """Where the robots are."""
+    """Places of the robots."""
     radius_m: float
     """The least radius of the robots."""
     gaps: Sequence[Gap] = ()

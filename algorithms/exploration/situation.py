@@ -61,7 +61,7 @@ class Choice(NamedTuple):
     place: Point2D
     cost_m: float
     way_m: float = math.nan
-    """How far it is."""
+    """Length of the path."""
     is_narrow: bool = False
     """Whether the path passes places with less than the preferred clearance."""
 

@@ -1,1 +1,1 @@
-"""Where a robot is."""
+"""Localisation of a robot."""

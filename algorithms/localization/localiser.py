@@ -218,7 +218,7 @@ class Localiser:
         self._fitted_sigma_m = 0.0
         """Standard deviation of the place at the last scan that fitted."""
         self._T_now_wheels = IDENTITY
-        """How all corrections since that scan moved the sensor, in the frame of the robot's own map."""
+        """Motion of the sensor by all corrections since that scan, in the frame of the robot's own map."""
         self._signals = RecentSignals()
         self._since_tried = 0
 
@@ -515,7 +515,7 @@ class Localiser:
     def _search(
         self, log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, points: Floats
     ) -> Pose2D | None:
-        """Where the scan fits about the guess, if it fits well and in one place only."""
+        """Pose where the scan fits about the guess, if it fits well and in one place only."""
         within_m = min(3.0 * self.filter.sigma_m, self.spec.search_within_m)
         within_rad = min(3.0 * self.filter.sigma_rad, SEARCH_WITHIN_RAD)
         return search_scan(log_odds, geometry, guess, points, within_m=within_m, within_rad=within_rad)

@@ -56,7 +56,7 @@ class Signals(NamedTuple):
 
 
 def find_robot(signals: Signals, path_loss: PathLoss) -> tuple[Pose2D, Floats] | None:
-    """Where the robot is now, and the (3, 3) covariance; None if it may be in more than one place."""
+    """Present pose of the robot, and the (3, 3) covariance; None if several places are possible."""
     low, high = _field(signals)
     cell_m = max(CELL_M, float((high - low).max()) / COARSE_MAX)
     xs = np.arange(low[0] + cell_m / 2, high[0], cell_m)

@@ -192,7 +192,7 @@ class GyroYaw:
         return turned_rad - by_wheels_rad if self.is_trusted else 0.0
 
     def _compare(self, turned_rad: float, by_wheels_rad: float, elapsed_ns: int) -> None:
-        """Hold the gyroscope against the wheels.
+        """Compare the gyroscope with the wheels.
 
         A wrong yaw added before is not withdrawn: dead reckoning must not jump (REP 105), and localisation corrects the
         error.

@@ -367,7 +367,7 @@ class Direction(msgspec.Struct, frozen=True):
 
 
 class ScanFit(msgspec.Struct, frozen=True):
-    """How a scan lies on a map."""
+    """Fit of a scan on a map."""
 
     directions: list[Direction]
     """Those that are held; at most three, at right angles once yaw is counted in metres at the mean range."""

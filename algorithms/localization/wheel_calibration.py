@@ -118,7 +118,7 @@ KEY_M, KEY_RAD = 0.4, 0.5
 
 
 class ScanMotion(msgspec.Struct, frozen=True):
-    """How the lidar moved."""
+    """Motion of the lidar."""
 
     pose: Pose2D
     """T_before_after, of the sensor."""

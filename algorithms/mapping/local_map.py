@@ -41,13 +41,13 @@ class LocalMap(NamedTuple):
     frame: MapFrame = ARENA
     """The map frame of `T_arena_local`."""
     why: str = ""
-    """Why that is not the arena frame; empty if it is."""
+    """Reason why this is not the arena frame; empty if it is."""
     with_yaw: tuple[float, float] = (0.0, 0.0)
     """Covariances of x and y with yaw (m·rad) of `T_arena_local` at the anchor."""
 
 
 class ArenaFix(NamedTuple):
-    """How a robot's map frame lies in the arena, as found from motes."""
+    """Pose of a robot's map frame in the arena, as found from motes."""
 
     T_arena_frame: Pose2D
     at: Pose2D
@@ -91,11 +91,11 @@ class OwnMap:
         self.map_of_others: OccupancyGrid | None = None
         """The map that the others had when this robot came, for some seconds after it; the mapper writes it."""
         self.misplaced = ""
-        """Why the map lies wrong and a new one must begin; the mapper writes it, localisation empties it."""
+        """Reason why the map lies wrong and a new one must begin; the mapper writes it, localisation empties it."""
         self.local_pose: LocalPose | None = None
         """Pose of the odometry frame in the frame of that map; localisation writes it."""
         self.arena_fix: ArenaFix | None = None
-        """How the robot's map frame lies in the arena, by motes; localisation writes it, the mapper removes it."""
+        """Pose of the robot's map frame in the arena, by motes; localisation writes it, the mapper removes it."""
         self.may_be_at: Callable[[Pose2D], bool] = lambda _pose: True
         """Whether motes' signals allow the robot to be at a pose of the arena frame; localisation writes it."""
         self.false_start = False

@@ -80,7 +80,7 @@ FLAT_J = 1e-6
 
 
 class Routing(StrEnum):
-    """How readings travel between motes."""
+    """Routing of readings between motes."""
 
     TREE = "tree"
     """A collection tree with the fewest hops."""
@@ -95,7 +95,7 @@ class MoteSite(Checked, frozen=True, kw_only=True):
 
     places: tuple[Point2D, ...]
     sink: Point2D
-    """Where readings leave the field, and where the robots' charger is."""
+    """Place where readings leave the field, and of the robots' charger."""
     size_m: Positive
     """The floor is a square from the origin of this width."""
     range_m: Positive = 22.0
@@ -124,11 +124,14 @@ class RobotFigures(Checked, frozen=True, kw_only=True):
 
 
 class FieldPlan(Checked, frozen=True, kw_only=True):
-    """How the field is run. Raises ValueError if a value makes no sense."""
+    """Operation of the field.
+
+    Raises ValueError if a value makes no sense.
+    """
 
     routing: Routing = Routing.LIFETIME
     tours_per_day: NotNegative = 0.0
-    """How often a robot visits all motes; 0 for never."""
+    """Number of tours a day on which a robot visits all motes; 0 for none."""
     goal_days: NotNegative = 0.0
     """With tours: the lifetime that is aimed at. Readings travel over the air as far as it allows."""
     takes_turns: bool = False
@@ -149,7 +152,7 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
     """Outcome of a simulated field."""
 
     deaths_days: list[float]
-    """When the motes died, in order."""
+    """Times at which the motes died, in order."""
     taken: float
     """Readings that the motes took in the whole time."""
     delivered: float
@@ -179,17 +182,17 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def first_days(self) -> float:
-        """When the first mote died."""
+        """Time at which the first mote died."""
         return self.deaths_days[0] if self.deaths_days else math.inf
 
     @property
     def half_days(self) -> float:
-        """When half of the motes were dead."""
+        """Time at which half of the motes were dead."""
         return self.deaths_days[(len(self.deaths_days) - 1) // 2] if self.deaths_days else math.inf
 
     @property
     def last_days(self) -> float:
-        """When the last mote died."""
+        """Time at which the last mote died."""
         return self.deaths_days[-1] if self.deaths_days else math.inf
 
     @property
@@ -243,7 +246,7 @@ class _FieldRun:
         self.now_s = 0.0
         self._next_plan_s = 0.0
         self._known_s = [0.0] * count
-        """When the newest reading that is known of each mote was taken."""
+        """Time of the newest known reading of each mote."""
         self._next_tour_s = DAY_S / plan.tours_per_day if plan.tours_per_day else math.inf
         self._deaths_s: list[float] = []
         self._taken = self._delivered = self._lost = self._early = 0.0

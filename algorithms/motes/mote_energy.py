@@ -47,7 +47,7 @@ class MoteEnergy(msgspec.Struct, frozen=True, kw_only=True):
     beacon_receive_j: float
 
     def lasts_days(self, power_w: float) -> float:
-        """How long fresh cells last at a mean power."""
+        """Lifetime of fresh cells at a mean power."""
         return self.capacity_j / power_w / DAY_S
 
 

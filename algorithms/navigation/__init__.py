@@ -1,1 +1,1 @@
-"""Where a robot may drive, and how it gets there."""
+"""Drivable floor, paths, and right of way."""

@@ -55,7 +55,7 @@ class Passage(NamedTuple):
     """Room in a narrow place ahead, metres; inf where nothing is seen."""
 
     free_m: float
-    """How far the disc can go straight ahead before it touches something."""
+    """Distance that the disc can go straight ahead before it touches a point."""
     left_m: float
     """From the line along which its centre moves to the nearest wall on the left."""
     right_m: float

@@ -164,13 +164,13 @@ class DrivenPath:
 
     @cached_property
     def _at_m(self) -> Floats:
-        """How far along the path each of its points lies."""
+        """Distance along the path of each of its points."""
         legs_m = np.hypot(*np.diff(self._points, axis=0).T)
         return np.concatenate(([0.0], np.cumsum(legs_m)))
 
     @property
     def passed_m(self) -> float:
-        """How much of it lies behind."""
+        """Length of the path behind the robot."""
         return self._passed * STEP_M
 
     @property
@@ -180,12 +180,12 @@ class DrivenPath:
 
     @property
     def end(self) -> Point2D:
-        """Where it leads."""
+        """End of the path."""
         return Point2D(float(self._points[-1, 0]), float(self._points[-1, 1]))
 
     @property
     def left_m(self) -> float:
-        """How much of it lies ahead."""
+        """Length of the path ahead of the robot."""
         return max(0.0, self.length_m - self.passed_m)
 
     def ahead(self, x_m: float, y_m: float, limit_m: float) -> Floats:

@@ -376,7 +376,7 @@ class Overlap(NamedTuple):
 
 
 class MapOverlap(NamedTuple):
-    """How a map lies on another."""
+    """Place of a map on another."""
 
     T_other_own: Pose2D
     overlap: Overlap

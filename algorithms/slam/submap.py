@@ -88,7 +88,7 @@ class Submap:
 
     def __init__(self, T_arena_local: Pose2D = IDENTITY, frame: MapFrame = ARENA) -> None:
         self.T_arena_local = T_arena_local
-        """Where the submap's frame lies in `frame`."""
+        """Pose of the submap's frame in `frame`."""
         self.frame = frame
         self.row = self.column = 0
         self.evidence, self.stamp_ms = NO_CELLS, NO_TIMES
@@ -142,7 +142,7 @@ class Submap:
         )
 
     def become(self, step: SubmapStep) -> None:
-        """Be as a patch has made the submap, whose `evidence` is `step.before`."""
+        """Apply the step of a patch to the submap, whose `evidence` is `step.before`."""
         self.row, self.column, self.evidence, self.stamp_ms = step.row, step.column, step.evidence, step.stamp_ms
         self.occupied = step.occupied
         self.version += 1

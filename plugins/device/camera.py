@@ -33,7 +33,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CameraInterface(Protocol):
-    """Pictures when they are wanted."""
+    """Pictures on request."""
 
     def snapshot(self) -> Picture:
         """Take a picture.
@@ -55,7 +55,7 @@ class Backend(Protocol):
 
 
 class WireCamera:
-    """The simulator's: asks the arena, which draws the picture then."""
+    """The simulator's camera: requests each picture from the arena, which draws it."""
 
     def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
         self._env = env
@@ -73,7 +73,7 @@ class WireCamera:
 
 
 class FileCamera:
-    """Pictures from the disk, one after the other and then from the beginning: for tests, and to play back."""
+    """Pictures from the disk in a loop: for tests and playback."""
 
     def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
         path = Path(channel)
@@ -204,7 +204,7 @@ class CameraDevice(Device):
 
 
 def png_size(png: bytes) -> tuple[int, int]:
-    """Width and height of a PNG; CallError if it is none, or too large to be passed on."""
+    """Width and height of a PNG; CallError if it is invalid or too large."""
     if len(png) > PICTURE_BYTES_MAX:
         raise CallError(ErrorCode.FAILED, f"expected a picture of at most {PICTURE_BYTES_MAX} bytes, got {len(png)}")
     if len(png) < PNG_HEAD.size:

@@ -77,7 +77,7 @@ class InputLines:
 
     @property
     def is_open(self) -> bool:
-        """Whether they are."""
+        """Whether the lines are open."""
         return self._request is not None
 
     def open(self) -> None:
@@ -97,7 +97,7 @@ class InputLines:
             raise GpioAbsent(f"cannot read {self.where}: {error}") from error
 
     def close(self) -> None:
-        """Give the lines back."""
+        """Release the lines."""
         if self._request is not None:
             request, self._request = self._request, None
             try:
@@ -114,7 +114,7 @@ class BumperContact(Checked, frozen=True, forbid_unknown_fields=True):
 
     line: LineName
     direction_rad: float
-    """Where it is on the hull, robot's frame."""
+    """Direction of its place on the hull, robot's frame."""
 
 
 class GpioBumpers(Device):
@@ -186,11 +186,14 @@ class ButtonChange(msgspec.Struct, frozen=True):
 
     stamp_ns: int
     why: str
-    """Why the robot stops, in words; empty if nothing speaks against its driving any more."""
+    """Reason why the robot stops, in words; empty if it may drive again."""
 
 
 class EmergencyStopInterface(Protocol):
-    """The button. Nothing needs to call it: pressed, it halts the robot by itself."""
+    """The button.
+
+    No plugin needs to call it: a press halts the robot by itself.
+    """
 
     changed: Event[ButtonChange]
 
@@ -219,7 +222,7 @@ class StopButton:
             self._lines.open()
 
     def close(self) -> None:
-        """Give them back."""
+        """Release them."""
         with self._using:
             self._lines.close()
 

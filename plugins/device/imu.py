@@ -12,7 +12,7 @@ class ImuMotion(NamedTuple):
     """One measurement in the axes of the unit: x ahead, y to the left, z up if it is mounted like that."""
 
     yaw_rate_rad_s: float
-    """About z."""
+    """Turn rate about z."""
     x_m_s2: float | None = None
     y_m_s2: float | None = None
 
@@ -58,7 +58,7 @@ class ImuInterface(Protocol):
 
 
 RATE_MAX_RAD_S = 40.0
-"""Beyond the range of any gyroscope of this kind."""
+"""Limit beyond the range of any gyroscope of this kind."""
 
 
 class Mounting:

@@ -71,7 +71,7 @@ class Bump(msgspec.Struct, frozen=True):
 
     stamp_ns: int
     directions_rad: tuple[float, ...]
-    """Where, robot's frame; none if nothing touches it."""
+    """Directions of the touch, robot's frame; none without a touch."""
 
 
 class RangeSensorsInterface(Protocol):
@@ -91,7 +91,7 @@ class RangeSensorsInterface(Protocol):
 POLL_S = 0.04
 """Period of the step where the bus does not signal arrivals."""
 CHECK_S = 0.08
-"""Where it does: to see that the node is silent."""
+"""Period where it does, to detect a silent node."""
 FRAMES_ID, FRAMES_MASK = 0x280, 0x7FC
 """The node's frames are 0x280 to 0x283."""
 

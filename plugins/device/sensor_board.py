@@ -1,6 +1,6 @@
 """Sensor board: the measurements of a mote, made by the robot itself on request.
 
-Only the simulator's is there: another board is another class with the same interface.
+Only the simulator's exists: another board is another class with the same interface.
 """
 
 from typing import Protocol

@@ -20,7 +20,7 @@ from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.serial.serial_line import SerialLine
 
 LINE_BYTES_MAX = 256
-"""A longer line is none."""
+"""A longer line is discarded."""
 Words = Annotated[str, Meta(max_length=200)]
 
 
@@ -46,7 +46,7 @@ class WheelCodec(Protocol):
 class LineWords(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The lines; by default those of ROSArduinoBridge, with speeds in counts per cycle of its loop of 30 Hz.
 
-    Raises ValueError for words that no line can be made of.
+    Raises ValueError for invalid words.
     """
 
     command: Words = "m {0:.0f} {1:.0f}"
@@ -198,7 +198,7 @@ class SerialBase(WheelDevice):
         lines: LineWords = LineWords()
         """Texts of the commands and replies."""
         codec: Annotated[str, Meta(max_length=200)] = ""
-        """`module:Class` of a codec of one's own instead of `lines`; it is made with the base."""
+        """`module:Class` of a custom codec instead of `lines`; it is made with the base."""
         count_bits: Annotated[int, Meta(ge=8, le=64)] = 32
         """With `codec`: length at which its counts wrap."""
 

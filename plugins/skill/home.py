@@ -11,7 +11,7 @@ from robrain.protocol.model.geometry import Point2D
 
 
 class ChargerPlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a robot's centre has to be to be charged, arena frame, and how it has to face if that matters."""
+    """Place of a robot's centre for charging, arena frame, and its heading if that matters."""
 
     x_m: float
     y_m: float
@@ -27,7 +27,7 @@ class HomeInterface(Protocol):
     """The robot's known chargers, and its start."""
 
     asked: Event[str]
-    """The robot should go home now; why."""
+    """The robot should go home now, with the reason."""
 
     def chargers(self) -> list[ChargerPlace]:
         """All known chargers; those of the manifest first."""

@@ -41,7 +41,7 @@ class Divergence(msgspec.Struct, frozen=True, kw_only=True):
     is_lost: bool
     why: str
     pose: Pose2D
-    """T_arena_robot as it is believed now."""
+    """Present estimate of T_arena_robot."""
     sigma_m: float
     """Standard deviation of that place."""
 
@@ -50,23 +50,23 @@ class LocalisationHealth(msgspec.Struct, frozen=True, kw_only=True):
     """Quality of the estimate, and the sources that it rests on."""
 
     lost: str
-    """Why it is not to be believed; empty while it is."""
+    """Reason why the estimate is invalid; empty while it is valid."""
     sigma_m: float
     sigma_rad: float
     mean_nis: float
     """Mean normalised innovation squared of the last signals of motes; about 1 or below when all is well."""
     signals: int
-    """Signals of motes taken in."""
+    """Signals of motes that were used."""
     signals_refused: int
-    """Those that could not be right where the robot believed to be."""
+    """Signals that contradicted the estimated place."""
     matches: int
-    """Scans that lay on the map with walls to hold the robot."""
+    """Scans that matched walls of the map."""
     last_fit: float
     """Share of the last such scan's beams that ended at the map's walls."""
     scale_error: float
     """Estimated errors of the odometry: of the path, …"""
     curve_rad_per_m: float
-    """… turning that it does not see, for each metre ahead, …"""
+    """… undetected turning for each metre ahead, …"""
     turn_error: float
     """… and of the turning."""
 
@@ -84,7 +84,7 @@ class LocalisationInterface(Protocol):
         """Points of the arena frame in the frame odom."""
 
     def health(self) -> LocalisationHealth:
-        """How much the estimate is worth."""
+        """Quality of the estimate."""
 
 
 STILL = Twist2D()
@@ -94,7 +94,7 @@ AGREE_PERIOD_S = 1.0
 WAITING_MAX = 16
 """Number of scans that wait for the odometry of their time."""
 PAUSE_M, PAUSE_RAD = 0.1, 0.05
-"""How far a robot may have been pushed while its localisation paused; chosen."""
+"""Largest push of a robot while its localisation paused; chosen."""
 
 
 WALK_SHARE, CURVE_WALK_SHARE = 1 / 60, 1 / 100
@@ -385,7 +385,7 @@ class Localisation(Skill):
             self._tell()
 
     def _handle_fix(self) -> None:
-        """Motes have found where the robot is in the arena: the frame in which it maps is placed by that."""
+        """Motes have localised the robot in the arena: place the frame of its map by this."""
         localiser = self._localiser
         fix, localiser.arena_fix = localiser.arena_fix, None
         if fix is None:
@@ -398,7 +398,7 @@ class Localisation(Skill):
             self._own_map.arena_fix = ArenaFix(T_arena_frame, pose, covariance, self._trajectory)
 
     def _centre(self) -> None:
-        """Begin a frame of the robot's own in the middle of the map: nearer to an edge less fits on it."""
+        """Begin a frame of the robot's own in the middle of the map: nearer to an edge, less floor fits on it."""
         team, trajectory = self.env.board.map, self._trajectory
         if trajectory == self._centred or team is None or not self.parameters.scan_matching:
             return

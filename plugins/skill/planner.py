@@ -67,7 +67,7 @@ class Planner(Skill):
     """Plans paths for a round robot; the driver gives its radius."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """How paths are. All values are chosen."""
+        """Limits and costs of paths. All values are chosen."""
 
         margin_m: Positive = PREFERRED_MARGIN_M
         """Distance kept from obstacles beyond the robot's radius, except on narrow paths."""

@@ -1,1 +1,1 @@
-"""Batteries: BM², the battery manager on the CAN bus, and those that can take its place."""
+"""Batteries: BM², the battery manager on the CAN bus, and its alternatives."""

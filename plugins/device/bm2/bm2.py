@@ -114,7 +114,7 @@ class BatteryMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class _Read(NamedTuple):
-    """How one frame is read."""
+    """Decoding of one frame."""
 
     codec: FrameCodec | SignalFrame
     signals: tuple[tuple[str, float, float], ...]

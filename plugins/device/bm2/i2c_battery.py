@@ -136,7 +136,7 @@ class SmartBatteryStatus(msgspec.Struct, frozen=True):
 
 
 class SmartBattery(PolledBattery):
-    """Reads a smart battery, which finds its state of charge itself."""
+    """Reads a smart battery, which measures its state of charge itself."""
 
     class Parameters(PolledBattery.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Where it is."""

@@ -35,7 +35,7 @@ class BatteryAbsent(OSError):
 
 
 class ReadCounters(msgspec.Struct, frozen=True):
-    """How it went with reading."""
+    """Counters of the readings."""
 
     readings: int
     rejected: int
@@ -46,7 +46,7 @@ class ReadCounters(msgspec.Struct, frozen=True):
 
 
 class PolledBattery(Device):
-    """Reads a battery again and again; subclasses open and read it."""
+    """Reads a battery periodically; subclasses open and read it."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
         """Common parameters of all polled batteries."""

@@ -43,7 +43,7 @@ class Counters(msgspec.Struct, frozen=True):
 
 
 class ControllerStatus(msgspec.Struct, frozen=True):
-    """The controller's last word on itself; see MotorStatus in the DBC file."""
+    """The controller's last status; see MotorStatus in the DBC file."""
 
     state: int
     rejected_frames: int = 0
@@ -96,7 +96,7 @@ class MocDeviceInterface(Protocol):
         """Frames believed, rejected, foreign and lost, and error frames."""
 
     def status(self) -> ControllerStatus | None:
-        """The controller's last word on itself; None before the first."""
+        """The controller's last status; None before the first."""
 
 
 class WheelCounts(msgspec.Struct, frozen=True):
@@ -105,7 +105,7 @@ class WheelCounts(msgspec.Struct, frozen=True):
     counts: tuple[int, ...]
     """One for each wheel, with its sign from the robot's file."""
     modulus: int
-    """At which they wrap."""
+    """Count at which they wrap."""
     rad_per_tick: float
 
 
@@ -113,7 +113,10 @@ class WheelsInterface(MocDeviceInterface, Protocol):
     """Additional interface of a base whose wheels are commanded and counted one by one, for bring-up."""
 
     def drive_wheels(self, values: Sequence[float]) -> None:
-        """Give the base's commands themselves, in SI units. They hold for 200 ms."""
+        """Send the base's commands directly, in SI units.
+
+        They hold for 200 ms.
+        """
 
     def wheel_counts(self) -> WheelCounts | None:
         """The last counts; None before the first."""

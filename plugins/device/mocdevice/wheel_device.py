@@ -61,7 +61,7 @@ class WheelLink(Protocol):
     has_failed: bool
     """Whether the last status reports a failed power stage."""
     broken: MotionFault | None
-    """Why nothing can be sent or read any more; None if it can."""
+    """Error by which nothing can be sent or read any more; None if there is none."""
 
     @property
     def refusal(self) -> str:
@@ -100,7 +100,7 @@ class Counting(NamedTuple):
     """Meaning of the wheels' counts."""
 
     modulus: int
-    """At which they wrap."""
+    """Count at which they wrap."""
     rad_per_tick: float
 
 
@@ -131,7 +131,7 @@ class WheelOdometry(PoseTrack):
         self.ticks = ticks
         self.velocity = STANDING
         self.turned_rad = 0.0
-        """By the wheels alone, in the last frame."""
+        """Turn by the wheels alone, in the last frame."""
         self.jumps = 0
         """How often the counts have jumped, as after a restart of the controller; the pose stays as it was then."""
         self._base = base
@@ -210,7 +210,7 @@ ACKNOWLEDGE_NS = to_ns(0.1)
 
 
 ABSURD = 1e6
-"""No part of a velocity is greater, in m/s and rad/s; its square would be no number soon."""
+"""Largest part of a velocity, in m/s and rad/s; the square of a much larger one would overflow."""
 
 FAST_PERIOD_S = 0.02
 """Period of the step for a lidar that needs the odometry while it turns."""
@@ -253,7 +253,7 @@ class WheelDevice(Device):
     def init(self) -> None:
         self._link: WheelLink | None = None
         self._pending: Sized = ()
-        """Empty if there is nothing to catch up with."""
+        """Empty if no reports wait."""
         self._believed = self._rejected = 0
         self._gyro, self._has_gyro, self._comparisons = GyroYaw(), False, 0
 
@@ -265,7 +265,7 @@ class WheelDevice(Device):
         board, wanted = self.env.board, self.parameters
         self._silent_ns = to_ns(wanted.silent_s)
         self._is_again = board.T_odom_robot is not None
-        """The controller has spoken before: this is a restart, or a reload."""
+        """The controller has reported before: this is a restart, or a reload."""
         opened = self.open_link()
         self._counting = opened.counting
         self._where, self._period_ns = opened.where, to_ns(opened.period_s)
@@ -329,7 +329,7 @@ class WheelDevice(Device):
             self._link.command(wanted.base.commands(twist, wanted.wheel_speed_max_rad_s))
 
     def drive_wheels(self, values: Sequence[float]) -> None:
-        """Give the base's commands themselves: wheel speeds in rad/s, of Ackermann a speed and a steering angle."""
+        """Send the base's commands directly: wheel speeds in rad/s, of Ackermann a speed and a steering angle."""
         limit, known = self.parameters.wheel_speed_max_rad_s, len(self.parameters.base.commands(Twist2D(), 1.0))
         if len(values) != known or not all(abs(value) <= limit for value in values):
             raise ValueError(f"expected {known} commands within ±{limit:g}, got {list(values)}")

@@ -13,7 +13,7 @@ class ReceivedPacket(msgspec.Struct, frozen=True):
 
     message: ActiveMessage
     stamp_ns: int
-    """When it was taken off the line, by the robot's clock."""
+    """Time at which it was read from the line, by the robot's clock."""
 
 
 class Trouble(msgspec.Struct, frozen=True):

@@ -41,13 +41,13 @@ class PacketLink(Protocol):
         """Packets that came while too many waited already."""
 
     def receive(self, now_ns: int) -> list[bytes]:
-        """Packets that have arrived; also where a lost line is sought again."""
+        """Packets that have arrived; the call also tries to reopen a lost line."""
 
     def send(self, packet: bytes, now_ns: int) -> None:
-        """Hand a packet on; one that the line cannot take is counted."""
+        """Send a packet; one that the line cannot accept is counted."""
 
     def why_down(self) -> str:
-        """Why the line is lost; empty while it is not."""
+        """Reason why the line is lost; empty while it is open."""
 
     def counters(self) -> dict[str, int]:
         """Counters of this kind of line."""
@@ -87,7 +87,7 @@ class SerialLineLink:
         self._port: serial.Serial | None = self._open()
 
     def receive(self, now_ns: int) -> list[bytes]:
-        """Packets since the last step; also where packets are sent again."""
+        """Packets since the last step; the call also repeats unacknowledged packets."""
         if self._port is None:
             if self._backoff.is_due(to_seconds(now_ns)):
                 self._open_again(now_ns)
@@ -109,7 +109,7 @@ class SerialLineLink:
                 self._lose(error, now_ns)
 
     def why_down(self) -> str:
-        """Why the line is not open."""
+        """Reason why the line is not open."""
         return self._down_reason
 
     def counters(self) -> dict[str, int]:
@@ -246,7 +246,7 @@ class SfLink:
             raise
 
     def receive(self, now_ns: int) -> list[bytes]:
-        """Packets since the last step; a lost connection is sought again when its time has come."""
+        """Packets since the last step; the call also tries to reopen a lost connection when it is due."""
         if self._socket is None:
             if self._backoff.is_due(to_seconds(now_ns)):
                 self._connect(now_ns)
@@ -277,7 +277,7 @@ class SfLink:
         return list(packets)
 
     def send(self, packet: bytes, now_ns: int) -> None:
-        """Hand a packet to the forwarder; without a connection it is counted as not sent."""
+        """Send a packet to the forwarder; without a connection it is counted as not sent."""
         if self._socket is None or self._down_reason or len(self._to_send) > MAX_UNSENT_BYTES:
             self._unsent += 1
             return
@@ -290,7 +290,7 @@ class SfLink:
             self._lose(str(error), now_ns)
 
     def why_down(self) -> str:
-        """Why there is no connection."""
+        """Reason why there is no connection."""
         return self._down_reason
 
     def counters(self) -> dict[str, int]:
@@ -298,13 +298,13 @@ class SfLink:
         return {"unsent": self._unsent, "reconnects": self._reconnects}
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def _connect(self, now_ns: int) -> None:
-        """Begin a connection; whether it comes about shows when something is sent or received."""
+        """Begin a connection; its success shows at the next transfer."""
         self._backoff.fail(to_seconds(now_ns))  # until the forwarder has greeted
         self._decoder = PacketDecoder()
         self._to_send = GREETING
@@ -328,7 +328,7 @@ class SfLink:
 POLL_S = 0.05
 """Period of the step with a line that does not signal arrivals."""
 CHECK_S = 0.25
-"""With one that does."""
+"""Period with a line that signals arrivals."""
 
 
 class FloodGuard:
@@ -368,9 +368,9 @@ class PacketCounters(msgspec.Struct, frozen=True):
     packets: int
     malformed: int
     dropped: int
-    """Came while too many waited already."""
+    """Packets that came while too many waited already."""
     muted: int
-    """Not listened to, because there were too many in a second."""
+    """Packets ignored because there were too many in a second."""
     floods: int
     sent: int
     flooding: bool
@@ -385,11 +385,11 @@ class LineHealth(msgspec.Struct, frozen=True):
     is_up: bool
     why_down: str
     down_s: float
-    """Since when it is lost; 0 while it is not."""
+    """Time since which it is lost; 0 while it is open."""
     tries: int
-    """To find it again."""
+    """Attempts to reopen it."""
     next_try_s: float
-    """Until the next one; 0 while the line is not lost."""
+    """Time until the next attempt; 0 while the line is open."""
 
 
 class MoteBase(Device):
@@ -401,7 +401,10 @@ class MoteBase(Device):
     """
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
-        """The line, and how much may come over it. Raises ValueError where a value is without sense."""
+        """The line, and limits of its traffic.
+
+        Raises ValueError if a value makes no sense.
+        """
 
         interface: Literal["zenoh", "sf", "serial"] = "zenoh"
         host: str = "127.0.0.1"

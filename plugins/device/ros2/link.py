@@ -70,7 +70,7 @@ INBOX_MESSAGES = 256
 
 
 class Arrived(NamedTuple, Generic[M]):
-    """A message that has come."""
+    """A received message."""
 
     message: M
     arrived_ns: int
@@ -96,13 +96,13 @@ class Ros2Inbox(Generic[M]):
         return len(self._messages)
 
     def put(self, message: M, arrived_ns: int, number: int = 0) -> None:
-        """Take a message in; on the thread of the node."""
+        """Add a message; on the thread of the node."""
         self.dropped += len(self._messages) == INBOX_MESSAGES
         self._messages.append(Arrived(message, arrived_ns, number))
         self._on_arrival()
 
     def drain(self) -> list[Arrived[M]]:
-        """Take all messages out, in order of arrival."""
+        """Remove and return all messages, in order of arrival."""
         return [self._messages.popleft() for _ in range(len(self._messages))]
 
 
@@ -221,7 +221,7 @@ class Ros2Link:
         return time.monotonic() - self._opened_s > DISCOVERY_S and not self.publishers(topic)
 
     def release(self) -> None:
-        """Have one user less."""
+        """Remove one user."""
         with _links_lock:
             self.users -= 1
             self._released_s = time.monotonic()

@@ -7,7 +7,7 @@ from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 
 PLACE_MAX_M = 1e5
-"""Farther from its start no robot drives."""
+"""Largest distance of a robot from its start."""
 SPEED_MAX = 100.0
 """Metres or radians per second that no base can make."""
 NORM_SLACK = 0.05

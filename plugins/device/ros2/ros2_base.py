@@ -58,7 +58,7 @@ class CommandGate:
         self._publish, self._now_ns = publish, now_ns
         self._lock = Lock()
         self._lapses_ns: int | None = None
-        """When the last command lapses; None while the robot is to stand."""
+        """Time when the last command lapses; None while the robot must stand."""
         self._zeros = 0
         self._held_ns: int | None = None
         self._is_closed = False
@@ -71,7 +71,7 @@ class CommandGate:
                 self._publish(twist)
 
     def stop(self) -> None:
-        """Command zero, now and some times more."""
+        """Command zero, now and repeatedly."""
         with self._lock:
             self._stand_still()
 
@@ -102,7 +102,7 @@ class CommandGate:
                 self._publish(STANDING)
 
     def close(self) -> None:
-        """Command zero once more, and nothing from then on."""
+        """Command zero once more, and nothing afterwards."""
         with self._lock:
             if not self._is_closed:
                 self._stand_still()
@@ -120,7 +120,7 @@ HISTORY_MESSAGES = 2048
 JUMP_SLACK = 2.0
 """A base that seems to have moved this many times as fast as it can has not: its odometry has jumped."""
 JUMP_M, JUMP_RAD = 0.05, 0.1
-"""Less than this is no jump."""
+"""A smaller change is no jump."""
 BLIND_S = 1.0
 """Longest time that a base may have moved without a message from it: its watchdog then stops it."""
 

@@ -29,7 +29,7 @@ TURN_RAD = 2.0 * math.pi
 TURN_SLACK_RAD = 0.1
 """A lidar may see a little more than one turn."""
 VALID_SHARE = 0.02
-"""A turn of which less is valid, hits or free, is not believed."""
+"""Least valid share of a turn, hits or free, for it to be believed."""
 SCAN_TIME_MAX_S = 2.0
 
 Floats = NDArray[np.float64]
@@ -125,7 +125,7 @@ class ScanReader:
             self._angles_rad = turned_rad + self._mount.yaw_rad
 
     def _hidden(self, ranges_m: Floats, is_hit: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which hits are parts of the robot itself."""
+        """Mask of the hits that are parts of the robot itself."""
         mount = self._mount
         if not mount.hidden_within_m:
             return np.zeros_like(is_hit)

@@ -15,7 +15,7 @@ AHEAD_MAX_NS = to_ns(0.005)
 WINDOW = 256
 """Messages of a window; the least delay is that of the current window and the one before."""
 RESTART_NS = 3 * NS_PER_S
-"""A delay greater by this is no delay: the other clock has been set, or its process started again."""
+"""Increase of the delay that is no delay: the other clock has been set, or its process started again."""
 
 
 class StampClock:
@@ -116,13 +116,13 @@ class CheckedTopic(Generic[T]):
 
     @property
     def silence_reason(self) -> str:
-        """Why nothing comes of the topic: all messages are rejected, by which field and value, or none is sent."""
+        """Reason why no message is accepted: all are rejected, by which field and value, or none is sent."""
         if self._rejected_since:
             return f"{self._rejected_since} messages of {self._name} were rejected: {self.why_rejected}"
         return f"the publisher of {self._name} is silent"
 
     def __bool__(self) -> bool:
-        """Whether something has come."""
+        """Whether a message has arrived."""
         return bool(self._inbox)
 
     def take(self) -> list[CheckedMessage[T]]:
@@ -171,5 +171,5 @@ class TopicDevice(Device):
 
     @external
     def why_rejected(self) -> str:
-        """Why the last of them was; empty if none was."""
+        """Reason for the last rejection; empty if there was none."""
         return self._topic.why_rejected if self._topic is not None else ""

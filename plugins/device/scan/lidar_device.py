@@ -91,7 +91,7 @@ class ScanMaker:
         return LaserScan(stamp_ns, angles, tuple([nearest_m[beam] for beam in known]), far_m)
 
     def _fill(self, nearest_m: list[float], angles_rad: list[float], seen: Iterable[Placed]) -> None:
-        """Put the nearest point of each beam, and its direction, into the lists."""
+        """Write the nearest point of each beam, and its direction, into the lists."""
         far_m, beams = self._range_max_m, self._beams
         for pose, points in seen:
             for direction_rad, range_m in self._around_robot(pose, points):
@@ -137,13 +137,13 @@ class HasSilence(Protocol):
 
 
 class LidarDevice(Device):
-    """Hands on each turn of a lidar; subclasses take the turns in with `read_turns`."""
+    """Passes on each turn of a lidar; subclasses read the turns in `read_turns`."""
 
     interface = ScanInterface
     parameters: HasSilence
     scanned = Event[LaserScan]()
     trouble = Event[str](outside=True)
-    """Why the lidar is at fault, before the device faults."""
+    """Reason why the lidar is at fault, before the device faults."""
 
     def init(self) -> None:
         self._latest: LaserScan | None = None
@@ -165,7 +165,7 @@ class LidarDevice(Device):
         raise NotImplementedError
 
     def note(self, scan: LaserScan, ranges_mm: list[int], now_ns: int) -> None:
-        """Hand on a turn, unless it is one that was doubted.
+        """Pass on a turn, unless it was doubted.
 
         Args:
             scan: the turn.

@@ -24,7 +24,7 @@ class ScanDevice(LidarDevice):
         silent_s: Positive = 3.0
         """Time without a turn after which the lidar faults; the stock lidar turns five times a second."""
         mount: Mount = Mount()
-        """Where and how it sits on the robot, if its turns come in its own frame."""
+        """Place and direction of the lidar on the robot, if its turns are in its own frame."""
 
     parameters: Parameters
     period_s = 0.2  # and as soon as a turn arrives

@@ -48,7 +48,7 @@ class SerialLidar(LidarDevice):
         beams: Annotated[int, Meta(ge=1, le=4000)] = 240
         """Of a scan, all around."""
         mount: Mount = Mount()
-        """Where and how it sits on the robot."""
+        """Place and direction of the lidar on the robot."""
 
     period_s = POLL_S
     parameters: Parameters
@@ -72,9 +72,9 @@ class SerialLidar(LidarDevice):
         self._seen: list[tuple[int, list[Point]]] = []
         """Points of this turn, with the time when they came."""
         self._ended: list[tuple[int, list[Point]]] = []
-        """Those of the last turn, while it waits for its odometry."""
+        """Points of the last turn, while it waits for its odometry."""
         self._before: list[tuple[int, list[Point]]] = []
-        """Those of the turn that was handed on last."""
+        """Points of the last turn that was passed on."""
         self.env.board.wants_odometry = True
         self._points = 0
         self._is_whole = False
@@ -147,12 +147,12 @@ class SerialLidar(LidarDevice):
             self._ended = seen
 
     def _is_known(self, stamp_ns: int) -> bool:
-        """Whether the odometry of a time is there."""
+        """Whether the odometry covers a time."""
         odometry = self.env.board.odometry
         return bool(odometry) and odometry[-1][0] >= stamp_ns
 
     def _hand_on(self, now_ns: int) -> None:
-        """Move the points to where the robot was when the last one was measured."""
+        """Move the points to the robot's place at the last measurement."""
         seen, self._ended = self._ended, []
         before, self._before = self._before, seen
         odometry, stamp_ns = self.env.board.odometry, seen[-1][0]
@@ -177,14 +177,14 @@ class SerialLidar(LidarDevice):
 
 
 class Ld19(SerialLidar):
-    """Hands on each turn of LDROBOT's LD06 and LD19."""
+    """Passes on each turn of LDROBOT's LD06 and LD19."""
 
     def decoder(self) -> LidarDecoder:
         return Ld19Decoder()
 
 
 class Rplidar(SerialLidar):
-    """Hands on each turn of Slamtec's RPLIDAR A-series."""
+    """Passes on each turn of Slamtec's RPLIDAR A-series."""
 
     has_dtr = False  # it stops the motor of an A1
 

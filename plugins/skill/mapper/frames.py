@@ -53,7 +53,7 @@ AGREE_M, AGREE_RAD = 0.3, 0.05
 JOIN_SIGMA_M, JOIN_SIGMA_RAD = 0.1, 0.02
 """Standard deviations of such an answer."""
 FOLLOW_SIGMA_M, FOLLOW_SIGMA_RAD = 0.05, 0.01
-"""Standard deviations of a teammate's movement as its followers take it over."""
+"""Standard deviations of a teammate's movement as its followers adopt it."""
 
 
 PRIOR_GATE = 16.27
@@ -113,7 +113,7 @@ class Frames:
 
     @property
     def frame(self) -> MapFrame:
-        """In which the robot maps now."""
+        """Frame in which the robot maps now."""
         return self._own.frame
 
     def begin(self, number: int, reason: str) -> None:
@@ -136,7 +136,7 @@ class Frames:
     def uncertainty_reason(self) -> str:
         """Reason why the robot should leave the team's map: its place is too uncertain.
 
-        Empty if it does, or is alone.
+        Empty if its place is certain, or the robot is alone.
         """
         current = self._graph.current
         if current is None or self.frame != ARENA:

@@ -75,16 +75,16 @@ class MapReceiver:
 
     @property
     def dropped(self) -> int:
-        """Messages that came faster than they were taken in."""
+        """Messages that came faster than they were merged."""
         return self._inbox.dropped
 
     def begin(self, began_ns: int) -> None:
-        """The robot starts, at this time of its clock."""
+        """Record the robot's start, at this time of its clock."""
         self._began_ms = map_stamp_ms(began_ns)
         self.others = SubmapAtlas(self._atlas.grid.geometry)
 
     def connect(self, wire: Endpoint) -> None:
-        """Listen from now on."""
+        """Subscribe from now on."""
         self._wire = wire
         self._guard = RecordGuard(wire.refusals)
         self._presence = wire.watch(ROBOT_ALIVE)
@@ -113,7 +113,7 @@ class MapReceiver:
         return message and msgspec.structs.replace(message, stamp_ns=self._wire.clock.now_ns())
 
     def _merge_all(self, received: Sequence[Received]) -> None:
-        """Take messages in, one after the other; successive patches of which only cells are new are drawn at once."""
+        """Merge messages, one after the other; successive patches of which only cells are new are drawn at once."""
         arrived = self._met - {self._robot}
         now_ns = self._wire.clock.now_ns()
         earliest_ns, latest_ns = now_ns - to_ns(BEHIND_S), now_ns + to_ns(AHEAD_S)
@@ -143,7 +143,7 @@ class MapReceiver:
             refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, reason)
 
     def _merge(self, patch: MapPatch) -> str:
-        """Take a patch into the map; returns why it was refused, empty if it was not."""
+        """Merge a patch into the map; returns the reason for a refusal, empty if there is none."""
         try:
             patch = in_own_time(patch, self._wire.clock.now_ns())
             if patch.parts:

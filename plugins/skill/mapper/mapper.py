@@ -53,7 +53,7 @@ class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
     """Counters of the mapper's input."""
 
     scans: int
-    """Put into the map."""
+    """Scans put into the map."""
     scans_left_out: int
     """Scans skipped because the robot's place was too uncertain."""
     why_left_out: str

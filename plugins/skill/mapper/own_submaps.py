@@ -62,7 +62,7 @@ class OwnSubmaps:
         self.frame = ARENA
         """The map frame in which the submap that is being made lies."""
         self.why = ""
-        """Why that is not the arena frame."""
+        """Reason why this is not the arena frame."""
         self.T_arena_local = IDENTITY
         """Pose of the current submap's frame."""
         self._spec = spec
