@@ -16,15 +16,12 @@ from pymunk.batch import BodyFields
 from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.robot.body_kernels import MOTION, STATE, WHEELS, drive, roll
 from robrain.sim.robot.wheels import DRAWS, Wheels
-
-ROBOT_COLLISION, WALL_COLLISION, MOVER_COLLISION = 1, 2, 3
-"""Collision types of shapes in the arena's space."""
+from robrain.sim.traffic.specs import FRICTION, MOVER_COLLISION, ROBOT_COLLISION, WALL_COLLISION
 
 MASS_KG = 4.0
 ACCELERATION_MAX_M_S2 = 1.5
 """What the wheels hold on the floor; turning at speed takes its share of it."""
 YAW_ACCELERATION_MAX_RAD_S2 = 6.0
-FRICTION = 0.4
 COLLISION_SLOP_M = 0.001
 """Overlap that the solver leaves, so that what rests stays in touch. pymunk's own 0.1 is meant for pixels."""
 OVERLAP_LEFT_PER_TICK = 0.6

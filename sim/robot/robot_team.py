@@ -19,12 +19,12 @@ from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.robot.robot_body import (
     COLLISION_SLOP_M,
     OVERLAP_LEFT_PER_TICK,
-    WALL_COLLISION,
     CollisionCounter,
     RobotBodies,
 )
 from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.simulated_robot import SimulatedRobot
+from robrain.sim.traffic.specs import WALL_COLLISION
 from robrain.sim.traffic.traffic import SeenWalls, Traffic, TrafficPlan
 
 

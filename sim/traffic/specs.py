@@ -9,6 +9,10 @@ from msgspec import Meta
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative, Positive, Share
 
+ROBOT_COLLISION, WALL_COLLISION, MOVER_COLLISION = 1, 2, 3
+"""Collision types of shapes in the arena's space."""
+FRICTION = 0.4
+
 MAX_PEOPLE = 200
 """In one table."""
 LONGEST_S = 1e6

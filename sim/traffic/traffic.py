@@ -13,8 +13,15 @@ from numpy.typing import NDArray
 from robrain.protocol.messages.team.arena_messages import BodyKind, BodyTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.maps.floor_plan import FloorPlan, MapError
-from robrain.sim.robot.robot_body import FRICTION, MOVER_COLLISION, WALL_COLLISION
-from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
+from robrain.sim.traffic.specs import (
+    FRICTION,
+    MOVER_COLLISION,
+    WALL_COLLISION,
+    DoorSpec,
+    MoverSpec,
+    PeopleSpec,
+    TrafficSpec,
+)
 from robrain.sim.traffic.walker import Disc, Errands, Rounds, Walker
 
 PITCH_M = 0.15

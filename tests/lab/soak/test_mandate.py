@@ -9,8 +9,7 @@ import pytest
 from robrain.agent.consensus.witness import Kept, Witness, WitnessExtension
 from robrain.algorithms.allocation.allocator import AUCTION
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.leadership.journal_feed import JournalFeed
-from robrain.coordinator.leadership.leadership import ElectedLeadership
+from robrain.coordinator.leadership.leadership import ElectedLeadership, JournalFeed
 from robrain.coordinator.planning.policy import NEAREST
 from robrain.lab.soak.fault_script import FaultScript, ScriptRobot
 from robrain.lab.soak.operator import OPERATOR
