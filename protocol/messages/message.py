@@ -1,4 +1,4 @@
-"""What all messages of the wire share: frozen structs, JSON on the wire.
+"""Base of all messages of the wire: frozen structs, JSON on the wire.
 
 Unknown fields are ignored and new fields have defaults, so that older and newer peers talk. `stamp_ns` (the
 run's clock) and `seq` are filled in by the publisher that sends the message.
@@ -23,7 +23,7 @@ Prose = Annotated[str, Meta(max_length=100_000)]
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True):
-    """What every published message carries."""
+    """Fields of every published message."""
 
     stamp_ns: Stamp = 0
     seq: Count = 0
@@ -35,7 +35,8 @@ class SharedMessage(Message, frozen=True, dict=True):
     def derived(self, compute: Callable[[Self], T]) -> T:
         """Return `compute(self)`, computed by the first who asks.
 
-        `compute` is a named function of the message alone, and nobody changes its result. What raises is not kept.
+        `compute` is a named function of the message alone, and nobody changes its result. A field whose conversion
+        raises is not kept.
         """
         kept: dict[str, T] = self.__dict__
         name = f"{compute.__module__}.{compute.__qualname__}"

@@ -1,1 +1,1 @@
-"""What the messages mean: pure functions on poses, grids and paths, without I/O."""
+"""Meaning of the messages: pure functions on poses, grids and paths, without I/O."""

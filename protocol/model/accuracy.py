@@ -29,7 +29,7 @@ class PoseAccuracy(msgspec.Struct, frozen=True, kw_only=True):
 
     Errors and NEES include only samples in which the robot does not report that it is lost. NEES is the normalised
     estimation error squared (Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*,
-    section 5.4.2): its mean is the number of dimensions if the covariance is right.
+    section 5.4.2). Its mean is the number of dimensions if the covariance is right.
     """
 
     samples: Count = 0

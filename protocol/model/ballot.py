@@ -1,4 +1,4 @@
-"""What robots tell each other while they allocate tasks: the winning bids that each knows, and how fresh that is."""
+"""Messages between robots that allocate tasks: the winning bids that each knows, and how fresh that is."""
 
 from typing import Annotated
 
@@ -21,9 +21,9 @@ class Bid(msgspec.Struct, frozen=True, kw_only=True):
     task: Name
     """Id of the task."""
     robot: Name
-    """Who made it."""
+    """Robot that made it."""
     score: Score
-    """What the task is worth to that robot, in joules."""
+    """Value of the task to that robot, in joules."""
 
     def beats(self, other: "Bid | None") -> bool:
         """Whether it wins against another bid for the task: the greater score; of equal ones the lesser name."""
@@ -57,7 +57,7 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     digest: Count
     """Of all winners as the robot knows them, and of the round; see `digest_of`."""
     value: Value
-    """What its own path is worth to it."""
+    """Value of its own path to it."""
 
 
 Standings = Annotated[tuple[Standing, ...], Meta(max_length=ROBOTS_MAX)]
@@ -67,7 +67,7 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     """All that one robot knows of the bidding. A later one replaces an earlier one of the same robot."""
 
     robot: Name
-    """Who says it."""
+    """Name of the sender."""
     number: Count
     """Greater than in every earlier ballot of this robot."""
     bids: Bids = ()
@@ -81,6 +81,6 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     base: Count = 0
     """Digest of the allocation that the round starts from."""
     base_value: Value = 0.0
-    """What that one is worth, all paths together."""
+    """Value of that robot, all paths together."""
     standings: Standings = ()
     """The last known ones of all robots, its own included."""

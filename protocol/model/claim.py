@@ -9,7 +9,7 @@ from robrain.protocol.model.ranges import Length, Name
 
 Degree = Annotated[int, Meta(ge=-1_000_000_000, le=1_000_000_000)]
 Rank = tuple[int, int, float, str, int, str]
-"""What claims are compared by."""
+"""Key by which claims are compared."""
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
@@ -25,7 +25,7 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     way_m: Length = 0.0
     """Length of its path when it set out; the shorter goes first."""
     lent_by: Name = ""
-    """A robot that makes room for another uses that robot's claim, so that others make room in turn: priority
+    """A robot that makes room for another uses that robot's claim, so that others make room in turn. This is priority
     inheritance (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent Path Finding*, IJCAI
     2019). Empty if the claim is the robot's own."""
     lent: Degree = 0

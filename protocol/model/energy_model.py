@@ -1,10 +1,10 @@
-"""What work costs a robot, from the model that it has learned of itself.
+"""Energy cost of work for a robot, from the model that it has learned of itself.
 
-Power is a sum of terms: standing (idle and compute), moving, speed, turning, speeding up. The terms are those of Mei,
-Lu, Hu, Lee: Energy-Efficient Motion Planning for Mobile Robots, ICRA 2004, and A Case Study of Mobile Robot's Energy
-Consumption and Conservation Techniques, ICAR 2005: sensing, control and computing draw a constant, the motors a loss
-when they turn and m(a + gμ)v. All joules are at the battery's terminals. Pure functions: the robot and the coordinator
-get the same figures from the same published model.
+Power is a sum of terms: standing (idle and compute), moving, speed, turning, speeding up. The terms are those of two
+papers by Mei, Lu, Hu, Lee. These are: Energy-Efficient Motion Planning for Mobile Robots, ICRA 2004; A Case Study of
+Mobile Robot's Energy Consumption and Conservation Techniques, ICAR 2005. Sensing, control and computing draw a
+constant; the motors draw a loss when they turn, and m(a + gμ)v. All joules are at the battery's terminals. Pure
+functions: the robot and the coordinator get the same figures from the same published model.
 """
 
 import math
@@ -62,7 +62,7 @@ class Work(Checked, frozen=True):
 
 
 class EnergyEstimate(msgspec.Struct, frozen=True):
-    """What work will cost, as a normal distribution."""
+    """Expected cost of work, as a normal distribution."""
 
     mean_j: float
     sigma_j: float
@@ -81,7 +81,7 @@ class EnergyEstimate(msgspec.Struct, frozen=True):
 
 
 class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot's model of its own consumption, as published in its state."""
+    """A robot's model of its consumption, as published in its state."""
 
     coefficients: tuple[Watts, Watts, Watts, Watts, Watts]
     """In the order of `TERMS`."""
@@ -110,7 +110,7 @@ class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def estimate(model: EnergyModel, work: Work) -> EnergyEstimate:
-    """What this work will cost a robot of this model."""
+    """Cost of this work for a robot of this model."""
     standing, moving, speed, yaw, acceleration = integrals(model, work)
     amounts = (standing, moving, speed, yaw, acceleration)
     mean_j = sum(amount * coefficient for amount, coefficient in zip(amounts, model.coefficients, strict=True))

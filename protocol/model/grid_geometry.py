@@ -15,7 +15,7 @@ UNKNOWN, FREE, OCCUPIED = np.int8(-1), np.int8(0), np.int8(100)
 class GridGeometry(Checked, frozen=True):
     """Where a grid lies in the arena.
 
-    Row 0 is at the lowest y, as in a ROS OccupancyGrid; the origin is the outer corner of row 0, column 0, metres,
+    Row 0 is at the lowest y, as in a ROS OccupancyGrid. The origin is the outer corner of row 0, column 0, metres,
     arena frame; width and height count cells.
 
     Raises ValueError where it is built for sizes that are not positive or an origin that is not finite.

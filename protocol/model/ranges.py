@@ -1,8 +1,8 @@
 """Types with ranges for the numbers and texts of messages, files and calls.
 
 msgspec checks the ranges when it decodes or converts, and includes them in the JSON Schema. It does not check them when
-a struct is built in Python. All ranges are chosen: far beyond what a robot, a floor or a task needs, and small enough
-that sums, products and conversions to integers stay finite.
+a struct is built in Python. All ranges are chosen: far beyond the needs of a robot, a floor or a task. They are small
+enough that sums, products and conversions to integers stay finite.
 """
 
 from typing import Annotated

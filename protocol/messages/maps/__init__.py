@@ -1,1 +1,1 @@
-"""What travels of maps, and how their patches are packed."""
+"""Messages about maps, and the packing of their patches."""

@@ -1,4 +1,4 @@
-"""What exploration has left: the regions of the floor that robots did not see or cannot get to, each with a reason."""
+"""Floor that exploration did not cover: the regions that robots did not see or cannot reach, each with a reason."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -39,7 +39,7 @@ class RegionLeft(msgspec.Struct, frozen=True, kw_only=True):
     """A point of it: for `unseen` and `tried` at its edge, where robots can look in; else the one farthest from its
     edge."""
     area_m2: Area
-    """Area of its floor that has been seen; where robots can look in, an estimate: the unknown area within 2 m of its
+    """Area of its floor that has been seen. Where robots can look in, an estimate: the unknown area within 2 m of its
     edge that no known wall hides."""
     low: Point2D
     """Corner of its bounding box with the least x and y."""

@@ -20,9 +20,9 @@ class MapPatch(SharedMessage, frozen=True, kw_only=True):
     """Cells of a submap whose class this robot's sensing has changed since its last patch, or the pose of a submap.
 
     Each patch carries the geometry of the team's grid. The cells fill the box given by `row`, `column`, `rows` and
-    `columns`, in the frame `local` of the submap: the cells of the team's grid, moved by `T_arena_local`. The box may
-    extend beyond the grid. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no statement;
-    deflated (zlib), base64 in JSON. A patch without cells moves, finishes or withdraws a submap.
+    `columns`, in the frame `local` of the submap. They are the cells of the team's grid, moved by `T_arena_local`. The
+    box may extend beyond the grid. Cells are int8, row-major, row 0 at the lowest y: 0 free, 100 occupied, −1 no
+    statement; deflated (zlib), base64 in JSON. A patch without cells moves, finishes or withdraws a submap.
     `robrain.algorithms.slam.map_patch` makes and merges patches.
     """
 
@@ -84,8 +84,8 @@ class Closure(msgspec.Struct, frozen=True, kw_only=True):
     at_mate: Pose2D
     """Pose of the sensor in the frame of the mate's submap."""
     information: Annotated[tuple[Quantity, ...], Meta(min_length=6, max_length=6)]
-    """Inverse covariance of the match in x, y and yaw, in the axes of the mate's submap: the upper triangle xx, xy,
-    xyaw, yy, yyaw, yawyaw, in 1/m², 1/(m·rad) and 1/rad²."""
+    """Inverse covariance of the match in x, y and yaw, in the axes of the teammate's submap. The values are the upper
+    triangle xx, xy, xyaw, yy, yyaw, yawyaw, in 1/m², 1/(m·rad) and 1/rad²."""
 
 
 class Closures(Message, frozen=True, kw_only=True):
@@ -93,4 +93,4 @@ class Closures(Message, frozen=True, kw_only=True):
 
     robot: Name
     closures: Annotated[list[Closure], Meta(max_length=256)]
-    """What was found since the last message."""
+    """Matches found since the last message."""

@@ -1,1 +1,1 @@
-"""What travels about sensor motes."""
+"""Messages about sensor motes."""

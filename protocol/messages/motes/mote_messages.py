@@ -52,7 +52,7 @@ class MoteDuty(Message, frozen=True, kw_only=True):
     mote: Name
     period_s: Seconds
     by: Name = ""
-    """Who requested it."""
+    """Name of the requester."""
 
 
 class ForwarderCount(msgspec.Struct, frozen=True, kw_only=True):
@@ -92,8 +92,7 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
     oldest_s: Quantity
     """Greatest of these ages."""
     coverage: Quantity
-    """Share of the floor between the motes, as far as they can tell of it, of which a mote or a robot in its place does
-    tell."""
+    """Share of the floor between the motes, within their reports, that a mote or a robot in its place covers."""
     on_duty: Count
     """Number of living motes that are on duty."""
     first_dead_ns: Stamp | None = None

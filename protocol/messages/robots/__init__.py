@@ -1,1 +1,1 @@
-"""What travels between a robot, its plugins and the team."""
+"""Messages between a robot, its plugins and the team."""

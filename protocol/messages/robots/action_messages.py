@@ -34,7 +34,7 @@ class ActionEnd(msgspec.Struct, frozen=True, kw_only=True):
     outcome: Outcome
     why: str = ""
     result: Any = None
-    """What the action was for, if it was for something."""
+    """Purpose of the action, if it has one."""
     by: str | msgspec.UnsetType = msgspec.UNSET
     """Name of the plugin that superseded it, such as `explore`, or of the action; absent if nothing did."""
 

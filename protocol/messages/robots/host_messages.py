@@ -39,7 +39,7 @@ class CommandRequest(msgspec.Struct, frozen=True, kw_only=True):
     text: Words
     """The command, such as `call driver stop()`."""
     by: Text = ""
-    """Who asks: a plugin that somebody holds accepts calls from its holder alone."""
+    """Name of the caller: a plugin that has a holder accepts calls from its holder alone."""
 
 
 class HoldRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,7 +64,7 @@ class HaltRequest(msgspec.Struct, frozen=True, kw_only=True):
     """Halt one robot."""
 
     by: Text = ""
-    """Who halts. The same name, or one that starts with `operator`, may resume."""
+    """Name of the sender of the halt. The same name, or one that starts with `operator`, may resume."""
     reason: Words = ""
     """For the logs; its first 200 characters are kept."""
 
@@ -80,7 +80,7 @@ class Lease(msgspec.Struct, frozen=True, kw_only=True):
 
     plugin: Name
     holder: Name
-    """Who has exclusive use of it."""
+    """Name of the holder, which has exclusive use of it."""
     until_ns: Stamp
     """By the robot's clock."""
 
@@ -91,6 +91,6 @@ class HaltAnswer(msgspec.Struct, frozen=True, kw_only=True):
     robot: Name
     halted: bool
     by: Names = []
-    """Who holds the halt."""
+    """Names of the holders of the halt."""
     not_halted: Names = []
     """Plugins that failed to stop, or did not say in time that they have."""

@@ -1,4 +1,4 @@
-"""What a robot tells of its plugins: their functions and events, their log, the process that runs them."""
+"""Reports of a robot about its plugins: their functions and events, their log, the process that runs them."""
 
 from typing import Annotated, Any, Self
 
@@ -16,7 +16,7 @@ class Event(Message, frozen=True, kw_only=True):
     plugin: Name
     event: Name
     value: Any = None
-    """What the plugin notifies of, any JSON."""
+    """Value of the plugin's notification, any JSON."""
 
     def moved_in_time(self, by_ns: int) -> Self:
         """The event with its stamp moved, from its sender's clock to the receiver's."""

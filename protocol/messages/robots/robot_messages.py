@@ -1,4 +1,4 @@
-"""What a robot publishes about itself: its state, its path and its radio links."""
+"""Messages that a robot publishes about itself: its state, its path and its radio links."""
 
 from typing import Annotated
 
@@ -107,7 +107,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     battery: BatteryState | None = None
     """The battery's estimate; null if the robot has none."""
     energy: EnergyModel | None = None
-    """What the robot knows of its own consumption."""
+    """The robot's knowledge of its own consumption."""
     behavior: Name = ""
     task: TaskStatus | None = None
     next_task: TaskStatus | None = None
@@ -117,7 +117,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     halted: bool = False
     """Emergency halt: all plugins refuse calls and have received the order to stop."""
     halted_by: Names = msgspec.field(default_factory=list)
-    """Who holds the halt."""
+    """Names of the holders of the halt."""
     team_halt_ns: Stamp = 0
     """Stamp of the team's halt, if the halt is the team's."""
     not_halted: Names = msgspec.field(default_factory=list)
@@ -135,7 +135,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     goes_on_s: Seconds | msgspec.UnsetType = msgspec.UNSET
     """How long it goes on with its tasks while it hears no coordinator, if that is longer than the lease."""
     changes_heard: Count | msgspec.UnsetType = msgspec.UNSET
-    """Changes of tasks up to this number it has heard of, if it goes on without a coordinator."""
+    """Number of the last change of tasks that it has received, if it continues without a coordinator."""
     refused: Refused = msgspec.UNSET
     """Messages and requests that the robot's host and plugins have refused."""
     led: Led | msgspec.UnsetType = msgspec.UNSET
@@ -181,7 +181,7 @@ class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class RobotLinks(Message, frozen=True, kw_only=True):
-    """What a robot's base station hears on the motes' radio: every 2 s while it hears any, and once after the last."""
+    """Traffic on the motes' radio at a robot's base station: every 2 s while there is any, and once after."""
 
     robot: Name
     links: Annotated[list[RadioLink], Meta(max_length=10_000)] = msgspec.field(default_factory=list)

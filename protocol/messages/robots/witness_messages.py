@@ -21,7 +21,7 @@ Holders = Annotated[list[Name], Meta(max_length=8)]
 
 
 class WitnessWish(StrEnum):
-    """What a coordinator asks of a witness."""
+    """Request of a coordinator to a witness."""
 
     ELECT = "elect"
     """A vote."""
@@ -46,7 +46,7 @@ class WitnessRequest(msgspec.Struct, frozen=True, kw_only=True):
     """A coordinator's request to a witness."""
 
     wish: WitnessWish
-    """What it asks for."""
+    """Kind of the request."""
     election: Count
     """Number of the election that is held, or that the coordinator has won; from 1."""
     journal: Name
@@ -98,7 +98,7 @@ class Lead(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Led(msgspec.Struct, frozen=True, kw_only=True):
-    """The last summary that a robot has heard of a coordinator that was elected and leads."""
+    """The last summary that a robot has received from a coordinator that was elected and leads."""
 
     election: Count
     """Number of the election."""

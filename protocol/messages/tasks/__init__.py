@@ -1,1 +1,1 @@
-"""What travels about tasks: offers, costs, plans, rules, ballots."""
+"""Messages about tasks: offers, costs, plans, rules, ballots."""

@@ -1,4 +1,4 @@
-"""What robots tell each other, and a coordinator that returns, about tasks while no coordinator is heard."""
+"""Messages between robots, and with a coordinator that returns, about tasks while no coordinator is reachable."""
 
 from typing import Annotated
 
@@ -12,7 +12,7 @@ from robrain.protocol.model.ranges import Duration, Epoch, Name, Names, Stamp
 from robrain.protocol.model.tasks.task import Task
 
 ENDS_MAX = 256
-"""Tasks done without a coordinator that a robot remembers; with so many it begins no other (chosen)."""
+"""Tasks done without a coordinator that a robot remembers; at this number it begins no other (chosen)."""
 
 ASKED_MAX = 64
 """Most tasks that a robot remembers as accepted without a coordinator; it then accepts no other (chosen)."""
@@ -50,7 +50,7 @@ class TaskHeldBy(msgspec.Struct, frozen=True, kw_only=True):
     id: Name
     """Id of the task."""
     robot: Name
-    """Who said that it does or holds the task, or wants to begin it."""
+    """Robot that reports that it does or holds the task, or wants to begin it."""
     left_s: Duration
     """Time until that robot has let it go at the latest."""
 
@@ -61,7 +61,7 @@ class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
     id: Name
     """Id of the task."""
     robot: Name
-    """Who did it."""
+    """Robot that did it."""
     epoch: Epoch
     """With which that robot began it."""
 
@@ -70,7 +70,7 @@ class TaskAsked(msgspec.Struct, frozen=True, kw_only=True):
     """A task that a robot has accepted while it heard no coordinator."""
 
     submission: TaskSubmission
-    """What is asked for."""
+    """Request to the robots."""
     at_ns: Stamp
     """When, by that robot's clock: the submission's times count from then."""
 
@@ -101,7 +101,7 @@ class TaskDropped(msgspec.Struct, frozen=True, kw_only=True):
     id: Name
     """Id of the task."""
     by: CancelledText = ""
-    """Who cancelled it."""
+    """Name of the client that cancelled it."""
     why: CancelledText = ""
     """In their own words."""
 
@@ -121,7 +121,7 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     """A robot's part in the allocation of tasks without a coordinator: 5 Hz while it hears none."""
 
     robot: Name
-    """Who says it."""
+    """Name of the sender."""
     ballot: Ballot
     """Its bids."""
     hears_coordinator: bool = False

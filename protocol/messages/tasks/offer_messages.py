@@ -77,7 +77,7 @@ class CostsRequest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskCost(msgspec.Struct, frozen=True, kw_only=True):
-    """What a task takes at its place, by the plugin of the robot that does its kind; the way there is not counted."""
+    """Time and energy of a task at its place, by the robot's plugin for its kind; without the path there."""
 
     id: Name
     path_m: Length = 0.0

@@ -21,7 +21,7 @@ Routes = Annotated[tuple[tuple[Name, Annotated[tuple[Name, ...], Most]], ...], M
 
 
 class TaskDecision(Message, frozen=True, kw_only=True):
-    """What a plan decided about one task; sent when the decision changes."""
+    """A plan's decision about one task; sent when the decision changes."""
 
     task: Name
     plan: Count
@@ -35,7 +35,7 @@ class TaskDecision(Message, frozen=True, kw_only=True):
     reason: PlanReason | None = None
     """The same as a value."""
     bids: Annotated[tuple[RobotVerdict, ...], Most] = ()
-    """What it would take each robot on top of the rest of its route, or the reason that it is out; by name."""
+    """By robot name: the cost on top of the rest of its route, or the reason of its exclusion."""
 
 
 class PlanProblem(Message, frozen=True, kw_only=True):
@@ -63,7 +63,7 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     routes: Routes = ()
     """Robots and their tasks in order, as planned now; tasks already begun come first."""
     cause: Text = ""
-    """What caused the plan to be made."""
+    """Cause of the plan."""
     passes: Annotated[list[Text], Most] | None = None
     """Names of the refinement passes, in their order; null in recordings from before they could be chosen."""
 
@@ -98,13 +98,13 @@ class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     is_there: bool = False
     """It stands at the charger."""
     why: Text = ""
-    """What it waits for, in words; empty if it does not wait."""
+    """Reason that it waits, as text; empty if it does not wait."""
     reason: PlainReason | None = None
     """The same as a value."""
 
 
 class ChargeSchedule(Message, frozen=True, kw_only=True):
-    """Who charges where and when; said when it has changed."""
+    """Robots that charge, with charger and time; sent when it has changed."""
 
     charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
     """One entry for each charge that is foreseen."""
@@ -127,4 +127,4 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     chargers: Annotated[tuple[Point2D, ...], Most] = ()
     """All that robots of the team know of, arena frame."""
     charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
-    """Who charges where and when."""
+    """Robots that charge, with charger and time."""

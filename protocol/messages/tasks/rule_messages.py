@@ -1,4 +1,4 @@
-"""What the coordinator publishes of its rules."""
+"""Messages of the coordinator about its rules."""
 
 from typing import Annotated
 
@@ -13,7 +13,7 @@ class RuleStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     name: Name
     waits: Text = ""
-    """What it waits for, and which kind of task it makes then, in words."""
+    """Its trigger, and the kind of task that it then makes, as text."""
     made: Count = 0
     """Tasks that it has made."""
     open: Count = 0

@@ -1,4 +1,4 @@
-"""What is said about tasks by those who ask for them: the requests `task/…` to the coordinator, and its replies.
+"""Messages of clients about tasks: the requests `task/…` to the coordinator, and its replies.
 
 As in `message`: JSON, unknown fields ignored, new fields with defaults. Stamps are those of the run's clock.
 """
@@ -23,7 +23,7 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
 
     task: Task
     by: Text = ""
-    """Who asks."""
+    """Name of the requester."""
     earliest_in_s: Seconds | None = None
     """Seconds after the coordinator accepts it, in place of the task's `earliest_ns`."""
     deadline_in_s: Seconds | None = None
@@ -54,7 +54,7 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def word(self) -> bytes:
-        """What is asked for, without the name of who asks, as JSON."""
+        """The request without the name of the requester, as JSON."""
         return msgspec.json.encode(msgspec.structs.replace(self, by=""))
 
 
@@ -78,7 +78,7 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     submitted_ns: Stamp = 0
     """When it was accepted."""
     by: Text = ""
-    """Who asked for it."""
+    """Name of the requester."""
     own: bool = False
     """Whether the coordinator created it: such a task is not retried."""
     attempts: Count = 0
@@ -153,7 +153,7 @@ class TaskChange(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """What a robot would need for a task, or why it is ruled out."""
+    """Resources that a robot would need for a task, or the reason of its exclusion."""
 
     robot: Name
     chosen: bool = False
@@ -192,7 +192,7 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     now: Text
     """In one sentence."""
     reason: TaskReason | None = None
-    """What that sentence says beside the task's state."""
+    """Content of that sentence beside the task's state."""
     robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
     """As judged last, sorted by name."""
     decided_ns: Stamp = 0
@@ -204,7 +204,7 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
-    """What would follow from a submission if it came now. Nothing follows from asking."""
+    """Result of a submission if it came now. Nothing follows from asking."""
 
     task: Task
     """As it would enter the book; if the book has it already, as it stands there."""
@@ -213,12 +213,12 @@ class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
     known: TaskState | None = None
     """State of the same task in the book: submitting it again would change nothing. None if it is new."""
     waits: Text = ""
-    """What it would wait for before any robot can begin it, in words; empty if nothing."""
+    """Conditions before any robot can begin it, as text; empty if there are none."""
     reason: TaskReason | None = None
     """The same as a value."""
     robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
-    """Each robot, by name: why it is excluded now; or time and energy by its own model for the straight line to the
-    place and the service time there, which is what it would take at least."""
+    """By robot name: the reason of its exclusion now, or time and energy by its own model. These cover the straight
+    line to the place and the service time there, and are lower bounds."""
     ahead: Count = 0
     """Open tasks of at least its priority that no robot has begun."""
 

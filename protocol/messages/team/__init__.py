@@ -1,1 +1,1 @@
-"""What travels about the team as a whole, its coordinator and its tools."""
+"""Messages about the team as a whole, its coordinator and its tools."""

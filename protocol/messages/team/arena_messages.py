@@ -36,7 +36,7 @@ class ArenaClock(Message, frozen=True, kw_only=True):
 
 
 class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True pose of a simulated robot, and the accuracy of its own poses so far."""
+    """True pose of a simulated robot, and the accuracy of its own poses up to now."""
 
     robot: Name
     pose: Pose2D
@@ -46,7 +46,7 @@ class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
     """Path driven so far."""
     energy_j: Joules
     accuracy: PoseAccuracy | None = None
-    """Accuracy of its own poses so far; null before the first."""
+    """Accuracy of its own poses up to now; null before the first."""
 
 
 class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,7 +57,7 @@ class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BodyKind(StrEnum):
-    """What moves on a simulated floor and is no robot."""
+    """A moving object on a simulated floor that is no robot."""
 
     DOOR = "door"
     """A closed door."""
@@ -97,7 +97,7 @@ class ArenaTruth(Message, frozen=True, kw_only=True):
 
 
 class LinkCounters(msgspec.Struct, kw_only=True):
-    """What became of messages between radios: samples by hearer, requests and replies of queries."""
+    """Delivery of messages between radios: samples by receiver, requests and replies of queries."""
 
     delivered: Count = 0
     """Samples that have arrived or are on their way."""
@@ -132,7 +132,7 @@ class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ArenaLinks(Message, frozen=True, kw_only=True):
-    """Who hears whom on the team's simulated radio, for viewers only."""
+    """Radio neighbours on the team's simulated radio, for viewers only."""
 
     radios: Annotated[list[RadioTruth], Meta(max_length=100_000)]
     """The coordinator's, then the robots'."""
@@ -156,7 +156,7 @@ class ArenaPreparation(Message, frozen=True, kw_only=True):
 
 
 class OutsideInput(Message, frozen=True, kw_only=True):
-    """What reached a lockstep run from another process and may have changed it."""
+    """An input of a lockstep run from another process that may have changed the run."""
 
     key: Text
     """Key that it came under, with `?by=NAME` behind it where a query said who asks."""
@@ -165,4 +165,4 @@ class OutsideInput(Message, frozen=True, kw_only=True):
 
 
 class ScriptInput(OutsideInput, frozen=True, kw_only=True):
-    """What the script that runs a team in lockstep asked, and may have changed the run with."""
+    """A request of the script that runs a team in lockstep, which may have changed the run."""

@@ -37,7 +37,7 @@ class RecorderState(Message, frozen=True, kw_only=True):
     waiting: Count = 0
     """Messages heard that are not written yet."""
     why: Text = ""
-    """What is wrong with it; empty if nothing is."""
+    """Its problem; empty if there is none."""
     closed: bool = False
     """It has finished its file."""
     removed: Count | msgspec.UnsetType = msgspec.UNSET

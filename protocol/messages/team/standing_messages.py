@@ -1,4 +1,4 @@
-"""What a coordinator and the one that stands by for it say to each other: the journal's changes, and how far they are.
+"""Messages between a coordinator and its standby: the journal's changes, and the progress of both.
 
 The journal of the one that stands by is a copy. It asks for the whole once, page by page, and then follows the changes,
 which are numbered without gaps from the coordinator's start. All of it may be repeated, lost or reordered on the wire.
@@ -33,7 +33,7 @@ class JournalTask(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JournalAlarm(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of one source of a rule."""
+    """Outcome of one source of a rule."""
 
     rule: Name
     """Its name."""
@@ -116,11 +116,11 @@ class LeadRequest(msgspec.Struct, frozen=True, kw_only=True):
     """The operator's word that no other journal has more, and that silent robots do no tasks."""
 
     by: Text = ""
-    """Who says so."""
+    """Name of the sender."""
 
 
 class LeadReply(msgspec.Struct, frozen=True, kw_only=True):
-    """What follows from it."""
+    """Consequence of it."""
 
     left_out: Names
     """Silent robots that do not count until they are heard again, sorted."""
@@ -131,7 +131,7 @@ class RobotRemoval(msgspec.Struct, frozen=True, kw_only=True):
 
     robot: Name
     by: Text = ""
-    """Who asks."""
+    """Name of the requester."""
 
 
 class CopyRequest(msgspec.Struct, frozen=True, kw_only=True):

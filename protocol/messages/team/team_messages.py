@@ -52,7 +52,7 @@ class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     halted: bool
     by: Names
-    """Who holds the halt; once it is over, who ended it."""
+    """Holder of the halt; once it is over, the name that ended it."""
     reason: Text = ""
     since_ns: Stamp = 0
     """When it began, or ended."""
@@ -106,7 +106,7 @@ class TeamState(Message, frozen=True, kw_only=True):
     halt: HaltStatus | None = None
     """None until somebody halts the team."""
     refused: Refused = msgspec.UNSET
-    """What the coordinator has refused, largest count first; absent if nothing."""
+    """Refusals of the coordinator, largest count first; absent if there are none."""
     stale: Annotated[list[TopicStale], Meta(max_length=10_000)] | msgspec.UnsetType = msgspec.UNSET
     """Topics that are older than their deadline, of robots that are there; absent if none."""
     rules: Rules = msgspec.UNSET
@@ -114,13 +114,13 @@ class TeamState(Message, frozen=True, kw_only=True):
     mote_field: MoteFieldState | msgspec.UnsetType = msgspec.UNSET
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | msgspec.UnsetType = msgspec.UNSET
-    """The coordinator that stands by with a journal of its own; absent if there was none."""
+    """The standby coordinator, which has a journal of its own; absent if there was none."""
     unwritable: Text | msgspec.UnsetType = msgspec.UNSET
     """Why its journal could not be written the last time; absent if it could. No task is accepted meanwhile."""
     lead: Lead | msgspec.UnsetType = msgspec.UNSET
     """By whom the coordinator was elected, if the team has witnesses for that; absent if it has none."""
     last_change: Count = 0
-    """Number of the last change of a task; who has not heard of all up to it may ask for the tasks."""
+    """Number of the last change of a task. A receiver that has missed a change up to it may query the tasks."""
 
 
 class Halt(Message, frozen=True, kw_only=True):
@@ -128,5 +128,5 @@ class Halt(Message, frozen=True, kw_only=True):
 
     halted: bool
     by: Text
-    """Who halts. The same name, or one that starts with `operator`, may resume."""
+    """Name of the sender of the halt. The same name, or one that starts with `operator`, may resume."""
     reason: Text = ""

@@ -1,7 +1,7 @@
 """The latch of an emergency halt: who holds it, and who may open it.
 
-Whoever halts holds the latch and may let go of it; it opens when nobody holds it any more. An operator opens it for
-everybody. Who somebody is, is what they say: who may say it at all is for the access rules of the wire.
+The sender of a halt holds the latch and may release it; it opens when it has no holder. An operator opens it for
+everybody. A sender states its own name: the access rules of the wire decide which names it may use.
 """
 
 from robrain.protocol.model.ranges import STAMP_MAX
@@ -18,8 +18,8 @@ LATEST_NS = STAMP_MAX // 2
 class HaltLatch:
     """Follows halts and resumes in the order in which they are heard.
 
-    Their stamps come from different clocks. `stamp_ns` only ever grows, so that those who have heard the same can say
-    whether what they are told of is news.
+    Their stamps come from different clocks. `stamp_ns` only grows, so that receivers of the same messages can decide
+    whether a report is new.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class HaltLatch:
 
     @property
     def holders(self) -> list[str]:
-        """Who has halted, in that order."""
+        """Names of the holders, in the order of their halts."""
         return list(self._holders)
 
     @property
@@ -72,7 +72,7 @@ class HaltLatch:
         """
         by = by[:NAME_LENGTH]
         if not self._holders:
-            if by.startswith(OPERATOR):  # it counts also for a halt that has not been heard of
+            if by.startswith(OPERATOR):  # it counts also for a halt that was not received
                 self._advance(stamp_ns)
             return ""
         names = " and ".join(name or "nobody named" for name in self._holders)

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Objective(StrEnum):
-    """What makes one plan better than another."""
+    """Criteria that make one plan better than another."""
 
     ENERGY = "energy"
     """The least sum of joules and of the prizes that are not collected."""

@@ -1,6 +1,6 @@
 """Reads older forms of tasks and reasons in recordings and journals.
 
-Each kind of task was a struct: its parameters stood beside the common fields, the kind was the tag `type`, and the
+Each kind of task was a struct: its parameters stood beside the common fields, and the kind was the tag `type`. The
 place of an `explore` was its `goal`. Each reason had a code, also those that no decision uses.
 """
 

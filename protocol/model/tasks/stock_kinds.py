@@ -23,7 +23,7 @@ RECHARGE: Final = "recharge"
 
 
 class TaskParameters(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """What a kind of task needs besides what all tasks have; derive from it. By itself: nothing."""
+    """Parameters of a kind of task besides the common fields; derive from it. By itself: nothing."""
 
     @property
     def json(self) -> dict[str, Any]:
@@ -97,8 +97,9 @@ class Sense(TaskParameters, frozen=True, kw_only=True):
 class Seek(TaskParameters, frozen=True, kw_only=True):
     """Find where a quantity is greatest: climb its field from the place on, by readings on the way.
 
-    Result: `x_m`, `y_m`, and the `value` there, as fitted to the readings; `sd_m`, how well the place is known;
-    `at_wall`, whether it rises on behind what the robot cannot pass; `samples` taken, `heard` readings of motes.
+    Result: `x_m`, `y_m`, and the `value` there, as fitted to the readings; `sd_m`, the uncertainty of the place.
+    `at_wall` is true if the value rises further behind an obstacle to the robot. `samples` were recorded, `heard`
+    readings of motes.
     """
 
     quantity: Name = "temperature_c"

@@ -1,7 +1,7 @@
 """Tasks: what a robot can be asked to do, and the states that it goes through.
 
-A task of any kind is one struct. What only one kind has is in `parameters`, plain JSON, which the behavior that does
-this kind reads as a type of its own (`parameters_of`). A field that has its default does not travel.
+A task of any kind is one struct. Fields that only one kind has are in `parameters`, plain JSON. The behavior that does
+this kind reads it as a type of its own (`parameters_of`). A field that has its default does not travel.
 """
 
 import math
@@ -22,13 +22,13 @@ Parameters = Annotated[dict[str, Any], Meta(max_length=64)]
 """A JSON object."""
 P = TypeVar("P", bound=msgspec.Struct)
 LOST_AFTER_S = 0.8
-"""A robot that is silent for this long has lost contact, whatever its token says: eight states (chosen: with the time
-that its last state was under way, everybody knows within a second)."""
+"""A robot that is silent for this long has lost contact, whatever its token reports: eight states (chosen). With the
+time that its last state was in flight, every participant knows within a second."""
 LEASE_S = 1.5
 """Silence of the coordinator after which a robot releases its task (chosen: three summaries)."""
 FREE_AFTER_S = 2.0
-"""Silence after which a robot's task is free. The difference to the lease is the guard time: the robot's host steps
-every 20 ms, its last state may be 100 ms old, and a summary may be in flight (chosen)."""
+"""Silence after which a robot's task is free. The difference to the lease is the guard time (chosen). The robot's host
+steps every 20 ms, its last state may be 100 ms old, and a summary may be in flight."""
 MEMBER_PREFIX = "mote:"
 """Begins the `robot` of a task that a mote does; no robot's name can begin so."""
 
@@ -77,7 +77,7 @@ class Task(Checked, frozen=True, kw_only=True, omit_defaults=True):
     robots: Team = 1
     """Number of robots that must work on it at the same time."""
     parameters: Parameters = msgspec.field(default_factory=dict)
-    """What its kind needs besides, as JSON."""
+    """Parameters of its kind, as JSON."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,7 +109,7 @@ class BadParameters(ValueError):
         super().__init__(self.words(field))
 
     def words(self, name: str) -> str:
-        """What is wrong, with another name for the field, such as an option's."""
+        """Text of the problem, with another name for the field, such as an option's."""
         if not self.why:
             return f"a task to {self.kind} needs {name}"
         return f"{name}: {self.why}" if name else self.why
