@@ -1,1 +1,1 @@
-"""Who may say, hear, ask and answer what: members of a secured team, their rights, and Zenoh's access rules."""
+"""Rights on the wire: members of a secured team, their permissions to send and receive, and Zenoh's access rules."""

@@ -37,7 +37,7 @@ class Identity(NamedTuple):
     not_after: datetime
 
     def warning(self, now: datetime | None = None) -> str:
-        """What is to be said of its remaining time; empty if there is enough.
+        """Warning about its remaining time; empty if there is enough.
 
         It is renewed when a third of its life is left.
         """
@@ -69,8 +69,8 @@ def read_identity(folder: Path, now: datetime | None = None) -> Identity:
     """Read and check a certificate and its files.
 
     Raises:
-        WireError: a file is missing or can be read by others, the certificate is of another name, not valid yet or no
-            longer, or not of this CA or this key; the text names the file.
+        WireError: a file is missing or can be read by others. Or the certificate is of another name, not valid yet or
+            no longer, or not of this CA or this key; the text names the file.
 
     """
     for name in (CA, CERTIFICATE, KEY):

@@ -11,7 +11,7 @@ LONGEST_COMMON_NAME = 64
 
 
 class MemberRole(StrEnum):
-    """What a certificate is for."""
+    """Purpose of a certificate."""
 
     ROUTER = "router"
     COORDINATOR = "coordinator"

@@ -37,7 +37,7 @@ Roles = AbstractSet[MemberRole]
 
 
 class AccessAction(StrEnum):
-    """What a member does with a row's keys."""
+    """Permissions of a member for a row's keys."""
 
     PUT = "put"
     HEAR = "hear"
@@ -62,7 +62,7 @@ SPEAKERS: dict[Role, Roles] = {
     Role.OPERATOR: frozenset({MemberRole.RECORDER}),
     Role.ARENA: _ARENA,
 }
-"""Who publishes, answers and announces rows, unless a row says otherwise."""
+"""Roles that publish, answer and announce rows, unless a row names others."""
 PUTS: dict[str, Roles] = {
     HALT.name: _DESK,
     ARENA_CAN.name: _ARENA | _ROBOT,
@@ -90,7 +90,7 @@ ASKS: dict[str, Roles] = {
     COORDINATOR_LEAD.name: _OPERATOR,
     COORDINATOR_REMOVE_ROBOT.name: _OPERATOR,
 }
-"""Who asks queries that not everybody may ask."""
+"""Roles that ask the restricted queries."""
 ANSWERS: dict[str, Roles] = {REPLAY_CONTROL.name: _OPERATOR}
 
 
@@ -124,8 +124,8 @@ def _of_query(action: AccessAction, row: Query[object, object]) -> Roles:
 def own_names(action: AccessAction, row: WireKey, role: MemberRole) -> tuple[str, ...]:
     """The fields of a row's key that must be the member's own name.
 
-    A robot speaks and answers under its own name alone; of its simulated hardware, and of the plugins that are
-    processes of their own, it also hears and asks only what is its own.
+    A robot speaks and answers under its own name alone. Of its simulated hardware, and of plugins in separate
+    processes, it also receives and asks only its own.
     """
     speaks = action in (AccessAction.PUT, AccessAction.ANSWER, AccessAction.ANNOUNCE)
     if role is MemberRole.RECORDER and speaks:

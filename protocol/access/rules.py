@@ -1,8 +1,8 @@
 """Zenoh's access rules, from the table of topics: everything is denied but what a member's role may do with each row.
 
-Zenoh compares by inclusion: a rule for `robot/r1/**` does not cover a query to `robot/*/who`. So what goes *to* a
-member is allowed for its whole team where the router sends it only to those who have asked for it, and what comes
-*from* a member is allowed row by row. `**` does not cover `@adv`, under which lossless topics keep their samples.
+Zenoh compares by inclusion: a rule for `robot/r1/**` does not cover a query to `robot/*/who`. A message *to* a member
+is allowed for its whole team where the router sends it only to subscribers. A message *from* a member is allowed row by
+row. `**` does not cover `@adv`, under which lossless topics keep their samples.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,7 +17,7 @@ from robrain.protocol.table.topic import Delivery, Topic, WireKey
 from robrain.protocol.table.topics import ARENA_CAN, TOPICS
 
 ROWS: tuple[WireKey, ...] = (*TOPICS, HOST_VERB)
-"""All rows that rules are made from. The verbs that other distributions bring have none of their own."""
+"""All rows that rules are made from. Verbs from other distributions have no row."""
 ADVANCED = "@adv/**"
 """Where publishers of lossless topics keep samples, announce themselves and number what they have sent."""
 SAID = ("put", "delete")

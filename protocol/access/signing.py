@@ -121,7 +121,7 @@ def vouch_request(query: Query[Any, Any], key: str, asked: Any, asker: Member, r
         CallError: it names another, or the role may not ask this (counted as refused).
 
     """
-    # Of the host's verbs each has a row of its own, whose rights the host itself checks.
+    # Each of the host's verbs has its own row, whose rights the host itself checks.
     why = "" if query is HOST_VERB else why_not(AccessAction.ASK, query, asker)
     if why:
         refusals.note(query.name, key, RefusalCode.WRONG_NAME, why)
@@ -157,7 +157,7 @@ def in_own_name(row: Topic[Any] | Query[Any, Any], message: Any, member: Member)
 
 
 def named(field: str, member: Member) -> str:
-    """What a member is called in a field."""
+    """Name of a member in a field."""
     return member.name if field == ROBOT_FIELD else str(member)
 
 

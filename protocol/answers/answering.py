@@ -1,6 +1,6 @@
 """Answering on several threads, which take queries off Zenoh's own channel, or off a queue that several queries share.
 
-To hand a query on by a queue costs 25 µs, a channel of its own two threads more.
+A handover of a query by a queue costs 25 µs, a separate channel two threads more.
 """
 
 import logging
@@ -128,7 +128,7 @@ T = TypeVar("T")
 
 
 class WaitingQueries(Generic[T]):
-    """A queue that whoever asks most cannot keep others out of. Any thread may call it.
+    """A queue in which the busiest client cannot displace the others. Any thread may call it.
 
     Args:
         most: of queries.
@@ -145,11 +145,14 @@ class WaitingQueries(Generic[T]):
         return len(self._waiting)
 
     def put(self, asker: str, query: T) -> T | None:
-        """Let a query wait; the one to refuse if there is no room: the last of whoever has more waiting, or this one.
+        """Let a query wait.
 
         Args:
-            asker: who asks; empty for all of whom that is not known.
-            query: what is asked.
+            asker: name of the client; empty for all clients without a name.
+            query: the query.
+
+        Returns:
+            The query to refuse if there is no room: the last of the client with more waiting, or this one.
 
         """
         refused = None

@@ -37,7 +37,7 @@ class Asked(Protocol):
 
     @property
     def by(self) -> str:
-        """Who asks; empty if that is not said."""
+        """Name of the caller; empty if it is not stated."""
 
     @property
     def trace(self) -> str:

@@ -6,13 +6,13 @@ To look through all that a coordinator has imported takes a tenth of a second, i
 import gc
 
 YOUNG_OBJECTS = 20_000
-"""So many new objects that may hold others make a collection; Python's own 700 are a tick of a few robots."""
+"""This number of new container objects starts a collection; Python's own 700 are a tick of a few robots."""
 
 
 class CalmCollector:
     """While at least one is held, the collector leaves alone what was there, and looks less often at what is new.
 
-    A run makes next to no cycles: what it lets go of goes at once, without the collector.
+    A run makes next to no cycles: released objects are freed immediately, without the collector.
     """
 
     _held = 0

@@ -32,7 +32,7 @@ CallDriver = Callable[[str, Mapping[str, object]], Any]
 
 
 class HandControl:
-    """Drives one robot by hand. Call `move` every `renew_s` for as long as a person, or a program, wants it to move.
+    """Drives one robot by hand. Call `move` every `renew_s` while a person, or a program, wants it to move.
 
     Args:
         call: reaches the robot's driver.
@@ -50,8 +50,8 @@ class HandControl:
     def move(self, forward_m_s: float = 0.0, left_m_s: float = 0.0, yaw_rad_s: float = 0.0) -> None:
         """Want this velocity, body frame, until the lease lapses; zero gives the robot back.
 
-        A lease that has lapsed, as the link was slow, is taken again, and the next call moves the robot: what was asked
-        for before the wait no longer counts.
+        A lease that has lapsed on a slow link is acquired again, and the next call moves the robot. A request from
+        before the wait no longer counts.
 
         Raises:
             CallError: somebody else drives the robot (`busy`), or it does not obey.

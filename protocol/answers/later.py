@@ -12,7 +12,7 @@ from robrain.protocol.errors import CallError, ErrorCode, ErrorReply, NobodyTher
 from robrain.protocol.table.topic import Query, R
 
 ZENOH_TIMEOUT = b"Timeout"
-"""What Zenoh itself replies with when nobody has replied in time."""
+"""Zenoh's own reply when no participant has replied in time."""
 
 
 class Later(Generic[R]):
@@ -21,7 +21,7 @@ class Later(Generic[R]):
     Args:
         key: that was asked, without a signature.
         topic: the query.
-        replies: the query's channel; it says None as long as there is nothing, and raises ZError at its end.
+        replies: the query's channel; it returns None while there is no reply, and raises ZError at its end.
         known: what is known already, in place of a channel: the reply in a list, or the error.
 
     """
@@ -39,7 +39,7 @@ class Later(Generic[R]):
         self._known = known
 
     def take(self) -> R | None:
-        """The reply; None as long as there is none. Not to be asked again once it is there.
+        """The reply; None until it arrives. Not to be asked again once it is there.
 
         Raises:
             CallError: the reply is an error, does not decode (`failed`), or none came in time (`timeout`).
@@ -79,7 +79,7 @@ def read_answer(topic: Query[Any, R], key: str, answer: Answer) -> R:
 
 
 def call_error(payload: bytes) -> CallError:
-    """What an error that came as a reply says."""
+    """Text of an error that came as a reply."""
     if payload == ZENOH_TIMEOUT:
         return CallError(ErrorCode.TIMEOUT, "no reply in time")
     try:

@@ -1,10 +1,9 @@
 """Replies to queries of a lockstep run, without time limits for queries that this process answers itself.
 
 Zenoh's `get` returns after the handlers of this process have answered, however long they take. But Zenoh applies the
-time limit of a query by the wall clock, on a thread of its own: it would drop the reply of a slow handler, or after the
-process was stopped for a while, and the run would depend on the machine. Zenoh therefore gets a limit that never ends
-a query. A limit by the wall clock applies only to replies from other processes, with which a run is not repeatable
-anyway.
+time limit of a query by the wall clock, on a separate thread. It would drop the reply of a slow handler, or after a
+pause of the process, and the run would depend on the machine. Zenoh therefore gets a limit that never ends a query. A
+limit by the wall clock applies only to replies from other processes, with which a run is not repeatable anyway.
 """
 
 import threading

@@ -9,7 +9,7 @@ from robrain.protocol.refusals import RefusalCode, Refusals
 from robrain.protocol.table.topic import Query, Topic
 
 Heard = Topic[Any] | Query[Any, Any]
-"""What may lie in an inbox: messages of topics, and replies to queries."""
+"""Entries of an inbox: messages of topics, and replies to queries."""
 KEYS_MAX = 8192
 """Keys whose parsed names are cached."""
 
@@ -32,9 +32,9 @@ new_received = tuple.__new__
 class Border:
     """Decodes and checks payloads.
 
-    A payload is refused if it is larger than its topic allows, if it does not decode into the topic's type with all
-    numbers and lengths in range, or if its names differ from those in the key. Times in messages of `Timed` types are
-    converted to the receiver's clock if the sender's clock differs.
+    A payload is refused if it is larger than its topic allows, or if its names differ from those in the key. It is also
+    refused if it does not decode into the topic's type with all numbers and lengths in range. Times in messages of
+    `Timed` types are converted to the receiver's clock if the sender's clock differs.
 
     Args:
         clock: the run's clock; None leaves times as they are.

@@ -1,8 +1,8 @@
 """Reading sieve: selects the motes' readings that are new, for counting, plotting and storing.
 
-Two robots that hear one packet in the same moment may both put its reading on the wire, and a reading that was fetched
-from a mote's log twice comes twice. Mote and sequence number name a reading, for as long as the numbers have not come
-round and the mote has not restarted; the time when it was taken tells those cases apart.
+Two robots that receive one packet at the same time may both publish its reading. A reading that was fetched from a
+mote's log twice also arrives twice. Mote and sequence number identify a reading until the numbers wrap around or the
+mote restarts. The time of measurement distinguishes those cases.
 """
 
 from collections import OrderedDict

@@ -1,6 +1,6 @@
-"""What CAN controllers say about their bus: error states, and error frames in the form that Linux gives them.
+"""Reports of CAN controllers about their bus: error states, and error frames in Linux's format.
 
-The states and their limits are those of ISO 11898-1 (fault confinement): a node is error active, from 128 errors
+The states and their limits are those of ISO 11898-1 (fault confinement). A node is error active, from 128 errors
 counted error passive, and from 256 transmit errors bus off; 96 is the usual warning. Error frames are laid out as in
 Linux's `include/uapi/linux/can/error.h`, which python-can's `socketcan` hands on and other interfaces imitate.
 """
@@ -13,7 +13,7 @@ WARNING_ERRORS = 96
 PASSIVE_ERRORS = 128
 BUS_OFF_ERRORS = 256
 MOST_ERRORS = 255
-"""What a byte of a frame can say."""
+"""Flags in a byte of a frame."""
 
 _CONTROLLER, _BUS_OFF, _RESTARTED = 0x004, 0x040, 0x100
 """Bits of an error frame's identifier."""
@@ -53,7 +53,7 @@ def error_frame(state: BusState) -> can.Message:
 
 
 def state_in(identifier: int, data: bytes | bytearray) -> BusState | None:
-    """The state that an error frame tells of; None if it tells of something else.
+    """The state that an error frame reports; None if it reports another condition.
 
     Args:
         identifier: the frame's, without flags.

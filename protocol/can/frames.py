@@ -1,7 +1,7 @@
 """The frames on the robot's bus, as the DBC file beside this module describes them.
 
 Each frame ends with an 8-bit counter and a CRC-8 (SAE J1850) over its identifier and the bytes before. cantools reads
-the file; the bytes are then packed by its layout (the tests hold them against cantools' own).
+the file, and its layout packs the bytes (the tests compare them with cantools' output).
 """
 
 import struct
@@ -30,8 +30,8 @@ class BadFrame(RobrainError):
 class FrameCodec:
     """Packs and unpacks one frame of the DBC file, with its counter and checksum.
 
-    `encode` and `decode` take and give the bytes and the signals by their order in the file; `pack` and `unpack` do the
-    same by name and for whole frames, which takes longer.
+    `encode` and `decode` convert between the bytes and the signals in the order of the file. `pack` and `unpack` do the
+    same by name and for whole frames, and are slower.
 
     Args:
         message: the frame, as cantools read it; its last two signals are `counter` and `checksum`, a byte each.

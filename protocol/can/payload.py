@@ -115,7 +115,7 @@ class SequenceWatch:
     Attributes:
         lost: frames that never came, by the gaps between those that did.
         repeated: frames with the counter of the one before: sent twice, or by two senders.
-        expected: the next counter if nothing is lost; None before the first. Who reads many frames may take that one
+        expected: the next counter if nothing is lost; None before the first. A reader of many frames may use the number
             without `note`, and count it up.
 
     """

@@ -158,8 +158,8 @@ class _Filter(dict[bytes, bool]):
 class ZenohBus(can.BusABC):
     """One node on a bus.
 
-    The constructor returns once this node and all nodes already on the bus know of each other, so that the first frame
-    in either direction arrives. For this each node answers queries on the bus's key.
+    The constructor returns once this node and all nodes already on the bus have found each other. The first frame in
+    either direction then arrives. For this each node answers queries on the bus's key.
 
     The time stamp of a frame is the time of sending if the sender has a clock, else the time of reception.
 
@@ -168,7 +168,7 @@ class ZenohBus(can.BusABC):
         can_filters: as in python-can.
         session: a session to share; without one the bus opens its own.
         team: whose robot it is.
-        connect: endpoint for a session of its own; default is $ROBRAIN_CONNECT, else this machine's hub.
+        connect: endpoint for a separate session; default is $ROBRAIN_CONNECT, else this machine's hub.
         fd: send and receive CAN FD frames as well; without it they are refused.
         receive_own_messages: also receive the frames this node sends, with `is_rx` false.
         direct: deliver in the sender's thread (lockstep).
@@ -261,14 +261,14 @@ class ZenohBus(can.BusABC):
             self._key,
             encoding=CAN_FRAME,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
-            # With a session of its own (a tool), sending waits while the network is congested, as at a full transmit
+            # With a separate session (a tool), sending waits while the network is congested, as at a full transmit
             # queue. In a shared session that would make everybody else wait too, so frames are dropped.
             congestion_control=congestion.BLOCK if self._own_session is not None else congestion.DROP,
             express=True,
             # Nodes of a lockstep run hear each other without Zenoh.
             allowed_destination=zenoh.Locality.REMOTE if self._direct else zenoh.Locality.ANY,
         )
-        # Direct in live as well: neither takes time nor needs a thread of its own.
+        # Direct in live as well: neither call blocks or needs a separate thread.
         take = zenoh.handlers.Callback(self._take, indirect=False)
         answer = zenoh.handlers.Callback(self._answer, indirect=False)
         subscriber = session.declare_subscriber(self._key, take)
@@ -472,9 +472,9 @@ class ZenohBus(can.BusABC):
     def _meet(self) -> None:
         """Wait until every other node knows of this one's subscription, and this one of theirs.
 
-        A session drops frames for which it knows no subscription. Declarations travel the same way as the query and
-        ahead of it, so a node that has answered knows this one's subscription; its own arrived before the answer. The
-        wait for a node that hangs ends after `MEET_TIMEOUT_S`.
+        A session drops frames for which it knows no subscription. Declarations use the same path as the query and
+        precede it. A node that has answered therefore has this one's subscription; its own arrived before the answer.
+        The wait for a node that hangs ends after `MEET_TIMEOUT_S`.
         """
         replies = self._session.get(
             self._key,

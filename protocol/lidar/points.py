@@ -1,4 +1,4 @@
-"""What all lidar protocols have in common."""
+"""Common parts of all lidar protocols."""
 
 from typing import NamedTuple, Protocol
 
@@ -23,7 +23,7 @@ class Piece(NamedTuple):
 
 
 class LineCounts(msgspec.Struct, frozen=True):
-    """What a decoder has met with."""
+    """Counters of a decoder."""
 
     packets: int = 0
     bad_checksums: int = 0
@@ -43,4 +43,4 @@ class LidarDecoder(Protocol):
         """The sensor is silent: ask once more, if it has to be asked."""
 
     def to_write(self) -> bytes:
-        """What has to be sent to the sensor now; empty if nothing."""
+        """Bytes to send to the sensor now; empty if there are none."""

@@ -9,7 +9,7 @@ answer to SCAN is the descriptor A5 5A 05 00 00 40 81, then a node of five bytes
 | 1–2 | angle × 64 (15 bits, °, clockwise), and a check bit that is 1 |
 | 3–4 | distance × 4, mm; 0 if nothing came back |
 
-There is no checksum: a node is believed if S differs from not S, the check bit is 1 and the angle is within a turn.
+There is no checksum: a node is valid if S differs from not S, the check bit is 1 and the angle is within a turn.
 """
 
 import math
@@ -30,9 +30,9 @@ DESCRIPTOR = bytes.fromhex("a55a0500004081")
 NODE = struct.Struct("<BHH")
 FULL_Q6 = 360 << 6
 BELIEVED_NODES = 3
-"""So many nodes in a row must look right before a stream is believed after bytes that did not."""
+"""This number of valid nodes in a row is required before a stream is accepted after invalid bytes."""
 STREAM_NODES = 12
-"""So many must before one is believed that was not begun by a descriptor, as that of a sensor that scans already."""
+"""The same without a descriptor at the beginning, as with a sensor that scans already."""
 
 
 class RplidarDecoder:
@@ -103,7 +103,7 @@ def _is_node(data: bytes, at: int) -> bool:
 
 
 def _resynchronised(data: bytes, begin: int, nodes: int) -> tuple[int, int]:
-    """Where behind `begin` so many nodes in a row look right, or may yet; and how many bytes that passes over."""
+    """Position after `begin` where this number of nodes in a row is or may be valid; and the bytes skipped."""
     last, first = len(data) - nodes * NODE.size, begin + 1
     for at in range(first, last + 1):
         if all(_is_node(data, at + number * NODE.size) for number in range(nodes)):

@@ -1,1 +1,1 @@
-"""What carries puts, queries and tokens between endpoints."""
+"""Carriers of puts, queries and tokens between endpoints."""

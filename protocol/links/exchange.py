@@ -48,9 +48,9 @@ class Entry(Generic[T]):
 class Declared(Generic[T]):
     """Declarations of one kind.
 
-    Keys match as Zenoh says (`zenoh.KeyExpr.intersects`). Two keys without wildcards match if they are the same, so
-    that only declarations with wildcards are compared, and what a key reaches is remembered until one comes or goes.
-    Any thread may declare and look.
+    Keys match as Zenoh says (`zenoh.KeyExpr.intersects`). Two keys without wildcards match if they are equal, so only
+    declarations with wildcards are compared. The receivers of a key are cached until a declaration comes or goes. Any
+    thread may declare and look.
 
     Args:
         changed: called with the key expression of each that comes or goes.
@@ -80,7 +80,7 @@ class Declared(Generic[T]):
         return entry
 
     def reached(self, key: str) -> list[T]:
-        """What a key, or a key expression, reaches, in the order in which it was declared; not to be written to."""
+        """Receivers of a key or key expression, in the order of their declaration; read-only."""
         found = self._reached.get(key)
         if found is None:
             with self._changing:
@@ -135,12 +135,12 @@ class Subscription(NamedTuple):
     """One inbox that takes what is put."""
 
     topic: Heard
-    """What a sample is taken for."""
+    """Topic that its samples are read as."""
     inbox: Inbox
 
 
 class KeyRoute(NamedTuple):
-    """What takes the samples of one key."""
+    """Receivers of the samples of one key."""
 
     topic: Heard | None
     """The topic of those samples; None where there are none to take them."""
@@ -149,7 +149,7 @@ class KeyRoute(NamedTuple):
     special: list[Inbox]
     """Likewise, those that take samples in their own way."""
     others: list[Subscription]
-    """What takes such keys as another topic."""
+    """Subscriptions that read these samples as another topic."""
 
 
 NOBODY = KeyRoute(None, [], [], [])
@@ -184,7 +184,7 @@ class Exchange:
         self._tokens: Declared[str] = Declared(self._token_changed)
         self._present: set[str] = set()
         self.routes: dict[str, KeyRoute] = {}
-        """What takes a key, for those that were delivered to."""
+        """Receivers by key, for the keys of delivered samples."""
 
     @classmethod
     def of(cls, session: zenoh.Session) -> "Exchange":
@@ -253,7 +253,7 @@ class Exchange:
                 inbox.take(sample)
             for subscription in route.others:
                 subscription.inbox.append(subscription.topic, key, payload)
-        else:  # a thread of its own, such as a plugin's server: the run is not repeatable
+        else:  # a separate thread, such as a plugin's server: the run is not repeatable
             for inbox in (*route.plain, *route.special):
                 inbox.append(topic, key, payload, outside=True)
             for subscription in route.others:

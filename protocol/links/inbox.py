@@ -25,8 +25,8 @@ class Inbox:
     """Holds samples between two steps of its owner. Callbacks only ever append.
 
     On topics delivered as LATEST a new sample replaces the previous one of its key. At `capacity` the oldest sample is
-    dropped, or, on LATEST topics, a sample with a new key; `dropped` counts both. What the border refuses never comes
-    out of `drain`.
+    dropped, or, on LATEST topics, a sample with a new key; `dropped` counts both. `drain` never returns an item that
+    the border refuses.
 
     Samples of more than `LARGE_BYTES` hold at most `max_bytes` together; further ones are dropped. Smaller ones are
     bounded by their number.
@@ -40,7 +40,7 @@ class Inbox:
     """
 
     acts_at_once = False
-    """Whether `append` does more than append, so that it may wait: its subscription gets a thread of its own."""
+    """Whether `append` does more than append, so that it may wait: its subscription gets a separate thread."""
 
     def __init__(
         self,
@@ -137,14 +137,14 @@ class Inbox:
         return len(self._every) + len(self._latest)
 
     def expect(self, ask: Callable[[], Any], topic: Heard, key: str, asked: int = 1) -> None:
-        """Send a query and take in its reply, on the owner's own thread; the last so many queries are waited for.
+        """Send a query and handle its reply, on the owner's thread; only the latest queries are waited for.
 
-        A query that ends without an answer (silence, or an error) is sent up to `ASKED_MAX` times: when a process or
+        A query that ends without an answer (silence, or an error) is sent up to `ASKED_MAX` times. When a process or
         the router has just started, or a robot is busy, one query is easily lost.
 
         Args:
-            ask: sends the query and returns its channel, which says None as long as there is nothing, and raises
-                ZError at its end.
+            ask: sends the query and returns its channel, which returns None while there is no reply, and raises ZError
+                at its end.
             topic: what a reply is taken for.
             key: likewise.
             asked: how often it will have been sent.

@@ -1,7 +1,7 @@
 """A link: what carries the puts, queries and tokens of one endpoint to others, and theirs to it.
 
-`ZenohLink` carries them by Zenoh, to whoever is there. `LocalLink` carries them within a lockstep run that nobody else
-can join, and declares nothing to Zenoh; its `Exchange` is the one place that decides what reaches whom.
+`ZenohLink` carries them by Zenoh, to every subscriber. `LocalLink` carries them within a lockstep run that no other
+process can join, and declares nothing to Zenoh. Its `Exchange` alone decides which endpoint receives a message.
 """
 
 from collections.abc import Callable, Iterable
@@ -29,7 +29,7 @@ class Declaration(Protocol):
 
 
 class Replies(NamedTuple):
-    """What a query was replied."""
+    """Reply to a query."""
 
     answers: Iterable[Answer]
     in_time: bool = True
@@ -42,7 +42,7 @@ class Link(Protocol):
     """Carries the puts, queries and tokens of one endpoint. Key expressions are Zenoh's."""
 
     declarations: list[Declaration]
-    """What is declared, in that order."""
+    """Kinds of declarations, in that order."""
 
     def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
         """A publisher of one key."""

@@ -17,7 +17,7 @@ from robrain.protocol.table.topic import Topic, Urgency
 
 
 class PartyExchange(Exchange):
-    """What the endpoints of one party declare, and the tokens that they see.
+    """Declarations of the endpoints of one party, and the tokens that they see.
 
     Args:
         party: whose it is.
@@ -60,7 +60,7 @@ class PartyExchange(Exchange):
             subscription.inbox.append(subscription.topic, key, payload)
 
     def answerers(self, key: str) -> list[Callable[[Asked], None]]:
-        """What answers queries to a key."""
+        """Handlers of queries to a key."""
         return self._queryables.reached(key)
 
     def tokens(self, selector: str) -> list[str]:
@@ -93,7 +93,7 @@ class PartyExchange(Exchange):
 
 
 class DeclaringLink:
-    """What all links within this process have in common; nothing is declared to Zenoh."""
+    """Common state of all links within this process; nothing is declared to Zenoh."""
 
     def __init__(self, home: Exchange | PartyExchange) -> None:
         self.declarations: list[Declaration] = []

@@ -37,7 +37,7 @@ class Publisher:
         self.topic = topic
         self.key = key
         self.thinning: Thinning | None = None
-        """What decides whether the link has room; None sends everything."""
+        """Limit that decides whether the link has room; None sends everything."""
         self._exchange = exchange
         self._declare = declare
         self._declared: Any = declare() if declare is not None and exchange is None else None

@@ -1,15 +1,15 @@
 """Delivery between the parties of a lockstep run that hear each other by radio, if at all.
 
-A robot is a party, with all its endpoints, and so is the coordinator; see `RadioNetwork`. What a party says reaches its
-own endpoints and those of the infrastructure (arena, recorder, scripts) at once, other parties as the network
-decides:
+A robot is a party, with all its endpoints, and so is the coordinator; see `RadioNetwork`. A message of a party reaches
+its own endpoints and those of the infrastructure (arena, recorder, scripts) at once. The network decides when it
+reaches other parties:
 
 - A sample on a LATEST or EVERY topic is sent once. On a LOSSLESS topic the sender keeps the last `cache` samples of a
-  key that a hearer has missed and sends them again, in order: at most `RESEND_NS` after there is a way again.
-- A token disappears for a party that its owner has not reached for `lost_after_ns`, and comes back with the way.
+  key that a receiver has missed. It sends them again, in order: at most `RESEND_NS` after a path exists again.
+- A token disappears for a party that its owner has not reached for `lost_after_ns`, and comes back with the path.
 - A query is answered within the tick if request and reply need no longer than the time limit; otherwise it times out.
-  Whoever has lost the token of the party that would answer is told that nobody answers. A reply that nobody waits for
-  (`Endpoint.ask_into`) arrives after as long as both take.
+  A client that has lost the token of the answering party gets the reply that no participant answered. A reply without a
+  waiting caller (`Endpoint.ask_into`) arrives after the sum of both delays.
 
 The process of a party may die or stand still (`drop`, `sleep`), with the radio that it uses.
 """
@@ -45,7 +45,7 @@ class RadioNetwork(Protocol):
     """Decides how far messages of a team get. Times are in nanoseconds of the run's clock, sizes in bytes."""
 
     counters: LinkCounters
-    """What became of the messages so far."""
+    """Outcome of the messages up to now."""
     parties: Sequence[str]
     """Everybody who has a radio."""
 
@@ -71,7 +71,7 @@ def is_direct(speaker: str, hearer: str) -> bool:
 
 
 After = Callable[[int, Callable[[], object]], object]
-"""Does something after so many nanoseconds."""
+"""Calls a function after this number of nanoseconds."""
 Waiting = list[Callable[[], None]]
 """Requests that wait for a party whose process stands still."""
 
@@ -224,7 +224,7 @@ class RadioExchange(PartyExchange):
         self._takers: dict[str, list[PartyExchange]] = {}
         """Parties that take a key, for those that were put."""
         self._received_ns: dict[tuple[str, str], int] = {}
-        """When a party (the first) last reached another, as long as the other counts on it."""
+        """Time when a party (the first) last reached another, while the other counts on it."""
         self._on_path: list[tuple[int, int, Callable[[], object]]] = []
         self._number = 0
         self._last_ns: dict[tuple[str, str], int] = {}
@@ -269,8 +269,8 @@ class RadioExchange(PartyExchange):
     def drop(self, party: str) -> None:
         """A party's process has died: nothing that it declared is there any more, and it says nothing more.
 
-        What is on its way to it arrives nowhere. What endpoints of this party have declared stays without effect, also
-        when another process is started.
+        Messages in flight to it are dropped. Declarations of endpoints of this party stay without effect, also when
+        another process is started.
         """
         self._dead.add(party)
         self._asleep.pop(party, None)
@@ -290,7 +290,7 @@ class RadioExchange(PartyExchange):
         self._dead.discard(party)
 
     def sleep(self, party: str) -> None:
-        """A party's process stands still: requests to it wait, and whoever asks is not answered in time."""
+        """A party's process is paused: requests to it wait, and their callers get no answer in time."""
         self._asleep.setdefault(party, [])
 
     def wake(self, party: str) -> None:
@@ -322,7 +322,7 @@ class RadioExchange(PartyExchange):
             takers = self._takers[key] = [home for home in self._homes.values() if home.takes(topic, key)]
         if not takers:
             return
-        if get_ident() != self._owner:  # a thread of its own, such as a plugin's server: the run is not repeatable
+        if get_ident() != self._owner:  # a separate thread, such as a plugin's server: the run is not repeatable
             for home in takers:
                 if is_direct(party, home.party) or self._network.reaches(party, home.party):
                     Exchange.deliver(home, topic, key, payload)
@@ -445,7 +445,7 @@ class RadioExchange(PartyExchange):
     # -- tokens ---------------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Who counts on whom, by what was heard until now."""
+        """Update which parties count on each other, from the reach of the network now."""
         now_ns, network, heard_ns = self._clock.now_ns(), self._network, self._received_ns
         homes = [home for party, home in self._homes.items() if party]
         if not network.look(now_ns, [home.party for home in homes if home.links]):

@@ -1,6 +1,6 @@
 """Thins a robot's telemetry at the sender, where the capacity of its link is declared.
 
-A full link delays or drops whatever comes next, a halt's confirmation too. What repeats itself is left out instead:
+A full link delays or drops whatever comes next, a halt's confirmation too. Repeating messages are dropped instead:
 topics of which only the latest counts and that come at a fixed rate. Each still comes often enough to keep its
 deadline. Everything else is sent, and uses the link up first.
 """
@@ -12,9 +12,9 @@ from robrain.protocol.clock import Clock, to_ns, to_seconds
 from robrain.protocol.table.topic import Role, Topic
 
 BURST_S = 1.0
-"""What was not used of the last second may be sent at once, and as much is owed at the most."""
+"""The unused budget of the last second may be sent at once, and the debt has the same limit."""
 GAP_PERIODS = 10
-"""A topic without a deadline comes at least once in so many periods."""
+"""A topic without a deadline comes at least once in this number of periods."""
 
 
 class Thinning:
@@ -45,7 +45,7 @@ class Thinning:
         return sum(self.left_out.values())
 
     def admits(self, topic: Topic[Any], key: str, size: int) -> bool:
-        """Whether to send a message of so many bytes now; one that is not sent is counted."""
+        """Whether to send a message of this many bytes now; a message that is not sent is counted."""
         with self._lock:
             now_ns = self._clock.now_ns()
             passed_s = to_seconds(max(now_ns - self._asked_ns, 0))

@@ -1,4 +1,4 @@
-"""What `rmw_zenoh` attaches to messages, requests and responses: number, time and sender.
+"""Attachment of `rmw_zenoh` to messages, requests and responses: number, time and sender.
 
 33 bytes: two little-endian int64, and 16 bytes of gid behind their length, as Zenoh's serializer writes an array.
 """
@@ -14,7 +14,7 @@ _FORMAT = struct.Struct(f"<qqB{GID_BYTES}s")
 
 
 class Attachment(msgspec.Struct, frozen=True):
-    """Who sent what when.
+    """Sender, number and time of a message.
 
     >>> Attachment.unpack(Attachment(1, 2, bytes(range(16))).pack()).gid.hex()
     '000102030405060708090a0b0c0d0e0f'

@@ -130,7 +130,7 @@ class NavigateResultResponse:
 
 @dataclass
 class NavigateFeedbackMessage:
-    """What NavigateToPose publishes while it drives."""
+    """Feedback of NavigateToPose while it drives."""
 
     goal_id: UUID
     feedback: NavigateFeedback

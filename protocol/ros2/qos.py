@@ -56,7 +56,7 @@ class Qos(msgspec.Struct, frozen=True):
 
     @property
     def token(self) -> str:
-        """What stands in a token."""
+        """Fields of a token."""
         reliability = "" if self.reliability is Reliability.RELIABLE else str(int(self.reliability))
         durability = "" if self.durability is Durability.VOLATILE else str(int(self.durability))
         history = "" if self.history is History.KEEP_LAST else str(int(self.history))

@@ -1,4 +1,4 @@
-"""What nodes, topics and services there are in a domain, by their tokens."""
+"""Nodes, topics and services in a domain, by their tokens."""
 
 import threading
 from collections.abc import Callable

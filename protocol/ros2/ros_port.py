@@ -1,4 +1,4 @@
-"""What a part of robrain needs of ROS 2, whichever way it gets there: by `rmw_zenoh`'s keys, or by rclpy.
+"""Interface of robrain to ROS 2, either by `rmw_zenoh`'s keys or by rclpy.
 
 `RosNode` is the port over a Zenoh session. A port over rclpy converts messages by their CDR bytes, which are the same
 on both sides (`MessageType.encode`, and `rclpy.serialization`).
@@ -60,7 +60,7 @@ class Reader(Protocol[M]):
         """Messages that are too large, do not decode, or come without a sender."""
 
     def take(self) -> list[ReceivedMessage[M]]:
-        """What has arrived since the last call, in order."""
+        """Messages since the last call, in order."""
 
     def close(self) -> None:
         """End it."""
@@ -71,7 +71,7 @@ class PendingRequest(Protocol[Q_out, R_in]):
 
     @property
     def request(self) -> Q_out:
-        """What is asked."""
+        """Content of the request."""
 
     def reply(self, response: R_in) -> None:
         """Answer."""
@@ -92,7 +92,7 @@ class Server(Protocol[Q_out, R_in]):
         """Requests that are too large, do not decode, or come without a sender."""
 
     def requests(self) -> "Sequence[PendingRequest[Q_out, R_in]]":
-        """What has been asked since the last call, in order."""
+        """Requests since the last call, in order."""
 
     def close(self) -> None:
         """End it, and refuse what waits."""

@@ -143,7 +143,7 @@ class RosCall(Generic[R]):
         self._response = response
 
     def poll(self) -> R | None:
-        """The response, or None as long as there is none.
+        """The response, or None until it arrives.
 
         Raises:
             NoReply: there will be none.

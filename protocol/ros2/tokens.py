@@ -33,7 +33,7 @@ TYPE_HASH_MAX = 80
 
 
 class EntityKind(StrEnum):
-    """What a token is of."""
+    """Subject of a token."""
 
     NODE = "NN"
     PUBLISHER = "MP"

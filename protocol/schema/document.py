@@ -57,7 +57,7 @@ COMMON_ERRORS = {
     ErrorCode.UNLOADED: "The component has stopped.",
     ErrorCode.TIMEOUT: "No reply in time.",
 }
-"""What every query may be answered with."""
+"""Possible replies to every query."""
 OTHER_ERRORS = {
     ErrorCode.UNKNOWN_PLUGIN: "The robot has no plugin of that name.",
     ErrorCode.UNKNOWN_FUNCTION: "The plugin, or the host, has no function of that name.",

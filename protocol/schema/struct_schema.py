@@ -1,7 +1,7 @@
 """JSON Schemas of structs, with the unit and the meaning of each field.
 
-Types and ranges come from the types themselves, units from the names of fields, meanings from the docstrings below
-fields in the source, which are the only place where they are written down.
+Types and ranges come from the types themselves, units from the names of fields. Meanings come from the docstrings below
+fields in the source, the only place where they are written.
 """
 
 import ast

@@ -20,7 +20,7 @@ class SerialLine(Protocol):
     """A line; reading and writing raise OSError when it is lost, as when its plug is pulled."""
 
     def read(self) -> bytes:
-        """What has arrived, at most `CHUNK_BYTES`; empty if nothing has."""
+        """Received bytes, at most `CHUNK_BYTES`; empty if there are none."""
 
     def write(self, data: bytes) -> bool:
         """Send these bytes; what the line does not take at once is dropped. Whether it took all."""

@@ -1,6 +1,6 @@
 """The rows of the verbs of a robot's host. `topics.TOPICS` includes them.
 
-A verb of another distribution has a row of its own, made by `host_query`, under the same keys; it is in no table.
+A verb of another distribution has its own row, made by `host_query`, under the same keys; it is in no table.
 """
 
 from robrain.protocol.errors import PLUGIN_ERRORS, START_ERRORS, ErrorCode

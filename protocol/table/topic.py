@@ -22,7 +22,7 @@ R = TypeVar("R")
 
 
 class TopicKind(StrEnum):
-    """What travels under a key."""
+    """Kind of message under a key."""
 
     PUT = "put"
     QUERY = "query"
@@ -30,7 +30,7 @@ class TopicKind(StrEnum):
 
 
 class Role(StrEnum):
-    """Who publishes, or answers, a topic."""
+    """Roles that publish, or answer, a topic."""
 
     ROBOT = "robot"
     COORDINATOR = "coordinator"
@@ -39,7 +39,7 @@ class Role(StrEnum):
 
 
 class Delivery(StrEnum):
-    """What happens to samples that cannot be delivered at once."""
+    """Handling of samples that cannot be delivered at once."""
 
     LATEST = "latest"
     """Only the last one of a key counts; dropped under congestion."""
@@ -94,7 +94,7 @@ class WireKey:
     """Key below `robrain/{team}/`; `{name}` chunks are filled in."""
     doc: str
     by: Role
-    """Who publishes, or answers, or is there."""
+    """Role that publishes, or answers, or is present."""
     urgency: Urgency = Urgency.DATA
 
     @cached_property
@@ -137,7 +137,7 @@ class WireKey:
     def parse(self, key: str) -> dict[str, str] | None:
         """The names in a concrete key with its team under `team`; None if it is not one of this row, or a name is bad.
 
-        What is returned is shared with the next caller: do not write to it.
+        The result is shared with the next caller: do not write to it.
         """
         return self._parsed(key)
 
@@ -164,7 +164,7 @@ class WireKey:
 
 @dataclass(frozen=True, kw_only=True)
 class Topic(WireKey, Generic[M]):
-    """What is published under a key."""
+    """Message published under a key."""
 
     kind: ClassVar[TopicKind] = TopicKind.PUT
     message: type[M] | None = None
@@ -172,7 +172,8 @@ class Topic(WireKey, Generic[M]):
     rate_hz: float | None = None
     delivery: Delivery = Delivery.EVERY
     periods_max: int = 0
-    """It comes at `rate_hz` without a pause, and is stale when it is older than so many periods; 0 if it may pause."""
+    """It comes at `rate_hz` without a pause, and is stale when it is older than this number of periods; 0 if it may
+    pause."""
     recorded: bool = False
     encoding: str = JSON
     max_bytes: int = MESSAGE_BYTES_MAX
@@ -226,7 +227,7 @@ class Topic(WireKey, Generic[M]):
 
 @dataclass(frozen=True, kw_only=True)
 class Query(WireKey, Generic[Q, R]):
-    """What is asked, and replied, under a key.
+    """Request and reply under a key.
 
     Requests and replies of type `bytes` are not decoded: pictures, and JSON whose types the two ends agree on.
     """

@@ -1,8 +1,9 @@
 """TinyOS active messages as they pass between a mote's base station and its host.
 
-A packet is the serial format of TinyOS 2: a dispatch byte, then destination, source, payload length, group, AM type
-and the payload, all big-endian (TEP 113, Serial Communication; `serial_header_t` in tos/lib/serial/Serial.h of
-tinyos-main). How packets are told apart on a line is `serial_forwarder` for TCP and `serial_line` for a serial line.
+A packet is the serial format of TinyOS 2. It has a dispatch byte, then destination, source, payload length, group, AM
+type and the payload, all big-endian. The sources are TEP 113, Serial Communication, and `serial_header_t` in
+tos/lib/serial/Serial.h of tinyos-main. The framing of packets on a line is in `serial_forwarder` for TCP and in
+`serial_line` for a serial line.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""What our motes and robots say to each other in active messages; big-endian, as nx_ types of nesC are.
+"""Payloads of active messages between our motes and robots; big-endian, as nx_ types of nesC are.
 
 | AM type | from → to | payload |
 |---|---|---|
@@ -51,7 +51,7 @@ MAX_NAME_BYTES = MAX_PAYLOAD_BYTES - _ENDS.size
 
 
 class Quantity(IntEnum):
-    """What is sensed, and in hundredths of what."""
+    """Measured quantity, and the meaning of its hundredths."""
 
     TEMPERATURE = 1
     LIGHT = 2
@@ -76,7 +76,7 @@ def sequences_after(sequence: int, other: int) -> int:
 
 
 class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
-    """What a mote has sensed, and how well the base station heard it: 24 bytes."""
+    """A reading of a mote, and its signal strength at the base station: 24 bytes."""
 
     mote: int
     """The mote's number."""
@@ -303,17 +303,17 @@ SERIALS = 256
 
 
 class RoutedPayload(msgspec.Struct, frozen=True):
-    """What a mote is to be told, and by which motes: 5 to 27 bytes.
+    """A message to a mote, and the motes that forward it: 5 to 27 bytes.
 
     Layout: AM type u8, serial u8, number of motes u8, the motes u16 each, the payload of that AM type.
     """
 
     kind: int
-    """AM type of what the last mote of the route is told."""
+    """AM type of the message to the last mote of the route."""
     serial: int
     """Counts a base station's routed packets, so that one which is repeated on a hop is passed on once."""
     route: tuple[int, ...]
-    """Numbers of the motes that are still to come; the last one is told. Never empty."""
+    """Numbers of the remaining motes of the route; the last one is the destination. Never empty."""
     inner: bytes
     """The payload for it."""
 

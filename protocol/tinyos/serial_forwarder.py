@@ -1,8 +1,8 @@
 """The Serial Forwarder's protocol: packets of a base station over TCP, to as many clients as like.
 
-Each side first sends `U` and a byte for the version of the protocol, which has been a space since TinyOS 2.0; the
-lower of both versions is spoken. Then each packet is a byte with its length and the packet's bytes, in both
-directions (support/sdk/c/sf/sfsource.c and SFProtocol.java of tinyos-main). TCP loses nothing, so there is no way to
+Each side first sends `U` and a byte for the version of the protocol, a space since TinyOS 2.0. Both sides use the lower
+of both versions. Then each packet is a byte with its length and the packet's bytes, in both directions
+(support/sdk/c/sf/sfsource.c and SFProtocol.java of tinyos-main). TCP loses nothing, so there is no way to
 find the next packet after garbage: who greets wrongly is hung up on.
 """
 

@@ -1,13 +1,13 @@
 """Packets on a TinyOS serial line: acknowledged ones, their acknowledgements, and those that need none.
 
-A frame's body starts with a protocol byte; the numbers are those of `SERIAL_PROTO_*` in tos/lib/serial/Serial.h of
+A frame's body starts with a protocol byte. The numbers are those of `SERIAL_PROTO_*` in tos/lib/serial/Serial.h of
 tinyos-main (older TinyOS had 64 to 66, as TEP 113 prints). The host sends acknowledged packets, one at a time, each
-with a sequence number; the mote sends packets that need no acknowledgement and carry no number (TEP 113 section
-3.3; tos/lib/serial/SerialP.nc). Nothing here reads or writes, so that it can be tested byte by byte.
+with a sequence number. The mote sends packets without acknowledgement and number (TEP 113 section 3.3;
+tos/lib/serial/SerialP.nc). Nothing here reads or writes, so that it can be tested byte by byte.
 
-A frame is HDLC's: 0x7e, the body, the CRC with its low byte first, 0x7e; between the flags 0x7e and 0x7d are sent as
-0x7d and the byte xor 0x20. The CRC has polynomial 0x1021 and starts at 0; it covers the whole body (TEP 113, sections
-3.2 and 3.6; tos/lib/serial/SerialP.nc, whose CRC takes in the protocol byte too; RFC 1662).
+A frame is HDLC's: 0x7e, the body, the CRC with its low byte first, 0x7e. Between the flags 0x7e and 0x7d are sent as
+0x7d and the byte xor 0x20. The CRC has polynomial 0x1021, starts at 0 and covers the whole body. The sources are TEP
+113, sections 3.2 and 3.6; tos/lib/serial/SerialP.nc, whose CRC includes the protocol byte too; RFC 1662.
 """
 
 import binascii
@@ -52,7 +52,7 @@ def frame(body: bytes) -> bytes:
 
 
 class LineCounters(msgspec.Struct):
-    """What a line has brought."""
+    """Input of a line."""
 
     frames: int = 0
     """Bodies whose CRC was right."""
@@ -68,8 +68,8 @@ class LineCounters(msgspec.Struct):
 class Deframer:
     """Takes what arrives on a line, in whatever pieces, and gives the bodies of good frames.
 
-    A flag always ends a frame and begins the next, so one that is torn or noisy costs itself and, if its flag was
-    hit, the one after it.
+    A flag always ends a frame and begins the next. A torn or noisy frame therefore loses itself and, if its flag was
+    hit, the next one.
     """
 
     def __init__(self) -> None:
@@ -136,7 +136,7 @@ def _unescaped(escaped: bytes) -> bytes | None:
 
 
 class Proto(IntEnum):
-    """What a frame is."""
+    """Kind of a frame."""
 
     ACK = 67
     """Sequence number: that packet has arrived."""
@@ -187,7 +187,7 @@ class SerialLink:
 
     @property
     def line(self) -> LineCounters:
-        """What the line has brought."""
+        """Input of the line."""
         return self._deframer.counters
 
     @property
@@ -225,7 +225,7 @@ class SerialLink:
         return packets
 
     def to_write(self, now_ns: int) -> bytes:
-        """What is to be written to the line now; ask often, this is also where packets are sent again."""
+        """Bytes to write to the line now; call it often, as it also sends packets again."""
         if self._in_flight is not None and now_ns >= self._due_ns:
             if self._tries > self._resends:
                 self.counters.unsent += 1

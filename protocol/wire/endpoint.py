@@ -1,8 +1,8 @@
 """A component's place on the wire: it declares, owns and closes everything that the component says and hears.
 
-The same calls serve both drives. In lockstep every callback is direct, so a put is delivered before it returns,
-and a query from the runner's own thread is answered there and then; what comes from another process waits for
-`serve()`. In live, callbacks run on Zenoh's threads and only append to inboxes.
+The same calls serve both drives. In lockstep every callback is direct: a put is delivered before it returns, and a
+query from the runner's own thread is answered within the call. A message from another process waits for `serve()`. In
+live, callbacks run on Zenoh's threads and only append to inboxes.
 """
 
 import logging
@@ -61,7 +61,7 @@ OnOutside = Callable[[str, bytes], None]
 
 
 class Drive(StrEnum):
-    """Who moves time: the wall, or the lockstep runner."""
+    """Source of time: the wall clock, or the lockstep runner."""
 
     LIVE = "live"
     LOCKSTEP = "lockstep"
@@ -75,7 +75,7 @@ class Serve(StrEnum):
     SHARED = "shared"
     """As POOL, on threads that the endpoint's queries of this kind share: for what is asked rarely."""
     POOL = "pool"
-    """On threads of its own, several at a time; `busy` when there are too many."""
+    """On separate threads, several at a time; `busy` when there are too many."""
     IN_STEP = "in_step"
     """When the component calls `serve()`."""
 
@@ -88,8 +88,9 @@ class Request(NamedTuple, Generic[Q]):
     asked: Q
     """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
     by: str = ""
-    """Who asks, if the asker says: the parameter `by` of the selector, as in `robrain/t/robot/r1/call/p/f?by=ann`.
-    In a secured team the member whom the router's rules vouch for, such as `operator:ann`."""
+    """Name of the caller, if it is stated: the parameter `by` of the selector, as in
+    `robrain/t/robot/r1/call/p/f?by=ann`. In a secured team the member whom the router's rules vouch for, such as
+    `operator:ann`."""
     trace: str = ""
     """Trace of the task that it is about, if the asker says: Zenoh's attachment."""
     asker: Member | None = None
@@ -101,8 +102,8 @@ class Deferred(NamedTuple, Generic[R]):
 
     reply: R
     when: Callable[[Callable[[CallError | None], None]], None]
-    """Takes a function that must be called once, on any thread: with None when the reply may be sent, or with the
-    error to send instead."""
+    """Accepts a function that must be called once, on any thread. Its argument is None when the reply may be sent, or
+    the error to send instead."""
 
 
 Handler = Callable[[Request[Q]], R | bytes | Deferred[R]]
@@ -116,11 +117,11 @@ class Endpoint:
 
     Args:
         session: shared in lockstep, one a process in live; not closed by the endpoint.
-        team: which team's keys are meant.
+        team: team whose keys are used.
         clock: stamps what is sent.
-        drive: who moves time.
-        on_outside: told of what reached a lockstep run from another process and may have changed it (key, payload),
-            as far as it is not on a recorded topic.
+        drive: source of time.
+        on_outside: called with each input (key, payload) of a lockstep run from another process that may have changed
+            it, unless a recorded topic has it.
         workers: how many queries to one queryable are answered at a time, with Serve.POOL.
         refusals: counts refused messages and requests, where several endpoints are counted together.
         party: whose radio it uses, where a lockstep run simulates radios: a robot's name, `COORDINATOR` of
@@ -184,7 +185,7 @@ class Endpoint:
         return publisher
 
     def token(self, topic: Token, **names: str) -> None:
-        """Say that this component is there, for as long as the endpoint is open."""
+        """Declare that this component is present, while the endpoint is open."""
         self._link.token(topic.key(self.team, **names))
 
     # -- hearing --------------------------------------------------------------------------------------------
@@ -441,7 +442,7 @@ class Endpoint:
         Args:
             topic: which query.
             request: None asks without a payload.
-            timeout_s: how long a reply is waited for; None for as long as the query says.
+            timeout_s: time limit for a reply; None for the limit of the query.
             trace: of the task that it is about; in lockstep it does not travel.
             names: the names in the key.
 
@@ -483,7 +484,7 @@ class Endpoint:
             topic: which query.
             reply_topic: what the reply is taken for; its key is built from the same names.
             request: None asks without a payload.
-            timeout_s: how long a reply is waited for; None for as long as the query says.
+            timeout_s: time limit for a reply; None for the limit of the query.
             names: the names in the key.
 
         """
@@ -537,7 +538,7 @@ class Endpoint:
 
 
 def _link(session: zenoh.Session, drive: Drive, party: str) -> Link:
-    """What carries an endpoint's puts, queries and tokens."""
+    """Carrier of an endpoint's puts, queries and tokens."""
     if drive is Drive.LIVE:
         return ZenohLink(session, None)
     exchange = Exchange.of(session)

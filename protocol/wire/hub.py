@@ -40,7 +40,7 @@ LOOK_S = 0.05
 
 
 class Right(StrEnum):
-    """What is tried."""
+    """Action that is tried."""
 
     ANNOUNCE = "announce itself"
     ANSWER = "answer"
@@ -48,7 +48,7 @@ class Right(StrEnum):
 
 
 class MissingRight(NamedTuple):
-    """What a router does not allow."""
+    """Actions that a router does not allow."""
 
     denied: tuple[Right, ...]
     tried: int = 0

@@ -1,4 +1,4 @@
-"""Who is there: liveliness tokens, followed."""
+"""Presence of participants, by their liveliness tokens."""
 
 from collections import deque
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class Presence:
         self.arrived.append((key, present))
 
     def changes(self) -> list[Change]:
-        """What changed since the last call; ordered by key where the order of arrival is not repeatable."""
+        """Changes since the last call; ordered by key where the order of arrival is not repeatable."""
         latest: dict[str, bool] = {}
         for _ in range(len(self.arrived)):
             key, present = self.arrived.popleft()
