@@ -1,4 +1,4 @@
-"""What can go wrong in the simulator.
+"""Errors of the simulator.
 
 RobrainError
 ├── ScenarioError             a scenario cannot be run; names file and key

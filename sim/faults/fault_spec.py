@@ -18,7 +18,7 @@ SKEW_MAX_S = 7 * 86_400.0
 
 
 class FaultKind(StrEnum):
-    """What fails."""
+    """Kind of a fault."""
 
     CAN_CUT = "can_cut"
     """The CAN bus is cut: no frame passes, without an error."""
@@ -51,7 +51,7 @@ class FaultKind(StrEnum):
     DELAY = "delay"
     """Messages and requests from and to the component are late by `late_s`, in order."""
     REORDER = "reorder"
-    """The same, each by a time of its own, so that later ones overtake earlier ones."""
+    """Messages and requests are late, each by its own random time, so that later ones overtake earlier ones."""
     PARTITION = "partition"
     """The component, with those in `side`, and all others do not hear each other."""
 
@@ -77,7 +77,7 @@ OF_ROBOTS = HARDWARE | {FaultKind.DRAIN}
 
 
 class FaultMoment(StrEnum):
-    """What a fault waits for."""
+    """Event that a fault waits for."""
 
     TASK_ASSIGNED = "task_assigned"
     """The robot, or any robot for the coordinator, begins a task."""

@@ -58,7 +58,7 @@ class FaultTimes:
                 self._begin(number, now_ns)
 
     def due(self, now_ns: int) -> list[FaultChange]:
-        """What begins and ends by now and was not returned before, in order of time."""
+        """Faults that begin or end by now and were not returned before, in order of time."""
         found = []
         while self._due and self._due[0][0] <= now_ns:
             _, number, begins = heappop(self._due)

@@ -1,11 +1,10 @@
 """An exchange on which messages get lost, come late or out of order, and components are cut off, hang or die.
 
-The runner says which component takes its step (`acting`): what is declared then is that component's, and what is put
-or asked then is said by it. Which messages are lost or late says `WireFaults`. Without a fault everything passes as on
-`Exchange`.
+The runner sets the component that runs its step (`acting`). Declarations, messages and queries of that step belong to
+this component. Which messages are lost or late says `WireFaults`. Without a fault everything passes as on `Exchange`.
 
-A query whose request or reply is lost or late is answered with Zenoh's own word for a timeout, at once; a late request
-is still handled when it arrives, as on a real wire, where the asker has given up by then. Tokens and queryables of
+If the request or reply of a query is lost or late, the query fails at once with Zenoh's text for a timeout. A late
+request is still handled when it arrives. On a real wire the sender has given up by then, too. Tokens and queryables of
 those who are cut off disappear after Zenoh's lease; when the link is back the tokens come first, the queryables later.
 """
 
@@ -131,7 +130,7 @@ class _Answerer:
 
 
 class _Watcher:
-    """Who follows tokens, and which of them it sees."""
+    """Subscriber to tokens, and the tokens that it sees."""
 
     def __init__(self, owner: str, selector: str, take: Callable[[str, bool], None]) -> None:
         self.owner = owner
@@ -159,7 +158,7 @@ class FaultyExchange(Exchange):
         self._healing: dict[int, Cut] = {}
         """Cuts that have ended, across which no queryable is known yet."""
         self._asleep: dict[str, list[Callable[[], None]]] = {}
-        """What waits for each component that does not answer now."""
+        """Pending calls of each component that does not answer now."""
         self._owners: WeakKeyDictionary[Inbox, str] = WeakKeyDictionary()
         self._entries: dict[str, list[Entry[Any]]] = {}
         self._dead: set[str] = set()
@@ -180,7 +179,7 @@ class FaultyExchange(Exchange):
 
     @contextmanager
     def acting(self, component: str) -> Iterator[None]:
-        """What happens within is done by this component."""
+        """Everything within the block is done by this component."""
         before, self.at = self.at, component
         try:
             yield

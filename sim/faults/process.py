@@ -31,11 +31,11 @@ class SkewedClock:
 logger = logging.getLogger(__name__)
 
 RESTART_NS = to_ns(1.0)
-"""What could not start is tried again after this."""
+"""Pause before a failed start is repeated."""
 
 
 class Component(Protocol):
-    """What a process runs."""
+    """Program of a process."""
 
     def step(self) -> None:
         """Do what is due."""
@@ -61,7 +61,7 @@ class FaultyWire(Protocol):
         """Deliver what has been late until now; call it once a tick, before the components' steps."""
 
     def acting(self, component: str) -> AbstractContextManager[None]:
-        """What happens within is done by this component."""
+        """Everything within the block is done by this component."""
 
     def begin_life(self, component: str) -> None:
         """Its process is started."""
@@ -77,7 +77,7 @@ class FaultyWire(Protocol):
 
 
 def _forget(_component: Component) -> None:
-    """What was killed need not be ended."""
+    """Do nothing: a killed component has already ended."""
 
 
 class Process:
@@ -103,7 +103,7 @@ class Process:
         self.name = name
         self.clock = SkewedClock(clock)
         self.component: Component | None = None
-        """What runs; None while the process is dead."""
+        """The running component; None while the process is dead."""
         self.since_ns = 0
         """When it was started."""
         self._exchange = exchange

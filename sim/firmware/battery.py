@@ -1,11 +1,11 @@
 """A battery that is richer than what robots believe of it: four lithium-ion cells in series.
 
 - Two wells of charge (KiBaM): Manwell & McGowan, Lead acid battery storage model for hybrid energy systems, Solar
-  Energy 50 (1993). What is bound follows what is available only slowly: high loads find less, a rest gives some back.
+  Energy 50 (1993). Bound charge follows available charge only slowly: high loads get less, a rest restores some.
 - Open-circuit voltage over the *available* charge: the curve of Chen & Rincón-Mora, Accurate electrical battery
   model, IEEE Transactions on Energy Conversion 21 (2006), times four.
-- A resistance and one RC pair (Thevenin's circuit, same paper), and a one-state hysteresis (Plett, Extended Kalman
-  filtering for battery management systems, part 2, Journal of Power Sources 134, 2004).
+- A resistance and one RC pair (Thevenin's circuit, same paper), and a one-state hysteresis. Source of the hysteresis:
+  Plett, Extended Kalman filtering for battery management systems, part 2, Journal of Power Sources 134, 2004.
 - Resistance and the flow between the wells follow the temperature (Arrhenius), which the battery's own losses raise.
 - Age: less capacity, more resistance.
 
@@ -121,7 +121,7 @@ class SimulatedBattery:
         """At the terminals."""
         self.temperature_c = spec.ambient_c
         self.delivered_j = 0.0
-        """What the load has drawn from the terminals so far; what is charged does not count against it."""
+        """Energy that the load has drawn from the terminals so far; charging does not reduce it."""
         self.is_cut_off = spec.soc_at_start <= 0.0
         """The protection is open: the load gets nothing."""
 
@@ -241,7 +241,7 @@ class Gauge:
         self._gain = 1.0 + spec.current_gain * gain
 
     def read(self, voltage_v: float, current_a: float, temperature_c: float) -> Reading:
-        """What it makes of the true values."""
+        """Measured values for the true values."""
         spec = self._spec
         noise_v, noise_a, noise_c = self._rng.standard_normal(3).tolist()
         return (
@@ -275,11 +275,11 @@ class BatteryManager:
     ) -> None:
         self.battery = battery
         self.supply_w = 0.0
-        """What a charger gives now."""
+        """Current power of a charger."""
         self.lie: Callable[[Reading], Reading] | None = None
         """A fault of the gauge: what it tells in place of what it reads."""
         self.load = Load(power, mass_kg, rng)
-        """What the robot has drawn since the last status."""
+        """Energy that the robot has drawn since the last status."""
         self._port = frame_port(bus)
         self._gauge = Gauge(battery.spec.gauge, rng)
         self._tick_s = tick_s
@@ -311,7 +311,7 @@ class BatteryManager:
 
 
 class Load:
-    """What the robot draws: its motion tick by tick, and a computer that has bursts of work.
+    """Power draw of the robot: its motion tick by tick, and a computer that has bursts of work.
 
     Args:
         power: terms of the robot's power.

@@ -2,8 +2,8 @@
 
 The error counters are those of ISO 11898-1 (fault confinement): eight for a frame that could not be sent, one back for
 one that was. A sender that nobody acknowledges becomes error passive and stays so (the exception for acknowledgement
-errors); on a shorted line it goes bus off. A frame is repeated at once until it is through, so that either takes a
-controller less than a millisecond: here it happens with the first frame.
+errors); on a shorted line it goes bus off. A frame is repeated at once until it is through. Thus either change of state
+takes a controller less than a millisecond; here it happens with the first frame.
 """
 
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from robrain.sim.firmware.disturbance import DelayLine
 
 
 class LineFault(StrEnum):
-    """What has happened to the line."""
+    """Fault of the line."""
 
     NONE = "none"
     CUT = "cut"
-    """Nothing passes; nobody is told."""
+    """Nothing passes; the driver gets no error."""
     SHORTED = "shorted"
     """Nothing passes; every controller goes bus off, and the host's tells its driver so."""
 
@@ -83,7 +83,7 @@ class BusLine(can.BusABC):
             self._bus.send(error_frame(BusState.OFF))
         elif before is LineFault.SHORTED:
             self._bus.send(error_frame(BusState.ACTIVE))
-            # Whoever comes back from bus off starts at nothing.
+            # A controller that returns from bus off starts at 0.
             self.transmit_errors = 0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:

@@ -1,7 +1,7 @@
 """The motor controller of a described base: other wheels and other frames than the Robertino's.
 
-The simulated hull moves by three omni wheels; this controller turns them so that it moves as the described wheels would
-move it, and counts how far those would have turned.
+The simulated hull moves by three omni wheels. This controller turns them so that the hull moves as the described wheels
+would move it. It counts the turns of the described wheels.
 """
 
 import re
@@ -66,7 +66,7 @@ CAR = _map(
 
 
 def frames_of(chassis: Chassis) -> FrameMap:
-    """What a robot must know of this controller's frames.
+    """Description of this controller's frames, for the robot.
 
     Raises:
         ValueError: no simulated controller turns such wheels.
@@ -211,7 +211,7 @@ class SerialPort(Sized):
         return int(self._inbox.has_some)
 
     def read(self) -> bytes:
-        """What has arrived since the last call."""
+        """Frames that have arrived since the last call."""
         return b"".join(data for _, _, data in self._inbox.drain_raw())
 
 

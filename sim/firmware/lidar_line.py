@@ -17,7 +17,7 @@ LINE = "lidar"
 
 
 class LidarProtocol(StrEnum):
-    """What a simulated lidar speaks."""
+    """Protocol of a simulated lidar."""
 
     WIRE = "wire"
     """Scans over the wire, for the plugin `scan`."""

@@ -1,6 +1,6 @@
 """The motor controller: a node on the robot's CAN bus that turns commands into wheel speeds and counts the wheels.
 
-It believes no frame whose length or checksum is wrong, counts those that are missing by the gaps in their counter, and
+It rejects each frame whose length or checksum is wrong. It counts missing frames by the gaps in their counter, and
 stops the wheels when commands cease.
 """
 
@@ -90,9 +90,9 @@ class MotorState(IntEnum):
 class MotorController:
     """Wheel commands and stops in, encoder counts and status out.
 
-    A tick is `receive()`, and after the motion `report()`. Where many are moved on together, `receive()` is called only
-    if a frame has arrived, `has_failed` is set or `due_tick` is reached; in place of `report()`, `WheelEncoders` makes
-    the frames with the counts, and `tell()` sends the status.
+    A tick is `receive()`, and after the motion `report()`. If many controllers are updated together, `receive()` is
+    called only if a frame has arrived, `has_failed` is set or `due_tick` is reached. `WheelEncoders` then makes the
+    frames with the counts in place of `report()`, and `tell()` sends the status.
 
     Args:
         bus: the robot's bus; other nodes of the same robot may send on it too.
@@ -135,7 +135,7 @@ class MotorController:
 
     @property
     def wheel_speeds_rad_s(self) -> tuple[float, float, float]:
-        """What the wheels are to do now."""
+        """Current command of the wheels."""
         return self._wanted_rad_s if self.powered else STANDING
 
     def receive(self, tick: int | None = None) -> None:

@@ -38,7 +38,7 @@ DRAWS = 240
 
 
 class RangeSensorSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the ring can do. Raises ValueError where it is built with values that are none."""
+    """Properties of the ring. Raises ValueError for invalid values."""
 
     angles_rad: Annotated[tuple[float, ...], Meta(max_length=SENSORS_MAX)] = RING_ANGLES_RAD
     """Directions of the sensors, robot's frame, counter-clockwise; empty for a robot without a ring."""

@@ -56,7 +56,7 @@ class WitImu:
         self._due_s = 0.0
 
     def run(self, yaw_rate_rad_s: float, duration_s: float, forward_m_s2: float = 0.0) -> bytes:
-        """What is sent in a time in which the robot turns and accelerates like this."""
+        """Packets sent during a time in which the robot turns and accelerates like this."""
         spec = self._spec
         self._due_s += duration_s
         data = b""

@@ -1,6 +1,6 @@
 """The lockstep drive: arena, robots, coordinator and recorder in one process and one thread, on one session.
 
-Every tick the clock moves on, then each component takes its step in a fixed order. What passes between them is
+Every tick the clock advances, then each component runs its step in a fixed order. A message between components is
 delivered before the put returns; so equal seeds give equal runs. Zenoh is used in runs that other processes may join.
 """
 
@@ -67,7 +67,7 @@ class LockstepRun:
         scenario_toml: its text, for the recording.
         team: whose keys are used.
         listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
-        session: an open lockstep session to use instead of one of its own, on which others may be; closed with the run.
+        session: an open lockstep session to use in place of a new one; others may be on it. It is closed with the run.
         planning: objective and settings of the coordinator's planning.
         rules: by which the coordinator makes tasks.
         should_stop: polled before each robot is set up; True ends the set-up.
@@ -122,7 +122,7 @@ class LockstepRun:
         self._radio = RadioRun(world, self.session, self.clock) if world.links is not None else None
         self._faults: TeamFaults | None = None
         self.memories = {robot.name: WitnessInMemory() for robot in world.robots}
-        """What robots have answered as witnesses; it outlives their agents."""
+        """Answers of robots as witnesses; they outlive the robots' agents."""
         if processes or any(not fault.is_plain for fault in world.faults):
             check_faults_alone(scenario or world.plan.name, is_alone=is_alone)
             self._faults = TeamFaults(world, self.session, self.clock, self._radio)
@@ -285,7 +285,7 @@ class LockstepRun:
 
     @property
     def links(self) -> LinkCounters | None:
-        """What became of messages between robots and coordinator so far; None if everybody hears everybody."""
+        """Counters of messages between robots and coordinator so far; None if every component receives all messages."""
         return None if self._radio is None else self._radio.counters
 
     @property
@@ -491,7 +491,7 @@ class LockstepTransport:
             self.run.tick()
 
     def open_folder(self, robot: str, folder: Path) -> None:
-        """Whoever writes the script may load any path that it names."""
+        """The author of the script may load any path that it names."""
         for host in self.run.hosts:
             if host.name == robot:
                 host.open_folder(folder)

@@ -68,9 +68,9 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Messages from other processes; 0 in a run that can be repeated."""
     mote_readings: int
     tasks: list[TaskOutcome] = []
-    """What became of the tasks of the scenario, in the order of its file."""
+    """Outcomes of the scenario's tasks, in the order of its file."""
     links: LinkCounters | None = None
-    """What became of messages between robots and coordinator; None if everybody hears everybody."""
+    """Counters of messages between robots and coordinator; None if every component receives all messages."""
     recording: str | None
     digest: str
     """SHA-256 over every recorded message; ends in `+outside:N` if some came from other processes."""

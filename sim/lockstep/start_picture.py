@@ -1,4 +1,4 @@
-"""What viewers see before the first step of a lockstep run: the floor plan, and robots and motes at their places."""
+"""Picture for viewers before the first step of a lockstep run: the floor plan, and robots and motes at their places."""
 
 import numpy as np
 from numpy.typing import NDArray

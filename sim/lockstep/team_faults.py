@@ -1,7 +1,7 @@
 """Faults of processes, of the wire and of the journal's disk in a lockstep run with the whole stack.
 
-Agents and coordinator are processes of their own: a killed agent's plugins say nothing any more, no frame of theirs
-reaches the wheels, and another agent that is started later does not know where its robot stands.
+Agents and coordinator are separate processes. The plugins of a killed agent publish nothing more, and none of their
+frames reaches the wheels. An agent that is started later does not know its robot's pose.
 """
 
 from collections.abc import Callable

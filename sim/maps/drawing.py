@@ -54,8 +54,8 @@ class Pillar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A floor plan drawn with walls, blocks and pillars; the outer walls are added.
 
-    Raises MapError, whose `.key` names the key, if a length is not above 0, a shape lies outside the floor, or the
-    floor has more than MAX_CELLS cells.
+    Raises MapError, whose `.key` names the key, if a length is not above 0 or a shape lies outside the floor. The same
+    holds for a floor with more than MAX_CELLS cells.
     """
 
     size_m: tuple[float, float]

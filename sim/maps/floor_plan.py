@@ -1,7 +1,7 @@
 """A floor plan: which cells of the arena are wall, and where a round body can go.
 
-The grid follows ROS nav_msgs/OccupancyGrid: row 0 has the lowest y, column 0 the lowest x, and cell (row, col)
-covers x from origin_x_m + col · resolution_m to one resolution_m more, y likewise.
+The grid follows ROS nav_msgs/OccupancyGrid: row 0 has the lowest y, column 0 the lowest x. Cell (row, col) covers x
+from origin_x_m + col · resolution_m to one resolution_m more, y likewise.
 """
 
 import math
@@ -52,9 +52,9 @@ class FloorPlan:
     """Walls of an arena on a grid; what lies outside the grid is wall.
 
     `occupied` is (H, W) bool, row 0 at the lowest y, kept as a read-only copy; cells of unknown content are occupied.
-    `origin_x_m`, `origin_y_m` is the corner of cell (0, 0) with the lowest x and y: metres, arena frame.
-    Raises MapError for a grid that is not two-dimensional or has no cell, a resolution_m that is not above 0, or an
-    origin that is not finite.
+    `origin_x_m`, `origin_y_m` is the corner of cell (0, 0) with the lowest x and y: metres, arena frame. Raises
+    MapError for a grid that is not two-dimensional or has no cell. The same holds for a resolution_m that is not above
+    0, or an origin that is not finite.
     """
 
     occupied: NDArray[np.bool_]
@@ -130,9 +130,9 @@ class FloorPlan:
     def reachable(self, starts: list[Point2D], radius_m: float) -> NDArray[np.bool_]:
         """(H, W), the free cells that a round body of radius_m can sweep from any of the starts.
 
-        The body's centre moves between 4-neighbours among cells with clearance_m ≥ radius_m; it sweeps the free cells
-        whose centre comes within radius_m and half a cell, since it may stand between two centres. A start where
-        the body does not fit adds nothing. Raises ValueError for a radius_m below 0.
+        The body's centre moves between 4-neighbours among cells with clearance_m ≥ radius_m. It sweeps the free cells
+        whose centre comes within radius_m and half a cell, since it may be between two centres. A start where the body
+        does not fit adds nothing. Raises ValueError for a radius_m below 0.
         """
         if not radius_m >= 0:
             raise ValueError(f"expected radius_m >= 0, got {radius_m}")
@@ -151,9 +151,9 @@ class FloorPlan:
 def distance_to_cells_m(marked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.float64]:
     """(H, W), metres from each cell's centre to the nearest point of a marked cell; 0 inside one, inf without.
 
-    The point of a square that is nearest to the centre of another cell is a corner or the middle of a side, thus the
-    Euclidean distance transform on a lattice of half the pitch is exact, where one on the cells measures from centre
-    to centre and calls a gap up to 0.7 cells wider than it is.
+    The point of a square that is nearest to the centre of another cell is a corner or the middle of a side. Thus the
+    Euclidean distance transform on a lattice of half the pitch is exact. A transform on the cells measures from centre
+    to centre: its gaps are up to 0.7 cells too wide.
     """
     if not marked.any():
         return np.full(marked.shape, np.inf)

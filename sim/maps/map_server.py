@@ -43,8 +43,8 @@ logger = logging.getLogger(__name__)
 def load_map(path: Path) -> FloorPlan:
     """The floor plan of a map_server YAML file, named after the file.
 
-    The image's path is taken relative to the YAML file. Raises MapError, with one sentence that names file, key and
-    what was expected, for anything that cannot be read as such a map or has no free space.
+    The image's path is taken relative to the YAML file. Raises MapError for anything that cannot be read as such a map
+    or has no free space. Its sentence names the file, the key and the expected value.
     """
     settings = _Settings(path)
     image_path = path.parent / settings.file_name("image")

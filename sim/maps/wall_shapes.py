@@ -18,8 +18,9 @@ def touchable_cells(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def wall_rectangles(occupied: NDArray[np.bool_]) -> NDArray[np.int32]:
     """(N, 4) cells row0, col0, row1, col1, the latter two exclusive: rectangles whose union is `touchable_cells`.
 
-    Greedy: the first cell not yet covered, in row order, becomes the lower left corner of the rectangle of touchable
-    cells that covers the most new ones. Rectangles may overlap where walls cross. Same grid, same rectangles.
+    Greedy: the first uncovered cell, in row order, becomes the lower left corner of a rectangle of touchable cells. The
+    rectangle is the one that covers the most new cells. Rectangles may overlap where walls cross. Same grid, same
+    rectangles.
     """
     return _cover(touchable_cells(np.asarray(occupied, dtype=np.bool_)))
 

@@ -1,7 +1,8 @@
-"""What motes sense: a level over the whole floor and Gaussian plumes that the air carries along.
+"""The field that motes sense: a level over the whole floor, and Gaussian plumes that the air carries along.
 
-A plume keeps its shape and moves with a velocity of its own about the common wind: advection without diffusion, as of
-a source that renews what spreads. What leaves the floor on one side comes back on the other. All figures are chosen.
+A plume keeps its shape and moves with its own velocity relative to the common wind. This is advection without
+diffusion, as from a source that renews the substance. A plume that leaves the floor on one side returns on the other.
+All figures are chosen.
 """
 
 import math
@@ -19,7 +20,9 @@ from robrain.sim.maps.floor_plan import FloorPlan
 
 MAX_PLUMES = 64
 MARGIN_WIDTHS = 3.0
-"""So many widths outside of the floor a plume turns up on the other side, where nobody sees it jump."""
+"""Distance outside of the floor, in plume widths, at which a plume moves to the other side; the jump is invisible
+there.
+"""
 OWN_SHARE = 0.5
 """A plume's own speed is up to so much of the wind's."""
 
@@ -30,7 +33,7 @@ class Levels(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     base: float
     """Value away from all plumes."""
     plume: float
-    """What is added at the centre of a plume."""
+    """Level that a plume adds at its centre."""
     noise: NotNegative
     """Standard deviation of one reading."""
 

@@ -1,8 +1,9 @@
 """Simulated gateways: beside a mote stands a base station with mains power, which has a radio of the team's network.
 
-It runs what a robot's sensor network unit runs for readings (`plugins/unit/snw_exploration`), and no more: it tells the
-team what it hears, stores it while the network is away, and acknowledges readings. If motes pass readings on, it also
-asks for those that are missing, and sends motes their duty, over hops where they are out of its reach.
+It does for readings the same as a robot's sensor network unit (`plugins/unit/snw_exploration`), and no more. It
+publishes the readings that it receives, stores them while the network is away, and acknowledges them. If motes forward
+readings, the gateway also requests missing readings. It sends motes their duty, over hops where they are out of its
+reach.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,7 +32,7 @@ from robrain.sim.motes.mote import ArenaMote
 ADDRESS = 0
 """Of base stations on the air."""
 WINDOW = 4096
-"""Last numbers of a mote that are told apart."""
+"""Number of latest sequence numbers of a mote that are distinguished."""
 ACKNOWLEDGED_TOGETHER = 8
 
 

@@ -1,11 +1,13 @@
 """Readings that motes pass on to base stations, hop by hop.
 
-A mote that no base station has heard sends its reading to its next hop, which acknowledges it and passes it on; answers
-to requests as well. What base stations send to motes out of their reach comes down by `mesh_down`. Packets
-and acknowledgements meet the radio's path loss, shadowing and noise. Who sends or hears one spends energy on it.
+If no base station has received a mote's reading, the mote sends it to its next hop. The next hop acknowledges and
+forwards it. Answers to requests are forwarded in the same manner. Packets of base stations for motes out of their reach
+come down by `mesh_down`. Packets and acknowledgements meet the radio's path loss, shadowing and noise. A mote spends
+energy on each packet that it sends or receives.
 
-Next hops are those of `lifetime_routes`, from the links, the motes' energy, and the base stations near which motes are
-at that time: what motes agree on by beacons, computed in one place. The beacons' energy is counted, not their losses.
+Next hops are those of `lifetime_routes`, from the links, the motes' energy, and the motes that are near base stations
+at that time. Real motes agree on them by beacons; here they are computed in one place. The beacons' energy is counted,
+not their losses.
 """
 
 import heapq
@@ -53,7 +55,7 @@ Hand = Callable[[int, int, Callable[[], bool]], bool]
 
 
 class DownCounters(msgspec.Struct):
-    """What became of routed packets."""
+    """Counters of routed packets."""
 
     taken: int = 0
     """From base stations."""
@@ -77,7 +79,7 @@ class _Waiting(msgspec.Struct):
 
 
 class RoutedDown:
-    """What motes hold of routed packets.
+    """State of the motes' routed packets.
 
     Args:
         spec: tries, room and interval of waking.
@@ -176,8 +178,9 @@ GAP_S = 0.04
 GOOD_DB = 5.0
 """Links count as good whose mean strength is so far above the sensitivity: by default, 99 of 100 packets arrive."""
 PAUSE_WAKES = 4
-"""First pause, in intervals of waking, after which a next hop that has left all tries unanswered is tried once more;
-each further pause is twice as long (chosen)."""
+"""First pause, in intervals of waking, after which a next hop that has not answered any attempt is tried once more.
+Each further pause is twice as long (chosen).
+"""
 TREES = 8
 """Routes that are computed at once and used in turn (chosen)."""
 SEEN = 128
@@ -191,7 +194,7 @@ Say = Callable[[int, ActiveMessage], bool]
 
 
 class MeshCounters(msgspec.Struct):
-    """What became of packets between motes."""
+    """Counters of packets between motes."""
 
     sent: int = 0
     """To a next hop, repetitions included."""
@@ -227,7 +230,7 @@ class _Packet(msgspec.Struct):
 
 
 class _Station:
-    """What one mote holds to send on."""
+    """Packets that one mote has yet to forward."""
 
     def __init__(self) -> None:
         self.queue: deque[_Packet] = deque()
@@ -265,7 +268,7 @@ class MoteMesh:
         radio: what the air is like.
         energy: what states and packets take from a mote.
         rate_hz: readings a second of each mote.
-        seed: each pair of motes has randomness of its own, from this.
+        seed: seed of the randomness of each pair of motes.
         tick_s: how long a tick is.
         say: sends to base stations.
         near: motes that a base station hears now, by the mean, at least at a strength in dBm.
@@ -321,7 +324,7 @@ class MoteMesh:
         self.down.step(tick)
 
     def sent(self, index: int, message: ActiveMessage, tick: int, *, is_heard: bool) -> None:
-        """A mote has just sent a reading of its own, or one of its log; whether a base station has heard it."""
+        """A mote has just sent its own reading, or one of its log; whether a base station has received it."""
         station = self._stations[index]
         packet = _Packet(ReadingPayload.unpack(message.payload), tick, message.type)
         is_stored = message.type == STORED_TYPE  # asked for: it is asked for again if it does not arrive
@@ -494,7 +497,7 @@ class MoteMesh:
 
 
 def energy_of(radio: RadioModel, duty: float, capacity_mah: float) -> MoteEnergy:
-    """What a simulated mote's states and packets take, as routes are computed from it."""
+    """Energy of a simulated mote's states and packets, as routes are computed from it."""
     send_w = CELL_V * MILLI * (CPU_ACTIVE_MA + send_ma(radio.transmit_dbm))
     listen_w = CELL_V * MILLI * (CPU_IDLE_MA + RECEIVE_MA)
     asleep_w = CELL_V * MILLI * SLEEP_MA

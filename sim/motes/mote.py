@@ -1,6 +1,7 @@
 """One simulated mote: firmware that senses, logs, sends and listens, with a clock that drifts and a battery.
 
-It is told when its radio hears a packet and gives packets to send; where packets go is `motes`. Durations are chosen.
+The radio delivers packets to the mote and sends the mote's packets; `motes` decides on their receivers. Durations are
+chosen.
 """
 
 import math
@@ -75,7 +76,7 @@ PPM = 1e-6
 
 
 class MoteSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the motes of a scenario are: its table `[motes]`. All defaults are chosen.
+    """Properties of the motes of a scenario: its table `[motes]`. All defaults are chosen.
 
     Raises ValueError where it is built with a value without sense.
     """

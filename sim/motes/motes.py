@@ -1,7 +1,7 @@
 """The mote field: sensor motes on the floor, and the air between them and the robots' base stations.
 
-What a robot says to everybody is also heard by the base stations of other robots in reach. Gateways have base stations
-as well, which stand. Motes pass on each other's readings if `[motes.mesh]` says so (`mesh`).
+A robot's packet to all motes also reaches the base stations of other robots in reach. Gateways have base stations as
+well, which stand. Motes pass on each other's readings if `[motes.mesh]` says so (`mesh`).
 
 Packets meet path loss, shadowing and noise (`radio`), not each other: collisions on the air are not simulated.
 """
@@ -40,7 +40,7 @@ class SensorNetwork(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class MoteField:
     """All motes, woken in order of time.
 
-    Each mote, and each pair of mote and robot, has randomness of its own: more motes or robots leave the others' alone.
+    Each mote, and each pair of mote and robot, has its own randomness: more motes or robots do not change the others'.
 
     Args:
         motes: what lies where; the order decides who gets which randomness.
@@ -199,7 +199,7 @@ class MoteField:
 
 
 class _Air:
-    """What lies between one mote and all robots; both directions are alike."""
+    """Links between one mote and all robots; both directions are alike."""
 
     def __init__(
         self, mote: SimulatedMote, radio: RadioModel, rng: np.random.Generator, counters: RadioCounters

@@ -3,8 +3,8 @@
 Path loss: Rappaport: Wireless Communications, Principles and Practice, 2nd ed., section 4.9. Shadowing: Gudmundson:
 Correlation Model for Shadow Fading in Mobile Radio Systems, Electronics Letters 27(23), 1991, whose autocorrelation
 falls exponentially with the distance between two places. Reception: Zuniga and Krishnamachari: Analyzing the
-Transitional Region in Low Power Wireless Links, IEEE SECON 2004, for the Mica2's CC1000 (non-coherent FSK, Manchester
-coded, 19.2 kbit/s in a noise bandwidth of 30 kHz).
+Transitional Region in Low Power Wireless Links, IEEE SECON 2004. It is the model for the Mica2's CC1000 (non-coherent
+FSK, Manchester coded, 19.2 kbit/s in a noise bandwidth of 30 kHz).
 
 The exponent lies between those of Rappaport's table for offices; transmit power and sensitivity are in the range of the
 CC1000. All defaults are chosen, so that a packet is heard some 10 m away.
@@ -62,7 +62,9 @@ class MoteState(StrEnum):
 
 
 def send_ma(transmit_dbm: float) -> float:
-    """What the radio draws at a power: of the lowest level that is as strong (ValueError beyond the strongest).
+    """Current that the radio draws at a power: that of the lowest level that is as strong.
+
+    Raises ValueError beyond the strongest level.
 
     >>> send_ma(0.0)
     9.4
@@ -212,9 +214,9 @@ class RadioModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True,
 class ShadowField:
     """Static shadowing between one fixed node and any place: a Gaussian field over the floor.
 
-    A sum of waves whose wave vectors are drawn from the spectrum of exp(−d / correlation_m), which in the plane is a
-    Cauchy distribution (Rahimi and Recht: Random Features for Large-Scale Kernel Machines, NIPS 2007, turns a
-    correlation into waves in this way). So a value costs a few microseconds and needs no grid, and the floor no end.
+    A sum of waves whose wave vectors are drawn from the spectrum of exp(−d / correlation_m). In the plane this spectrum
+    is a Cauchy distribution. Rahimi and Recht: Random Features for Large-Scale Kernel Machines, NIPS 2007, turns a
+    correlation into waves in this way. So a value costs a few microseconds and needs no grid, and the floor no end.
 
     Args:
         deviation_db: standard deviation over the seeds.
@@ -237,7 +239,7 @@ class ShadowField:
 
 
 class RadioCounters(msgspec.Struct):
-    """What became of packets, counted at each receiver that they could have reached."""
+    """Counters of packets, counted at each receiver in reach."""
 
     sent: int = 0
     """Packets, each once."""
@@ -276,15 +278,15 @@ class FadingLink:
 
 
 class RobotAir:
-    """What lies between the base stations of all robots.
+    """Links between the base stations of all robots.
 
-    Shadowing belongs to the places of both ends: one Gaussian field over the floor, of half the variance, is added for
+    Shadowing depends on the places of both ends. One Gaussian field over the floor, of half the variance, is added for
     the sender's place and for the receiver's. So both directions are alike, and the deviation is that of a mote's link
     unless both stand in one place. Chosen, for lack of a model of moving pairs that is as simple.
 
     Args:
         radio: what it is like.
-        seed: each pair of sender and receiver has randomness of its own, from this.
+        seed: seed of the randomness of each pair of sender and receiver.
 
     """
 

@@ -23,7 +23,7 @@ CHUNK_BYTES = 4096
 
 
 class ForwarderCounters(msgspec.Struct):
-    """What has gone through one forwarder."""
+    """Counters of one forwarder."""
 
     heard: int = 0
     """Packets handed to each client."""

@@ -25,7 +25,7 @@ class GpioChip:
         self.levels: dict[int, bool] = {}
         """Lines that are connected to ground (False) or supply (True), by offset; all others are open."""
         self.consumers: dict[int, str] = {}
-        """Who uses a line."""
+        """User of a line."""
         self._names, self._lines = dict(names or {}), lines
 
     def request_lines(

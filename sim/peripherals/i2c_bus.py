@@ -11,7 +11,7 @@ class I2cChip(Protocol):
     """A chip with registers of 16 bits."""
 
     def word(self, register: int) -> int:
-        """What a register holds, the byte that is sent first as the lower one (OSError if there is no such)."""
+        """Value of a register; the byte that is sent first is the lower one (OSError if there is no such register)."""
 
     def write(self, register: int, word: int) -> None:
         """Write a register, in the same order of bytes."""

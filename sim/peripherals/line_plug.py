@@ -33,7 +33,7 @@ class SerialPlug:
         self._far = far
 
     def pull_out(self) -> None:
-        """Be gone: whoever has the near end open is told so by the kernel."""
+        """Remove the line: the kernel reports it to the process that has the near end open."""
         self.path.unlink(missing_ok=True)
         if self._far is not None:
             os.close(self._far)
@@ -49,7 +49,7 @@ class SerialPlug:
             return 0
 
     def receive(self, most: int = 4096) -> bytes:
-        """What the near end has sent; empty if there is nothing, or no near end."""
+        """Bytes that the near end has sent; empty if there are none, or no near end."""
         try:
             return os.read(self._far, most) if self._far is not None else b""
         except OSError:  # nothing is there, or the near end is closed

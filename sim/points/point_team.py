@@ -97,9 +97,9 @@ class PointRobot:
         self.was_carried = False
         self.capacity_j = spec.battery.capacity_wh * J_PER_WH * (1.0 - spec.battery.capacity_fade)
         self.energy_j = spec.battery.soc_at_start * self.capacity_j
-        """What the battery still gives."""
+        """Energy that the battery can still deliver."""
         self.delivered_j = 0.0
-        """What the battery has given so far."""
+        """Energy that the battery has delivered so far."""
         self.supply_w = 0.0
         """Power that a charger gives."""
         self.power_w = 0.0

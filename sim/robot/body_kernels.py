@@ -151,7 +151,7 @@ def roll(
         turns_rad: (N, 3) how far each wheel has turned since the start; moved on in place.
         normals: (N, K) normal random numbers of the slips; at least three of each row must be unused.
         used: (N,) how many of each row are used; moved on in place.
-        refill_at: a row of which so many are used needs more.
+        refill_at: number of used values from which a row needs more.
 
     Returns:
         Whether a row needs more.

@@ -1,10 +1,10 @@
 """A camera on a simulated robot: what is in view, as a small picture, drawn when somebody asks for it.
 
 A pinhole camera that looks ahead, level, from the robot's middle. Walls are found with the rays of the lidar, one a
-column; floor and ceiling follow from the camera's height; robots are cylinders in their colours, motes are posts with
-their number on a plate, chargers are mats. What motes sense is not to be seen: a camera has no eye for temperature or
-humidity. Sizes and colours are chosen so that a room, a robot and a mote are told apart in 160 x 120 pixels. A picture
-is the same whoever asks, and however often: its noise comes from the time and the robot alone.
+column. Floor and ceiling follow from the camera's height. Robots are cylinders in their colours, motes are posts with
+their number on a plate, chargers are mats. The field that motes sense is not visible: a camera does not measure
+temperature or humidity. Sizes and colours are chosen so that a room, a robot and a mote are distinguishable in 160 x
+120 pixels. The same request gives the same picture, however often: its noise comes from the time and the robot alone.
 """
 
 import io
@@ -223,7 +223,7 @@ class Camera:
     def picture(
         self, pose: Pose2D, robots: Sequence[SeenRobot], motes: Sequence[SeenMote], moment: int
     ) -> NDArray[np.uint8]:
-        """What is in view from `pose`, arena frame: (H, W, 3) RGB. `moment` says which noise it has."""
+        """View from `pose`, arena frame: (H, W, 3) RGB. `moment` says which noise it has."""
         view = _View(self, pose)
         for robot in robots:
             view.draw_robot(robot)
@@ -335,7 +335,7 @@ class _View:
         self._paint(hit, color, (heights_m >= 0) & (heights_m <= ROBOT_HEIGHT_M), at_m)
 
     def draw_mote(self, mote: SeenMote) -> None:
-        """A post with its number on a plate that faces whoever looks."""
+        """A post with its number on a plate that faces the camera."""
         ahead_m, left_m = self._ahead_and_left_m(mote.place.x_m, mote.place.y_m)
         if not NEAR_M < ahead_m < self._range_m:
             return

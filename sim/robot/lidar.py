@@ -39,7 +39,7 @@ class LidarSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     dropout: Share = 0.0
     """Share of the beams, drawn at random, that return nothing: black or wet surfaces, or flat angles."""
     protocol: LidarProtocol = LidarProtocol.WIRE
-    """What it speaks; the robot's file then has the plugin for that."""
+    """Protocol of its output; the robot's file then has the plugin for that."""
     outlier: Share = 0.0
     """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
     mount: Mount = Mount()
@@ -92,8 +92,8 @@ class Lidar:
     def scan(self, pose: Pose2D, robots: NDArray[np.float64]) -> Scan:
         """One turn from `pose`, arena frame.
 
-        `robots` (K, 3) are the hulls of all robots, its own too: x, y, radius in metres, arena frame. What the noise
-        carries past the maximum range is no return.
+        `robots` (K, 3) are the hulls of all robots, its own too: x, y, radius in metres, arena frame. A range that
+        noise carries past the maximum range is no return.
         """
         if self.is_frozen and self._last is not None:
             return self._last

@@ -20,7 +20,7 @@ from robrain.sim.traffic.specs import FRICTION, MOVER_COLLISION, ROBOT_COLLISION
 
 MASS_KG = 4.0
 ACCELERATION_MAX_M_S2 = 1.5
-"""What the wheels hold on the floor; turning at speed takes its share of it."""
+"""Acceleration that the wheels' grip allows; turning at speed uses its share of it."""
 YAW_ACCELERATION_MAX_RAD_S2 = 6.0
 COLLISION_SLOP_M = 0.001
 """Overlap that the solver leaves, so that what rests stays in touch. pymunk's own 0.1 is meant for pixels."""
@@ -164,7 +164,7 @@ class RobotBodies:
         self.other_velocities = self._velocities[len(bodies) : len(bodies) + len(others)]
         """(K, 3) rates of x, y and yaw of the other bodies, set by their owner before `drive()`."""
         self._told, self._telling = pymunk.batch.Buffer(), pymunk.batch.Buffer()
-        self._telling.set_float_buf(self._velocities)  # read where it is; what is told would not stay in such an array
+        self._telling.set_float_buf(self._velocities)  # read in place; the output needs its own buffer
 
     def drive(self) -> None:
         """Set the bodies' velocities, as near to those of their wheels as the acceleration allows in a tick."""

@@ -1,9 +1,9 @@
-"""Wheels that are not quite what the robot takes them for: systematic errors, and slip.
+"""Wheels that differ from the robot's model of them: systematic errors, and slip.
 
-Borenstein and Feng (*Measurement and Correction of Systematic Odometry Errors in Mobile Robots*, IEEE Transactions on
-Robotics and Automation 12(6), 1996) tell systematic errors of odometry, of which unequal wheel diameters and an
-uncertain wheelbase are the dominant ones, from non-systematic ones such as slip. Both are here for a base with three
-omni wheels.
+Borenstein and Feng distinguish systematic errors of odometry from non-systematic ones such as slip. Unequal wheel
+diameters and an uncertain wheelbase dominate the systematic errors. Source: *Measurement and Correction of Systematic
+Odometry Errors in Mobile Robots*, IEEE Transactions on Robotics and Automation 12(6), 1996. Both are here for a base with
+three omni wheels.
 """
 
 import math

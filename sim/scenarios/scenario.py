@@ -79,7 +79,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     starts: Starts = Starts.TOGETHER
     """Together or scattered over the floor."""
     starts_known: bool = True
-    """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
+    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
     idle: bool = False
     """Whether the team explores only if a task tells it to."""
     hardware: RobotHardware = RobotHardware()
@@ -92,21 +92,21 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     rules: tuple[Rule, ...] = ()
     """Tasks that the coordinator makes when something is sensed."""
     faults: tuple[FaultSpec, ...] = ()
-    """What fails, and when."""
+    """Faults and their times."""
     surfaces: SurfaceSpec = SurfaceSpec()
     """Glass and mirrors among the walls."""
     disturbance: DisturbanceSpec = DisturbanceSpec()
     """Late frames and scans, paused agents."""
     tasks: tuple[TaskSpec, ...] = ()
-    """What the scenario itself asks of the team."""
+    """Tasks that the scenario requests of the team."""
     traffic: TrafficSpec = TrafficSpec()
     """Doors, moving obstacles and people."""
     mote_places: tuple[tuple[float, float], ...] = ()
     """Places of the first motes, x and y in the arena frame; the others are drawn from the seed."""
     roster: tuple[RobotSpec, ...] = ()
-    """What the first robots are, where they differ from `hardware`."""
+    """Specifications of the first robots, where they differ from `hardware`."""
     about: str = ""
-    """What it shows, in one sentence."""
+    """Purpose of the scenario, in one sentence."""
     links: LinkSpec | None = None
     """The radio between robots and coordinator; None if everybody hears everybody."""
     fidelity: Fidelity = Fidelity.FULL
@@ -375,7 +375,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             speed: simulated seconds per second; 0 for as fast as possible.
             record: MCAP file to write.
             listen: loopback endpoint on which other processes may join, such as `tcp/127.0.0.1:0`.
-            session: an open lockstep session to use instead of one of its own; closed with the run.
+            session: an open lockstep session to use in place of a new one; closed with the run.
             on_progress: called with the progress of the run.
             on_open: called with the endpoints on which other processes may join, before the first tick.
             before_set_up: called with the world when it is made, before anything of the run is set up.
@@ -474,7 +474,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             world: from `world()`.
             record: MCAP file to write.
             listen: loopback endpoint on which other processes may join.
-            session: an open lockstep session to use instead of one of its own; closed with the run.
+            session: an open lockstep session to use in place of a new one; closed with the run.
             should_stop: polled before each robot is set up; True ends the set-up.
             is_script: whether a script runs the team, for the recording.
             fork: what the recording says of its parent.
@@ -506,7 +506,7 @@ class ListedScenario(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     about: str
-    """What it shows, in one sentence."""
+    """Purpose of the scenario, in one sentence."""
     width_m: float
     """Of its floor, along x."""
     height_m: float

@@ -45,7 +45,7 @@ class ScenarioTable(Checked, frozen=True, forbid_unknown_fields=True):
     name: str
     """Name in results and recordings."""
     about: str = ""
-    """What it shows, in one sentence; `robrain scenarios` prints it."""
+    """Purpose of the scenario, in one sentence; `robrain scenarios` prints it."""
     seed: NotNegativeInt = 1
     """Seed of all random numbers."""
     until_explored: Annotated[float, Meta(gt=0, le=1)] = 0.98
@@ -73,7 +73,7 @@ class TeamTable(Checked, frozen=True, forbid_unknown_fields=True):
     starts: Starts = Starts.TOGETHER
     """How the robots are placed at the start."""
     starts_known: bool = True
-    """Whether robots are told where they start. If not, only the first robot is: its start defines the arena frame."""
+    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
 
     idle: bool = False
     """Whether the team explores only if a task tells it to; it is then there for tasks, scripts and your hands."""
@@ -130,12 +130,12 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def traffic(self) -> TrafficSpec:
-        """What `[[doors]]`, `[[movers]]` and `[[people]]` say."""
+        """Content of `[[doors]]`, `[[movers]]` and `[[people]]`."""
         return TrafficSpec(doors=self.doors, movers=self.movers, people=self.people)
 
     @property
     def network(self) -> SensorNetwork:
-        """What `[motes]`, `[radio]` and `[field]` say."""
+        """Content of `[motes]`, `[radio]` and `[field]`."""
         spec = MoteSpec(**{name: getattr(self.motes, name) for name in MoteSpec.__struct_fields__})
         return SensorNetwork(motes=spec, radio=self.radio, field=self.field)
 

@@ -239,7 +239,7 @@ class Door:
         length_m = math.sqrt(off_x_m * off_x_m + off_y_m * off_y_m)
         along = (off_x_m / length_m, off_y_m / length_m)
         self.box = Box((from_x_m + to_x_m) / 2, (from_y_m + to_y_m) / 2, along, length_m, spec.thickness_m)
-        """What it closes."""
+        """Area that the door closes."""
         self.is_open = True
         """Before the first step it is."""
 
@@ -277,7 +277,7 @@ START_ROOM_M = 0.3
 """Room between people and robots at the start."""
 _RNG_OF_TRAFFIC = 4
 SeenWalls = tuple[NDArray[np.bool_] | NDArray[np.uint8], int]
-"""What sensors cast rays through, (H, W), and the mark of a wall in it."""
+"""Cells through which sensors cast rays, (H, W), and the mark of a wall in them."""
 _NOWHERE = pymunk.ShapeFilter(mask=0)
 _ANYWHERE = pymunk.ShapeFilter()
 

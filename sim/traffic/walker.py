@@ -1,4 +1,4 @@
-"""What moves on a floor by itself: movers on their rounds, and people between their places."""
+"""Moving bodies of a floor: movers on their rounds, and people between their places."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -78,7 +78,7 @@ class SensorDesk:
             endpoint.answer(ARENA_SENSE, self._answer, robot=name)
 
     def values(self, robot: str) -> dict[str, float]:
-        """What a robot measures now, by the wire's names (KeyError: no such robot)."""
+        """Current measurement of a robot, by the wire's names (KeyError: no such robot)."""
         own, moment = self._index[robot], self._moment()
         body = self._bodies[own]
         place = Point2D(body.x_m, body.y_m)
@@ -133,7 +133,7 @@ class CameraDesk:
             endpoint.answer(ARENA_CAMERA, self._answer, robot=name)
 
     def png(self, robot: str) -> bytes:
-        """What a robot sees now (KeyError: no such robot)."""
+        """Current camera picture of a robot (KeyError: no such robot)."""
         own = self._index[robot]
         others = [SeenRobot(index, body.pose, body.radius_m) for index, body in enumerate(self._bodies) if index != own]
         return self._cameras[own].png(self._bodies[own].pose, others, self._motes, self._moment())

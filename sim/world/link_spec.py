@@ -73,12 +73,13 @@ class LinkSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     queue_s: Positive = 1.0
     """A message that would wait for its radio for longer than this is dropped."""
     relays: bool | tuple[str, ...] = True
-    """Who passes on messages of others: everybody, nobody, or those with these names (robots, or `coordinator`)."""
+    """Members that forward messages of others: all, none, or those with these names (robots, or `coordinator`)."""
     lost_after_s: NotNegative = 2.0
     """Time after which a party counts those that it no longer hears as absent, as by Zenoh's lease."""
     return_after_s: NotNegativeOrInfinite = 10.0
-    """Time after which a robot with nothing to do drives back to its start, where it may be heard again; `inf` to
-    stay where it is. Robots that do not know where they start stay."""
+    """Time after which an idle robot drives back to its start, where others may receive its messages again. `inf` keeps
+    it at its place. Robots that do not know where they start stay.
+    """
     coordinator_m: tuple[float, float] | None = None
     """Place of the coordinator's radio, arena frame; that of the first robot's start if absent."""
     partitions: tuple[PartitionSpec, ...] = ()

@@ -1,4 +1,4 @@
-"""What a lockstep run has to do for its robots' radios: `[links]` of a scenario."""
+"""Steps of a lockstep run for its robots' radios: `[links]` of a scenario."""
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -342,7 +342,7 @@ class RadioRun:
 
     @property
     def counters(self) -> LinkCounters:
-        """What became of the messages so far."""
+        """Counters of the messages so far."""
         return self.network.counters
 
     def follow(self, bodies: Sequence[Body], endpoint: Endpoint) -> None:
@@ -359,7 +359,7 @@ class RadioRun:
             self._say.put(self.truth())
 
     def truth(self) -> ArenaLinks:
-        """Who hears whom now."""
+        """Current links between members."""
         network = self.network
         radios = [
             RadioTruth(

@@ -88,7 +88,7 @@ class Referee:
 
     @property
     def submaps(self) -> Mapping[tuple[str, int], Submap]:
-        """What each robot has told of the floor, by robot and number; read-only."""
+        """Map patches that each robot has published, by robot and number; read-only."""
         return self._atlas.submaps
 
     def unseen_m2(self) -> NDArray[np.float64]:

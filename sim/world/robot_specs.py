@@ -26,7 +26,7 @@ LIDAR_PLUGIN, BASE_PLUGIN, IMU_PLUGIN = "scan", "mocdevice", "imu"
 
 
 class RobotType(StrEnum):
-    """What a robot is built like; its `hardware` and `plugins` change single values."""
+    """Construction of a robot; its `hardware` and `plugins` change single values."""
 
     OMNI = "omni"
     """As the table `[robot]` says."""
@@ -79,7 +79,7 @@ HARDWARE: Mapping[RobotType, dict[str, Any]] = MappingProxyType(
         },
     }
 )
-"""What a type changes in `[robot]`. All values are chosen."""
+"""Values of `[robot]` that a type changes. All values are chosen."""
 PLUGINS: Mapping[RobotType, dict[str, dict[str, Any]]] = MappingProxyType(
     {
         RobotType.OMNI: {},
@@ -269,6 +269,6 @@ def _around(plan: FloorPlan, poses: Mapping[int, Pose2D], radii_m: Sequence[floa
 
 @cache
 def _requirements() -> dict[str, set[str]]:
-    """The stock plugins, and what each requires; they are the same as long as the process lives."""
+    """The stock plugins, and the requirements of each; they do not change while the process runs."""
     found = PluginFolders([stock_place()]).find()
     return {name: set(read_manifest(path).tag.requires) for name, path in found.items()}

@@ -18,7 +18,7 @@ from robrain.protocol.table.topics import TASK_EVENT, TASK_SUBMIT, TASK_WHY
 from robrain.protocol.wire.endpoint import Endpoint
 
 SCENARIO = "scenario"
-"""Who asks for these tasks, in the records."""
+"""Requester of these tasks, in the records."""
 AGAIN_S = 1.0
 """After this a task is submitted again if no coordinator was there."""
 NO_COORDINATOR = "no coordinator was there to take it"
@@ -55,7 +55,7 @@ class TaskSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     robots: int = 1
     """Number of robots that must work on it at the same time."""
     parameters: dict[str, Any] = msgspec.field(default_factory=dict)
-    """What its kind needs besides, as for `robrain task add`."""
+    """Further parameters of its kind, as for `robrain task add`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -65,7 +65,7 @@ class TaskSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError(str(error)) from error
 
     def submission(self, task_id: str) -> TaskSubmission:
-        """What the coordinator is asked.
+        """Queries to the coordinator.
 
         Raises:
             BadTask: naming the wrong field.
@@ -80,7 +80,7 @@ class TaskSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a task of the scenario."""
+    """Outcome of a task of the scenario."""
 
     task: str
     """Its id."""
@@ -153,7 +153,7 @@ class TaskSchedule:
             endpoint.subscribe(self._inbox, TASK_EVENT)
 
     def outcomes(self) -> list[TaskOutcome]:
-        """What has become of each so far, in the order of the file; the coordinator is asked why others wait."""
+        """Outcome of each task so far, in the order of the file; for waiting tasks the coordinator gives the reason."""
         return [self._explained(outcome) for outcome in self._outcomes.values()]
 
     @property

@@ -77,7 +77,7 @@ class World:
     motes: list[ArenaMote]
     seed: int
     network: SensorNetwork = SensorNetwork()  # noqa: RUF009 - immutable, so a shared default is safe
-    """What the motes and their radio are, and what they sense."""
+    """Specification of the motes, their radio and the field that they sense."""
     chargers: tuple[ChargerSpec, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
@@ -85,15 +85,15 @@ class World:
     disturbance: DisturbanceSpec = DisturbanceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
     """Late frames and scans, paused agents."""
     starts_known: bool = True
-    """Whether robots are told where they start; if not, only the first robot is."""
+    """Whether robots know their start poses; if not, only the first robot does."""
     idle: bool = False
     """Whether robots without a coordinator explore only if a task tells them to."""
     tasks: tuple[TaskSpec, ...] = ()
-    """What the scenario asks of the team."""
+    """Tasks that the scenario requests of the team."""
     traffic: TrafficPlan | None = None
     """Doors, moving obstacles and people; None if there are none."""
     links: LinkSpec | None = None
-    """Who hears whom; None if everybody hears everybody."""
+    """Links between members; None if every component receives all messages."""
     fidelity: Fidelity = Fidelity.FULL
 
     def check_live(self) -> None:
@@ -133,7 +133,7 @@ class World:
     def robot_file(
         self, robot: ArenaRobot, *, team: str = DEFAULT_TEAM, connect: tuple[str, ...] = (), is_restart: bool = False
     ) -> RobotFile:
-        """What a robot's agent has to know of this world: where it starts, and the grid to map on.
+        """Configuration of a robot's agent for this world: its start, and the grid to map on.
 
         An agent that is started again on the way does not know where its robot is.
         """
@@ -279,7 +279,7 @@ def build_world(
 
 
 def _software(specs: Sequence[RobotSpec], number: int) -> dict[str, Any]:
-    """What a robot's plugins are, as fields of `ArenaRobot`; nothing for one like the others."""
+    """Plugins of a robot, as fields of `ArenaRobot`; empty for a robot like the others."""
     if number > len(specs):
         return {}
     spec = specs[number - 1]
@@ -318,7 +318,7 @@ def _stamped_at(disturbance: DisturbanceSpec) -> dict[str, object]:
 
 
 def _home(chargers: Sequence[ChargerSpec]) -> dict[str, dict[str, object]]:
-    """What the agent has to know of the docks; nothing if there are none."""
+    """Configuration of the docks for the agent; empty if there are none."""
     places = []
     for charger in chargers:
         place = dict(zip(("x_m", "y_m"), charger.place_m, strict=True))
@@ -327,7 +327,7 @@ def _home(chargers: Sequence[ChargerSpec]) -> dict[str, dict[str, object]]:
 
 
 def _gateway(network: SensorNetwork, robot: str) -> dict[str, dict[str, object]]:
-    """What the agent of a gateway has to know; nothing if it is none."""
+    """Configuration of a gateway's agent; empty if the robot is no gateway."""
     motes = network.motes
     return {"snw_exploration": {"store_readings": motes.gateway_readings}} if robot in motes.gateways else {}
 
@@ -342,7 +342,7 @@ def _imu(robot: ArenaRobot) -> dict[str, dict[str, object]]:
 
 
 def _range_sensors(robot: ArenaRobot) -> dict[str, dict[str, object]]:
-    """What the agent has to know of the ring; nothing of one that is not there."""
+    """Configuration of the range sensors for the agent; empty if there are none."""
     ring = robot.range_sensors
     if not ring.angles_rad:
         return {}
