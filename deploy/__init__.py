@@ -1,1 +1,1 @@
-"""What it takes to run a team elsewhere."""
+"""Deployment of a team: commands, processes, certificates and supervision."""

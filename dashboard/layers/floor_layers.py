@@ -1,4 +1,4 @@
-"""What lies or stands on the floor: the map, walls, the field that motes sense, and what exploration has left."""
+"""Objects on the floor: the map, walls, the field that motes sense, and unexplored regions."""
 
 from collections import Counter
 

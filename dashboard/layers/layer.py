@@ -148,7 +148,7 @@ class LayerSwitch:
     """One browser's switch of a layer: each browser has its own choice.
 
     A node of a client's scene replaces the shared node of the same name in that browser, with all nodes below. So a
-    browser that hides a layer has a hidden frame of its own in place of the layer's root, and nothing is sent twice.
+    browser that hides a layer has its own hidden frame in place of the layer's root, and nothing is sent twice.
 
     Args:
         client: the browser.

@@ -65,7 +65,7 @@ class RobotLayer(Layer):
 
 
 class NameLayer(Layer):
-    """Robots' names; of large teams they follow more slowly, as each label is a message of its own."""
+    """Robots' names; in large teams they are updated less often, as each label is a separate message."""
 
     name, label, period_s = "names", "Names", 0.0
 

@@ -1,4 +1,4 @@
-"""What moves: trails, planned paths and goals of the robots; doors, obstacles and people of a simulated floor."""
+"""Moving objects: trails, planned paths and goals of the robots; doors, obstacles and people of a simulated floor."""
 
 import math
 

@@ -1,6 +1,6 @@
-"""What if from here: a form that runs the recorded scenario again to the time shown, and otherwise from there.
+"""Fork form: it repeats the recorded scenario up to the time shown, and changes it from there.
 
-The run itself belongs to whoever serves the page, which gives a `ForkRunner`.
+The process that serves the page runs the fork and gives a `ForkRunner`.
 """
 
 from collections import deque

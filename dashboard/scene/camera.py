@@ -39,8 +39,8 @@ def viewpoint_of(
 ) -> Standpoint:
     """The nearest standpoint from which all of `bounds` is seen, looking along +y from `elevation_rad` above the floor.
 
-    `aspect` is the picture's width by its height, `covered` the share of it that panels cover at the bottom. What is
-    seen is centred in the rest; the middle of the floor is not, which perspective would push up.
+    `aspect` is the picture's width by its height, `covered` the share of it that panels cover at the bottom. The
+    visible area is centred in the remaining space; the middle of the floor is not, as perspective would push it up.
     """
     x_min, y_min, x_max, y_max = bounds
     middle = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2, 0.0])

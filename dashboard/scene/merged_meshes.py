@@ -1,8 +1,9 @@
 """Many solids of few colours as one mesh for each colour.
 
-A software renderer takes 30 µs for each instance of a batched mesh and for each of viser's own lines, in every frame,
-and next to nothing for triangles of one mesh: with a hundred robots that is the difference between 2 and 30 frames a
-second. What moves all the time is batched all the same (`Instances`), as a merged mesh has to be sent again as a whole.
+In every frame, a software renderer needs 30 µs for each instance of a batched mesh and for each of viser's own lines.
+Triangles of one mesh cost next to nothing. With a hundred robots that is the difference between 2 and 30 frames a
+second. Objects that move all the time are batched nevertheless (`Instances`), as a merged mesh has to be sent again as
+a whole.
 """
 
 from collections.abc import Iterable, Mapping

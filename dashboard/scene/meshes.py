@@ -19,7 +19,7 @@ def prism(outline: NDArray[np.float64], z_min_m: float, z_max_m: float) -> Mesh:
     """A convex outline (N, 2), counter-clockwise, raised from `z_min_m` to `z_max_m`; its floor is left open."""
     lower = np.column_stack([outline, np.full(len(outline), z_min_m)])
     upper = np.column_stack([outline, np.full(len(outline), z_max_m)])
-    # The lid has corners of its own, so that its edge is sharp in smooth shading too.
+    # The lid has separate corners, so that its edge is sharp in smooth shading too.
     return join(_band(lower, upper), fan(upper[1:], upper[0], closed=False))
 
 

@@ -1,7 +1,7 @@
 """Scene nodes with many parts: one message moves all of them, and their number may change.
 
-A node is replaced, under its old name, when the number of its parts changes: its arrays must never disagree in length,
-not even for the moment between two messages. Otherwise only the arrays that differ are sent.
+A node is replaced, under its old name, when the number of its parts changes. Its arrays must never disagree in length,
+even between two messages. Otherwise only the arrays that differ are sent.
 
 Colours are given in sRGB, as everywhere on a page.
 """

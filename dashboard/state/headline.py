@@ -1,7 +1,7 @@
 """The headline's dot: the worst of robots, coordinator, localisation, map and lateness.
 
 Map and positions are compared with the ground truth if an arena publishes it. Otherwise they are judged by the robots'
-`map_agreement`, which is weaker: a map that is wrong everywhere agrees with the scans that it was made from.
+`map_agreement`. It is weaker: a map that is wrong everywhere agrees with the scans that it was made from.
 """
 
 import math

@@ -178,7 +178,7 @@ class ShownMote:
         """Process a relayed reading, which may be old: it shows that there is a link."""
         self.place = reading.place or self.place
         self.next_hop = reading.forwarder or (reading.via if reading.waiting is not UNSET else "")
-        if reading.hops:  # whoever tells it has not heard the mote itself
+        if reading.hops:  # the forwarder has not received it from the mote itself
             return
         self.links[reading.via] = reading
         newest_ns = max(link.stamp_ns for link in self.links.values())

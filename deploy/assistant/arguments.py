@@ -98,7 +98,7 @@ JsonObject = Annotated[dict[str, Any], Meta(max_length=16)]
 
 
 class Arguments(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a tool takes; by itself nothing."""
+    """Base of a tool's arguments; it has no fields."""
 
 
 class OfRobot(Arguments, frozen=True, kw_only=True):

@@ -25,7 +25,7 @@ class AuditRecord(msgspec.Struct, frozen=True, kw_only=True):
     call: int
     """Number of the call since the start of this process; an order that is carried out has two lines."""
     by: str
-    """Who asks, as the team sees it."""
+    """Identity of the requester, as the team sees it."""
     client: str
     """Name and version that the MCP client gives of itself."""
     tool: str

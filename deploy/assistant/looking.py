@@ -44,7 +44,7 @@ DRAWN_MAX = 200
 """Most robots, and most tasks, that are drawn."""
 LABEL_MAX = 24
 FAR_M = 10_000.0
-"""What lies farther out is not drawn."""
+"""Objects farther out are not drawn."""
 STEPS_M = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 LINES_MAX = 12
 GRID = (120, 128, 140)
@@ -185,7 +185,7 @@ MAP_BUDGET_S = 10.0
 OPEN = [state for state in TaskState if not state.ended]
 SHOWN_CHANGES = 20
 OLD_S = 2.0
-"""A state that is older than this is told with its age; robots send ten in a second, coordinators two."""
+"""A state that is older than this is shown with its age; robots publish ten a second, coordinators two."""
 
 
 class Looking:

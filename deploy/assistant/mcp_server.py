@@ -58,7 +58,7 @@ class McpServer:
             await self.server.run(read, write, self.server.create_initialization_options())
 
     async def on_http(self, listening: socket.socket) -> None:
-        """Serve HTTP clients of this machine, at /mcp, until the process is told to end.
+        """Serve HTTP clients of this machine, at /mcp, until the process receives a signal to end.
 
         Args:
             listening: at an address of loopback; closed at the end.

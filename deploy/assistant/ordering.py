@@ -28,12 +28,12 @@ CALL_TIMEOUT_S = 10.0
 
 
 class Rehearsal(NamedTuple):
-    """What would happen, and how it is made to happen."""
+    """The expected effect of an order, and the function that carries it out."""
 
     words: list[str]
     values: dict[str, object]
     carry_out: Callable[[], ToolAnswer]
-    """Once, after the confirmation. What has changed since is checked again by the team."""
+    """Once, after the confirmation. The team checks again everything that has changed since."""
 
 
 class Ordering:

@@ -1,4 +1,4 @@
-"""What an assistant may do, as values. It may ask the team to work; it never overrules a person or a robot."""
+"""Permissions of an assistant, as values. It may ask the team to work, but never overrules a person or a robot."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -63,7 +63,7 @@ class Ban(StrEnum):
 
 
 class Order(StrEnum):
-    """Tools that change something; each needs a right of its own in a secured team."""
+    """Tools that change something; each needs its own right in a secured team."""
 
     SUBMIT = "submit_task"
     CANCEL = "cancel_task"
@@ -79,7 +79,7 @@ ROWS: Mapping[Order, tuple[AccessAction, WireKey]] = MappingProxyType(
         Order.HALT: (AccessAction.PUT, HALT),
     }
 )
-"""What each order is on the wire."""
+"""Access action and topic of each order on the wire."""
 BANNED_WORDS: Mapping[str, Ban] = MappingProxyType(
     {
         **dict.fromkeys(("resume", "unhalt", "restart", "continue"), Ban.RESUME),

@@ -76,7 +76,7 @@ Motion = Rest | TurnWheels | Straight | TurnOnSpot
 
 
 class EncoderSample(msgspec.Struct, frozen=True):
-    """What the encoders said at one step."""
+    """Reading of the encoders at one step."""
 
     stamp_ns: int
     """Time of the wheel counts, robot's clock."""
@@ -91,7 +91,7 @@ class EncoderSample(msgspec.Struct, frozen=True):
 
 
 class Record(msgspec.Struct, frozen=True):
-    """What was seen during a motion."""
+    """Observations during a motion."""
 
     samples: tuple[EncoderSample, ...]
     scans: tuple[LaserScan, ...]
@@ -179,7 +179,7 @@ class MotionRunner(Unit):
         return self._wanted is None and self._motion is None
 
     def record(self) -> Record:
-        """What was seen during the last motion."""
+        """Observations during the last motion."""
         return Record(tuple(self._samples), tuple(self._scans), tuple(self._imu_samples))
 
     def look(self) -> None:
@@ -300,7 +300,7 @@ class MotionRunner(Unit):
         scan, radius_m = self._latest_scan(), self._moc.radius_m()
         if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
             return "no turn of the lidar for 1 s"
-        # What is within the hull is a part of the robot.
+        # An echo from within the hull is a part of the robot.
         nearest_m = min((one for one in scan.beam_ranges_m if one > radius_m), default=math.inf)
         return f"something is {nearest_m:.2f} m from the lidar" if nearest_m < radius_m + NEAR_M else ""
 

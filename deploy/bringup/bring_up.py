@@ -58,7 +58,7 @@ FREE_M = 0.2
 """Around the robot's edge on the whole square."""
 CORNERS = 4
 TRACK_TOLERANCE, RATIO_TOLERANCE = 0.006, 0.004
-"""What one square of 1 m each way can show, with the ends measured to 5 mm and 0.2°."""
+"""Precision of one square of 1 m in each direction, with the ends measured to 5 mm and 0.2°."""
 
 
 class SquareMeasurement(NamedTuple):
@@ -368,7 +368,7 @@ ON_THE_FLOOR = "Put the robot on the floor, with 1.5 m free all around it and wa
 
 
 class BringUpOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """What is to be done."""
+    """Steps and limits of a bring-up."""
 
     air: bool = True
     """Steps with the wheels in the air."""

@@ -137,7 +137,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
 
 
 def lines_of(finding: CheckFinding) -> list[str]:
-    """A finding in words; a remedy has a line of its own."""
+    """A finding in words; a remedy has its own line."""
     lines = [f"{MARKS[finding.ok]:<8}{finding.step.value}: {finding.sentence}"]
     if finding.remedy:
         lines.append(f"{'':<8}  {finding.remedy}")
@@ -145,7 +145,7 @@ def lines_of(finding: CheckFinding) -> list[str]:
 
 
 def _open(robot_file: RobotFile, base: Path, connect: str | None) -> zenoh.Session:
-    """A session of the team, so that an agent of the same name is found; one of its own if there is no team yet."""
+    """A session of the team, so that an agent of the same name is found; a new one if there is no team yet."""
     settings = robot_file.zenoh
     if isinstance(settings.tls, TlsTable):
         os.environ[TLS_VARIABLE] = str(folder_of(base, settings.tls.folder).resolve())

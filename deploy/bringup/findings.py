@@ -1,4 +1,4 @@
-"""What the person beside the robot is asked, and what bring-up has found: values, codes and sentences."""
+"""Questions to the person beside the robot, and the results of bring-up: values, codes and sentences."""
 
 import math
 import sys
@@ -12,7 +12,7 @@ from robrain.deploy.command_line.output import print_note
 
 
 class Attendant(Protocol):
-    """Who stands beside the robot."""
+    """The person beside the robot."""
 
     def prepare(self, what: str) -> None:
         """Have something done; returns when it is."""
@@ -151,9 +151,9 @@ class CheckFinding(msgspec.Struct, frozen=True):
     values: dict[str, float] = {}
     """Measured figures by name, with their units in the names."""
     patch: Patch = {}
-    """What the robot's file should say instead; empty if that is not to be changed, or not by a program."""
+    """Change for the robot's file; empty if the value is to stay, or a program must not change it."""
     remedy: str = ""
-    """What a person can do."""
+    """Remedy that a person can apply."""
 
     @property
     def stops(self) -> bool:
@@ -162,7 +162,7 @@ class CheckFinding(msgspec.Struct, frozen=True):
 
 
 class BringUpReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What `--json` prints."""
+    """Output of `--json`."""
 
     robot: str
     file: str

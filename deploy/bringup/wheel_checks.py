@@ -69,7 +69,7 @@ def wheel_names(base: WheelBase) -> tuple[str, ...]:
 
 
 def positive_way(base: WheelBase) -> str:
-    """What a wheel does if it turns in its positive direction."""
+    """Motion of a wheel that turns in its positive direction."""
     if isinstance(base, OmniBase | Omni):
         return "driving the robot counter-clockwise, seen from above"
     return "driving the robot forwards"
@@ -235,7 +235,7 @@ def check_wheels(bench: Bench, operator: Attendant, base: WheelDevice.Parameters
 
 
 class Seen:
-    """What one command did.
+    """Effect of one command.
 
     Args:
         command: its number.
@@ -327,7 +327,7 @@ def check_battery(bench: Bench) -> CheckFinding:
 
 
 def _turned_wheel(operator: Attendant, names: tuple[str, ...], index: int, way: str) -> str:
-    """What the person saw: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
+    """Answer of the person: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
     choices = {YES: f"{names[index]}, {way}", BACKWARDS: f"{names[index]}, the other way round"}
     for other, name in enumerate(names):
         if other != index:

@@ -1,1 +1,1 @@
-"""What all commands share: options, the terminal, and how commands are listed."""
+"""Shared parts of all commands: options, the terminal, and the list of commands."""

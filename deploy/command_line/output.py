@@ -1,4 +1,4 @@
-"""What commands print: results on stdout, progress and warnings on stderr, each line at once and harmless."""
+"""Output of commands: results on stdout, progress and warnings on stderr, each line at once and harmless."""
 
 import sys
 

@@ -68,7 +68,7 @@ class RobotCompleter(Completer):
         self._commands = commands
 
     def get_completions(self, document: Document, complete_event: CompleteEvent) -> Iterable[Completion]:
-        """What may come next."""
+        """Completions of the input."""
         for text, begun, meta in completions(document.text_before_cursor, self._commands.plugins):
             yield Completion(text, start_position=-len(begun), display_meta=meta)
 

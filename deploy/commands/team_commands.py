@@ -114,7 +114,7 @@ def call(
 ) -> None:
     """Call a function of a robot's plugin, and print its result: call r1 localisation pose, call r1 driver drive 1.
 
-    For a long action, such as that of drive, it prints the action's id and waits for its end; exit status 1 if the
+    For a long action, such as that of drive, it prints the action's id and waits for its end. Exit status 1 if the
     action is not done, for example because `explore` has superseded it.
     """
     from robrain.deploy.commands.call_command import call_command

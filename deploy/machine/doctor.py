@@ -141,7 +141,7 @@ def check_address(host: str, address: str) -> Check:
 
 
 class RobotFound(NamedTuple):
-    """What a robot's file says."""
+    """Content of a robot's file."""
 
     robot_file: RobotFile
     manifests: list[Manifest]
@@ -168,7 +168,7 @@ def check_can(found: RobotFound, network: Path = NETWORK) -> list[Check]:
 
     Args:
         found: the robot.
-        network: where Linux tells of network interfaces.
+        network: directory in which Linux lists network interfaces.
 
     """
     plugins: dict[str, list[str]] = {}
@@ -323,7 +323,7 @@ def _check_interface(channel: str, plugins: list[str], network: Path) -> Check:
 
 
 class OwnCertificate(NamedTuple):
-    """What a process is to show."""
+    """Certificate that a process must present."""
 
     member: Member | None
     """Whose certificate; None accepts that of any member."""
@@ -374,14 +374,14 @@ def check_certificate(wanted: OwnCertificate, now: datetime) -> Check:
 
 
 class JoinRequest(NamedTuple):
-    """Who wants to join what."""
+    """Endpoints, team and names of a machine that joins."""
 
     endpoints: Sequence[str]
     team: str
     robots: Sequence[str]
     """Names whose keys and claims are looked at."""
     certificates: Sequence[OwnCertificate] = ()
-    """What is to be shown at endpoints that ask for certificates."""
+    """Certificates for endpoints that require them."""
 
 
 def examine_hub(connect: str | None, team: str | None) -> list[Check]:
@@ -459,7 +459,7 @@ def examine_host(path: Path, host_name: str | None) -> list[Check]:
 def _certificates_of(
     path: Path, team_file: TeamFile, host: HostTable
 ) -> tuple[list[OwnCertificate], AbstractContextManager[None]]:
-    """What the parts of a machine show, and the time for which this process shows the operator's certificate."""
+    """Certificates of a machine's parts, and the time for which this process presents the operator's certificate."""
     team = team_file.team
     if not team.pki:
         return [], nullcontext()
@@ -473,7 +473,7 @@ def _certificates_of(
 
 
 def examine_team(joining: JoinRequest) -> list[Check]:
-    """What can be looked at from a client of the team's router."""
+    """Checks that a client of the team's router can make."""
     checks = check_certificates(joining.certificates, joining.endpoints)
     if not is_good(checks):
         return checks
@@ -562,7 +562,7 @@ def doctor_command(
 
 
 def lines_of(checks: list[Check]) -> list[str]:
-    """What was found, in words; what is wrong has its remedy in a line of its own."""
+    """Results in words; the remedy of a failed check has its own line."""
     lines = []
     for check in checks:
         lines.append(f"{MARKS[check.ok]:<8}{check.name.value}: {check.sentence}")

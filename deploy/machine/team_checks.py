@@ -23,7 +23,7 @@ from robrain.protocol.wire.session import open_session
 
 
 class CheckName(StrEnum):
-    """What is looked at."""
+    """Subject of a check."""
 
     FILE = "file"
     """The robot's or the team's file."""
@@ -49,14 +49,14 @@ class CheckName(StrEnum):
 
 
 class Check(msgspec.Struct, frozen=True):
-    """What was found."""
+    """Result of a check."""
 
     name: CheckName
     ok: bool | None
     """None if it could not be looked at."""
     sentence: str
     remedy: str = ""
-    """What to do about it; empty if nothing is wrong."""
+    """Remedy; empty if nothing is wrong."""
 
 
 SKEW_OK_S = 0.5
@@ -207,7 +207,7 @@ def check_name_free(robot: str, found: Sequence[ProcessInfo], host: str = "", pr
         robot: its name.
         found: the processes that say that they are it.
         host: name of this machine.
-        proc: where Linux tells of processes.
+        proc: directory in which Linux lists processes.
 
     """
     host = host or socket.gethostname()

@@ -2,8 +2,8 @@
 
 pki/                    0700
     ca.pem              the CA's certificate
-    ca.key              its key, 0600: whoever has it can issue certificates
-    members.json        who has a certificate, and whose are revoked
+    ca.key              its key, 0600: its holder can issue certificates
+    members.json        members with a certificate, and revoked members
     members/robot.r1/   for one member: ca.pem, certificate.pem, key.pem (0600); for a router also members.json and
                         zenohd.json5
 """

@@ -1,4 +1,4 @@
-"""What `robrain pki` does: make a CA; issue, renew and revoke certificates; keep the routers' files up to date."""
+"""Functions of `robrain pki`: make a CA; issue, renew and revoke certificates; keep the routers' files up to date."""
 
 import json
 import re
@@ -180,7 +180,7 @@ def ends_soon(known: IssuedCertificate, now: datetime) -> bool:
 
 
 def renew_due(pki: Path, now: datetime) -> list[IssuedCertificate]:
-    """Renew the certificates that end soon, but those of revoked members; as long as the last ones."""
+    """Renew the certificates that end soon, except those of revoked members, for the same validity as before."""
     due = [one for one in read_members(pki / MEMBERS_FILE).members if not one.revoked and ends_soon(one, now)]
     return [renew(pki, one.member, now) for one in due]
 
@@ -188,7 +188,7 @@ def renew_due(pki: Path, now: datetime) -> list[IssuedCertificate]:
 def revoke(pki: Path, wanted: Member) -> IssuedCertificate:
     """Take a member out of the routers' rules for good.
 
-    Zenoh has no list of revoked certificates: whoever holds this one can connect until it ends, and do nothing. That of
+    Zenoh has no list of revoked certificates: the holder of this one can connect until it ends, and do nothing. That of
     a router is different: members accept it until it ends.
 
     Raises:

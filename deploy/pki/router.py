@@ -21,7 +21,7 @@ RETRY = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
 """Another router may come later than this one, or go and come back."""
 LOOK_S = 0.2
 WATCHED = (MEMBERS_FILE, CERTIFICATE)
-"""Files of its folder with whose change the router opens its session anew."""
+"""Files of its folder; if one changes, the router opens its session again."""
 
 
 class SecuredRouter:
@@ -101,7 +101,7 @@ class SecuredRouter:
             raise PkiError(
                 f"{self.folder / CERTIFICATE}: expected the certificate of a router, got {identity.member}'s"
             )
-        check_private(self.folder / MEMBERS_FILE)  # whoever can change it decides who may do what
+        check_private(self.folder / MEMBERS_FILE)  # this file sets everyone's permissions
         allowed = read_members(self.folder / MEMBERS_FILE).allowed
         self.members = sum(one.role is not MemberRole.ROUTER for one in allowed)
         return identity, access_control(allowed, identity.member)

@@ -18,7 +18,7 @@ def agent_arguments(words: Sequence[str]) -> AgentWords | None:
     """The arguments of a plain `agent ROBOT [--connect ENDPOINT] [--team NAME] [--votes FOLDER]`.
 
     None for everything else, mistakes and `--help` among it: that is left to Typer, which loads pydantic to read it. A
-    robot's process would keep these 10 MB for as long as it runs, and start a quarter of a second later.
+    robot's process would keep these 10 MB while it runs, and start a quarter of a second later.
 
     >>> agent_arguments(["agent", "r1.toml", "--team=blue"])
     AgentWords(robot=PosixPath('r1.toml'), connect=None, team='blue', votes=None)

@@ -58,7 +58,7 @@ class WitnessFile:
         self._path = path
 
     def read(self) -> Kept:
-        """What was stored last; nothing if there is no file (OSError, ValueError)."""
+        """Values that were stored last; empty if there is no file (OSError, ValueError)."""
         try:
             data = self._path.read_bytes()
         except FileNotFoundError:
@@ -103,7 +103,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
     if team is not None:
         table = msgspec.structs.replace(table, team=check_name("team", team))
     where = endpoints_of(settings, connect)
-    if isinstance(settings.tls, TlsTable):  # for plugins in processes of their own as well
+    if isinstance(settings.tls, TlsTable):  # for plugins in separate processes as well
         os.environ[TLS_VARIABLE] = str(folder_of(robot.parent, settings.tls.folder).resolve())
     warn_of_listening("agent", settings.listen, print_note)
     identity = check_certificate("agent", print_note, where, table.team, MemberRole.ROBOT, table.name)
@@ -173,7 +173,7 @@ class Pages(NamedTuple):
 
 
 def unchanged_pages(smaps: str, library: str) -> list[Pages]:
-    """What a process has mapped of a library and has not changed, so that it can be read again from its file.
+    """Pages that a process has mapped of a library and has not changed; they can be read again from its file.
 
     Args:
         smaps: text of `/proc/PID/smaps`.

@@ -253,7 +253,7 @@ def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
 
 
 class Stepped(Protocol):
-    """What lets others in: a base station's forwarder, a serial line."""
+    """Device that accepts connections: a base station's forwarder, a serial line."""
 
     def step(self) -> None:
         """Pass on what there is."""
@@ -262,8 +262,8 @@ class Stepped(Protocol):
 def run_arena(arena: Arena, should_stop: Callable[[], bool], lines: Sequence[Stepped] = ()) -> None:
     """Step an arena, and its lines to others, in real time until `should_stop()`.
 
-    After a pause of the machine the arena makes up for at most half a second; the rest of the time is lost to the
-    simulated world, so that it does not race.
+    After a pause of the machine the arena catches up at most half a second. The simulated world loses the rest of the
+    time, so that it does not race.
     """
     due_s = time.monotonic()
     while not should_stop():

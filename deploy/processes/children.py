@@ -81,7 +81,7 @@ class Child:
 
     @property
     def last_line(self) -> str:
-        """What it printed last, without the name of the program."""
+        """Its last line of output, without the name of the program."""
         last = next((line for line in reversed(self.lines) if line.strip()), "it printed nothing")
         return last.removeprefix("robrain: ")
 
@@ -265,7 +265,7 @@ _SAID = "serial forwarder of "
 
 
 def said(robot: str, address: str) -> str:
-    """The line of output that tells of one.
+    """The line of output that reports one forwarder.
 
     >>> said("r1", "127.0.0.1:9002")
     'serial forwarder of r1: 127.0.0.1:9002'
@@ -274,7 +274,7 @@ def said(robot: str, address: str) -> str:
 
 
 def read_addresses(lines: Iterable[str]) -> dict[str, str]:
-    """The addresses that lines of output tell of.
+    """The forwarders' addresses in lines of output.
 
     >>> read_addresses(["arena: depot", "serial forwarder of r1: 127.0.0.1:9002"])
     {'r1': '127.0.0.1:9002'}

@@ -1,6 +1,6 @@
 """`python -m robrain.deploy.processes.compile_worker`: compiles parts of the kernels, started by `KernelCompiler`.
 
-It reads names of parts from stdin, a line each, and writes a name to stdout when its part is compiled and stored in
+It reads names of parts from stdin, one a line. It writes a name to stdout when its part is compiled and stored in
 numba's cache. At the end of stdin it exits, after the kernel that is being compiled is stored.
 """
 

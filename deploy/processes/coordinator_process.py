@@ -76,12 +76,12 @@ ShouldStop = Callable[[], bool]
 
 
 class ElectedCoordinator:
-    """Leads a team for as long as more than half of its witnesses want that, and is a candidate otherwise.
+    """Leads a team while more than half of its witnesses want that, and is a candidate otherwise.
 
     Args:
         session: the process's Zenoh session.
         team: the team's name.
-        path: file of its own journal.
+        path: file of this coordinator's journal.
         witnesses: names of the robots that elect.
         policy: see `Coordinator`.
         rules: see `Coordinator`.

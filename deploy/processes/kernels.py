@@ -88,7 +88,7 @@ def _folders() -> set[Path]:
 
 
 def remove_stale_caches(folders: Iterable[Path]) -> list[Path]:
-    """Remove numba's caches that name modules which are gone: numba fails at them instead of compiling anew.
+    """Remove numba's caches that name modules which are gone: numba fails at them instead of compiling again.
 
     Returns:
         The removed files.

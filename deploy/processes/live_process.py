@@ -80,7 +80,7 @@ class Lifeline:
 
 
 class Pulse(NamedTuple):
-    """What has come through a lifeline since it was last read."""
+    """Signals that have arrived through a lifeline since it was last read."""
 
     beats: int
     is_ready: bool
@@ -103,7 +103,7 @@ class LifelineEnd:
             self.pass_on = -1
 
     def pulse(self) -> Pulse:
-        """What has come since the last call."""
+        """Signals that have arrived since the last call."""
         said = b""
         if self._read >= 0:
             with suppress(BlockingIOError):
@@ -307,7 +307,7 @@ def steps(should_stop: Callable[[], bool], period_s: float) -> Iterator[None]:
 class LiveStop:
     """Tells when a live process must end: Ctrl-C, SIGTERM, or its parent's end.
 
-    Each question is a beat of the process's main loop, which whoever supervises the process hears.
+    Each call is a beat of the process's main loop, which the supervisor receives.
     """
 
     def __init__(self) -> None:
@@ -330,7 +330,7 @@ class LiveStop:
             pass
 
     def ready(self) -> None:
-        """Tell whoever supervises the process that it does its work now."""
+        """Report to the supervisor that the process is ready."""
         self._lifeline.ready()
 
     def _request(self, _number: int, _frame: object) -> None:

@@ -47,8 +47,9 @@ SUCCESSOR_TIMEOUT_S = 0.5
 LOOK_TIMEOUT_S = 5.0
 LOOK_PERIOD_S = 0.02
 HANG_NS = LEASE_MS * 1_000_000 // 2
-"""A process that stands still for longer may have lost its tokens: others count the lease from its last sign of life,
-which is up to a quarter of the lease older than the hang."""
+"""A process that hangs for longer may have lost its tokens. Others count the lease from its last sign of life, which is
+up to a quarter of the lease older than the hang.
+"""
 LOOK_AFTER_HANG_NS = 10 * NS_PER_S
 """After a hang: time to connect again, and to hear of a process that has taken the name."""
 LOOK_AGAIN_NS = NS_PER_S // 5
@@ -148,7 +149,7 @@ class NameClaim:
     def settle(self) -> None:
         """Withdraw the claim's tokens, as the process's `alive` token now marks the name as taken.
 
-        When this returns, the hub knows all that the session has declared: whoever is then told that the process is up
+        When this returns, the hub has all declarations of the session: a process that then learns that this one is up
         finds it there.
         """
         self._withdraw(HAS)

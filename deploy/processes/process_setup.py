@@ -1,4 +1,4 @@
-"""What each process sets up first: its logs, its standard streams, and the threads of native libraries."""
+"""First setup of each process: its logs, its standard streams, and the threads of native libraries."""
 
 import _thread
 import ctypes
@@ -50,7 +50,7 @@ TEXT = "%(levelname)s %(name)s: %(message)s"
 
 
 class LogContext:
-    """What a process's records are about."""
+    """Subject of a process's records."""
 
     def __init__(self) -> None:
         self.robot = ""

@@ -150,7 +150,7 @@ def print_exploration_left(left: ExplorationLeft) -> None:
 
 
 def links_line(links: LinkCounters) -> str:
-    """What became of messages between robots and coordinator."""
+    """Counters of messages between robots and coordinator."""
     missed = links.lost + links.crowded + links.out_of_reach + links.overflowed
     sent = links.delivered + missed
     share = f"{links.delivered / sent:.1%} of {sent} messages delivered" if sent else "no messages sent"

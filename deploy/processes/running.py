@@ -51,7 +51,7 @@ class CompileProgress(NamedTuple):
 class KernelCompiler:
     """Compiles parts of the kernels in processes: first what a run needs at its start. Use it in a `with` block.
 
-    What is needed later is left to one of the processes, for by then the run wants the processors.
+    One of the processes compiles the remaining parts later, because by then the run needs the processors.
 
     Its owner calls `step` several times a second. The processes end with it in every case: they read from a pipe, which
     closes with this process.
@@ -339,7 +339,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
         show_result(result)
     if options.stay and page is not None and options.record is not None and result.ended != "interrupted":
         continue_with_recording(children, page.url, options.record)
-        should_stop = LiveStop()  # before the user is told of Ctrl-C: the default handler ends with another status
+        should_stop = LiveStop()  # before the line that mentions Ctrl-C: the default handler ends with another status
         say(f"{page.url} now shows the recording: Ctrl-C ends it")
         should_stop.wait()
     return result

@@ -65,8 +65,8 @@ def export_map(
         on_progress: told the share that is done, 0 to 1.
 
     Raises:
-        RecordingError: the recording cannot be read or knows no map at that time, the time is not in it, or a file
-            exists or cannot be written; then none is left.
+        RecordingError: the recording cannot be read or has no map at that time, or the time is not in it. Also: a file
+            exists or cannot be written; then no file remains.
 
     """
     from robrain.recording.errors import RecordingError, check_absent, writing

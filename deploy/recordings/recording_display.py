@@ -1,4 +1,4 @@
-"""What a person sees of a recording in the terminal. Tables are results and go to stdout; progress goes to stderr.
+"""Display of a recording in the terminal. Tables are results and go to stdout; progress goes to stderr.
 
 Every text out of a recording passes `safe_text` on its way.
 """
@@ -27,7 +27,7 @@ from robrain.recording.writer.recorder import Recorder, RecordingSummary
 
 TEXT_SHOWN = 500
 FOLDED_ABOVE = 16
-"""Keys of one topic that are told singly."""
+"""Number of keys of one topic above which they are listed together."""
 
 
 def said(text: object, limit: int = TEXT_SHOWN) -> str:
@@ -37,7 +37,7 @@ def said(text: object, limit: int = TEXT_SHOWN) -> str:
 
 @contextmanager
 def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[float], None]]:
-    """A bar that is told the share that is done; it leaves nothing on a stream that is no terminal."""
+    """A bar that receives the share that is done; it leaves nothing on a stream that is no terminal."""
     columns = (text_column("{task.description}"), BarColumn(bar_width=30), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bars:
         bar = bars.add_task(what, total=1.0)
@@ -63,7 +63,7 @@ def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Rec
 
 
 def show_recorded(summary: RecordingSummary) -> None:
-    """What was recorded, and what was not."""
+    """Files, messages and losses of a recording."""
     console = results()
     files = ", ".join(said(path) for path in summary.paths)
     console.print(f"{files}: {summary.messages} messages, {_bytes(summary.bytes)}", soft_wrap=True)
@@ -123,7 +123,7 @@ def where_different(first: Path, second: Path, difference: Difference) -> list[s
 
 
 def show_recovery(recovery: Recovery) -> None:
-    """What was saved."""
+    """Result of a recovery."""
     console = results()
     console.print(
         f"{said(recovery.path)}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
@@ -133,7 +133,7 @@ def show_recovery(recovery: Recovery) -> None:
 
 
 def show_files(files: list[Path]) -> None:
-    """What was written."""
+    """Result of an export."""
     console = results()
     for path in files:
         console.print(f"{said(path)}, {_bytes(path.stat().st_size)}", soft_wrap=True)
@@ -225,7 +225,7 @@ def _cells(row: ComparedRow) -> tuple[str, str, str, str]:
 
 
 def show_verdict(verdict: Verdict) -> None:
-    """What a check found."""
+    """Result of a check."""
     console = results()
     if verdict.findings:
         _show_findings(console, verdict)

@@ -227,7 +227,7 @@ TEXT_MAX = 65_536
 
 
 class OrderOutcome(NamedTuple):
-    """What became of an order."""
+    """Outcome of an order."""
 
     accepted: bool
     text: str

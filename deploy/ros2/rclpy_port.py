@@ -34,7 +34,7 @@ ANSWER_S = 10.0
 class RclpyPort:
     """See RosPort.
 
-    Each service has a node of its own, whose thread waits for the answer: a halt must not wait for a task.
+    Each service has its own node, whose thread waits for the answer: a halt must not wait for a task.
 
     Args:
         domain_id: ROS domain.

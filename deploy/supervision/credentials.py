@@ -29,8 +29,8 @@ class Credentials:
     """The certificates of a team's parts, in a folder of `robrain pki`.
 
     Args:
-        pki: the folder. With the CA's key in it, certificates that are missing or soon end are made there; without,
-            they must be there, as `robrain pki issue` has made them on another machine.
+        pki: the folder. With the CA's key in it, certificates that are missing or soon end are made there. Without the
+            key, the folder must hold them, as `robrain pki issue` has made them on another machine.
         team: the team.
 
     """
@@ -66,7 +66,7 @@ class Credentials:
             self._make(one, now, hosts if one.role is MemberRole.ROUTER else ())
 
     def renew(self, parts: Iterable[str], now: datetime) -> list[str]:
-        """Renew what soon ends, as far as the CA's key is here; returns the names. Who is revoked is left out."""
+        """Renew what soon ends, as far as the CA's key is here; returns the names. Revoked members are skipped."""
         if not (self.pki / CA_KEY).is_file():
             return []
         wanted = [self.member(part) for part in parts] + [member(MemberRole.OPERATOR, self.team, OPERATOR)]

@@ -1,8 +1,8 @@
-"""Ends what is left when `robrain up` is killed: a process of its own, with the standard library alone.
+"""Ends the remaining processes when `robrain up` is killed: a separate process, with the standard library alone.
 
 Run as a script. It reads lines from standard input: `+123` for a process group that was started, `-123` for one that
-has ended. At the end of the input it gives the groups a moment to end by themselves, as their processes notice that
-their parent has gone, and kills what is left: also processes that are stopped, and those that the groups have started.
+has ended. At the end of the input it gives the groups a moment to end, as their processes notice that their parent has
+gone. It then kills the remaining processes, including stopped ones and those that the groups have started.
 """
 
 import os

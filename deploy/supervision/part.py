@@ -20,8 +20,9 @@ from robrain.protocol.model.ranges import NotNegativeInt, Positive
 LONGEST_LOOK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
 WAITED_SHARE = 0.2
-"""Share of the time waited for a core that counts as silence (chosen): a loop that never ends is killed within five
-times `hang_s`, however busy the machine is."""
+"""Share of the time waited for a core that counts as silence (chosen). A loop that never ends is killed within five
+times `hang_s`, even on a busy machine.
+"""
 QUIET_S = 0.5
 """Silence from which it is worth looking whether a process waits for a core: longer than any usual period."""
 
@@ -43,7 +44,7 @@ class RestartPolicy(Checked, frozen=True, kw_only=True):
     """Time from the start to readiness after which a process is killed."""
 
     def delay_s(self, failures: int) -> float:
-        """From the last of so many failures to the next start."""
+        """Delay from the last of this number of failures to the next start."""
         return backoff_s(failures, self.first_delay_s, self.longest_delay_s, self.factor)
 
 
@@ -60,7 +61,7 @@ class Phase(StrEnum):
 
 
 class RestartStep(StrEnum):
-    """What is to be done with a process now."""
+    """Next step of the supervisor for a process."""
 
     NOTHING = "nothing"
     START = "start"
@@ -83,8 +84,9 @@ class ProcessFailure(NamedTuple):
     status: int
     """Exit status; negative for a signal."""
     silent_s: float
-    """How long its main loop had been silent, or how long it had been starting; of the time that it waited for a core,
-    `WAITED_SHARE` is in it."""
+    """Duration of its main loop's silence, or of its start. It includes the share `WAITED_SHARE` of the time that the
+    process waited for a core.
+    """
     delay_s: float | None
     """Until the next start; None if it is given up."""
 
@@ -149,7 +151,7 @@ class Restarts:
         return ProcessFailure(now_s, self._cause, status, self._silent_s, delay_s)
 
     def next_step(self, now_s: float, waited_s: float = 0.0) -> RestartStep:
-        """What to do now; has to be asked a few times a second.
+        """Next step; call it a few times a second.
 
         Args:
             now_s: the time, of a clock that only goes forward.
@@ -182,7 +184,7 @@ HUB_POLICY = RestartPolicy(first_delay_s=0.1, hang_s=3.0)
 
 
 class Part(NamedTuple):
-    """What is started, and how."""
+    """Command of a process, and its supervision."""
 
     name: str
     arguments: Callable[[int], list[str]]
@@ -191,15 +193,15 @@ class Part(NamedTuple):
     is_vital: bool = False
     """Whether the team ends when it is given up."""
     must_start: bool = False
-    """Whether a refusal at its first start (exit status 2) is an error of whoever started the team."""
+    """Whether a refusal at its first start (exit status 2) is an error of the user who started the team."""
     stop_s: float = STOP_TIMEOUT_S
     """How long it is waited for when the team stops, before it is killed."""
     on_line: Callable[[str], None] | None = None
-    """Called with each line that it prints, on a thread of its own."""
+    """Called with each line that it prints, on a separate thread."""
 
 
 class PartEventKind(StrEnum):
-    """What happened to a part."""
+    """Kind of a part's event."""
 
     STARTED = "started"
     """Its process was started."""
@@ -265,7 +267,7 @@ class PartView(NamedTuple):
     restarts: int | None
     """How often it was started again; None if unknown."""
     words: str = ""
-    """What else is to be said of it."""
+    """Further text of the event."""
 
 
 def failed(part: str, failure: ProcessFailure, said: str) -> PartEvent:
@@ -307,7 +309,7 @@ MEGABYTE = 1024 * 1024
 
 
 class Figures(NamedTuple):
-    """What a process takes."""
+    """Resources that a process uses."""
 
     cpu_share: float | None
     """Of one core, over the last second; None if unknown."""
@@ -323,7 +325,7 @@ class ProcessFigures:
 
     Args:
         pid: its process id.
-        proc: where Linux tells of processes.
+        proc: directory in which Linux lists processes.
 
     """
 
@@ -333,7 +335,7 @@ class ProcessFigures:
         self._last = UNKNOWN_FIGURES
 
     def at(self, now_s: float) -> Figures:
-        """What it takes now; the last figures if they are less than a second old.
+        """Current use of resources; the last figures if they are less than a second old.
 
         Args:
             now_s: a clock that only goes forward, s.
@@ -380,7 +382,7 @@ class CoreWait:
 
     Args:
         pid: its process id.
-        proc: where Linux tells of processes.
+        proc: directory in which Linux lists processes.
 
     """
 

@@ -72,7 +72,7 @@ class ScenarioParts:
         return Part(name, arguments)
 
     def write_provenance(self) -> Path:
-        """Write what a recording tells of its origin."""
+        """Write the origin of a recording."""
         scenario, world, team = self._scenario, self._world, self._site.team
         provenance = Provenance(
             scenario.name,

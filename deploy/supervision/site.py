@@ -73,7 +73,7 @@ def witnesses_among(robots: Sequence[str]) -> list[str]:
 def coordinator_parts(
     site: Site, journal: Path, options: Sequence[str], parts: Sequence[str], witnesses: Sequence[str]
 ) -> list[Part]:
-    """The coordinator, and one that stands by with a journal of its own.
+    """The coordinator, and a stand-by coordinator with its own journal.
 
     Args:
         site: where they are started.
@@ -103,7 +103,7 @@ def dashboard_part(site: Site, port: Callable[[], int | None], on_line: Callable
 
 
 def recorder_part(site: Site, path: Path, provenance: Path | None, on_line: Callable[[str], None]) -> Part:
-    """The recorder. Started again, it goes on in a file of its own: a recording is never overwritten."""
+    """The recorder. A restarted recorder writes a new file: a recording is never overwritten."""
 
     def arguments(start: int) -> list[str]:
         words = ["record", "--output", str(again_path(path, start)), "--json", *site.common]
@@ -113,7 +113,7 @@ def recorder_part(site: Site, path: Path, provenance: Path | None, on_line: Call
 
 
 def agent_part(site: Site, name: str, path: Path, journal: Path) -> Part:
-    """The agent of a robot that has a file of its own."""
+    """The agent of a robot that has its own file."""
     return Part(name, lambda _: ["agent", str(path), *site.common, *votes_option(journal)])
 
 

@@ -39,7 +39,7 @@ NOT_STARTED = 127
 
 
 class Supervised:
-    """One part: its process, as long as it has one, and the state of its restarts."""
+    """One part: its process, while it has one, and the state of its restarts."""
 
     def __init__(self, part: Part) -> None:
         self.part = part
@@ -83,7 +83,7 @@ class Supervised:
         return self.is_up and not was_up
 
     def next_step(self, now_s: float) -> RestartStep:
-        """What to do with its process now."""
+        """Next step for its process."""
         waited_s = 0.0
         if self._core_wait is not None:
             if self.restarts.is_quiet:
@@ -93,7 +93,7 @@ class Supervised:
         return self.restarts.next_step(now_s, waited_s)
 
     def came_up(self, now_s: float) -> PartEvent:
-        """It is up since now: the event that tells of it."""
+        """Record that the part is up now, and return the event."""
         name, failed_s, self.failed_s = self.part.name, self.failed_s, None
         if failed_s is None:
             return PartEvent(part=name, kind=PartEventKind.UP)

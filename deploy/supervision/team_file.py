@@ -50,7 +50,7 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
     name: str = DEFAULT_TEAM
     """Of the team: every key on the wire begins with it."""
     scenario: str = ""
-    """What is simulated: a built-in name, or a file relative to this one; empty for real robots."""
+    """The simulated scenario: a built-in name, or a file relative to this one; empty for real robots."""
     port: Annotated[int, Meta(ge=1, le=65_535)] = PORT
     """Of the hub, at the address of its host."""
     journal: str = ""
@@ -79,7 +79,7 @@ class HostTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[[hosts]]`: one machine and its parts. Each part is on one machine, and one machine has the hub."""
 
     name: str
-    """What `--host` names; need not be the machine's own name."""
+    """Name for `--host`; need not be the machine's own name."""
     address: str
     """IP address or host name at which the other machines reach it."""
     parts: list[str]

@@ -1,4 +1,4 @@
-"""What is known of a team from outside: `robrain status`, and what `robrain up` and `robrain top` receive of it."""
+"""Status of a team as seen from outside, for `robrain status`, `robrain up` and `robrain top`."""
 
 import time
 from collections import deque
@@ -88,11 +88,11 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     standing: list[RobotStanding] = []
     """How each robot is, by name; also of those that have gone and were not removed."""
     refused: dict[str, list[Refusal]] = {}
-    """What the coordinator and the robots have refused, by `coordinator` and the robots' names; absent if nothing."""
+    """Refusals of the coordinator and the robots, by `coordinator` and the robots' names; absent if there are none."""
     mote_field: MoteFieldState | None = None
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | None = None
-    """The coordinator that stands by with a journal of its own; absent if there is none."""
+    """The stand-by coordinator, which has its own journal; absent if there is none."""
     lead: Lead | None = None
     """By whom the coordinator was elected; absent if the team has no witnesses for that."""
     unwritable: str = ""
@@ -181,7 +181,7 @@ def _cells(robot: RobotStanding) -> list[str]:
 
 
 def reasons_of(robot: RobotStanding) -> Iterator[str]:
-    """What is wrong with a robot, in words."""
+    """Faults of a robot, in words."""
     if robot.why:
         yield robot.why
     for reason, plugins in robot.plugins_out.items():
@@ -222,7 +222,7 @@ _Told = tuple[dict[str, list[Refusal]], TeamState | None, dict[str, RobotState]]
 
 
 def _told(inbox: Inbox, members: int) -> _Told:
-    """What members have refused, the coordinator's summary, and the robots' states, as published within `STATE_S`."""
+    """Members' refusals, the coordinator's summary, and the robots' states, as published within `STATE_S`."""
     told: dict[str, list[Refusal]] = {}
     states: dict[str, RobotState] = {}
     summary: TeamState | None = None
@@ -281,7 +281,7 @@ class TeamWatch:
 
     Args:
         wire: what it listens by.
-        expected: robots that are named although nothing was heard of them.
+        expected: robots that are listed even if no message of them has arrived.
 
     """
 

@@ -88,7 +88,7 @@ ONCE_S = 2.5
 
 
 class TopMember(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A member of a team, as `robrain top --json` prints it. What is unknown is left out."""
+    """A member of a team, as `robrain top --json` prints it. Unknown values are omitted."""
 
     name: str
     words: str = ""
@@ -104,7 +104,7 @@ class TopMember(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Top:
-    """What is known of a team's processes.
+    """Status of a team's processes.
 
     Args:
         wire: of the team.

@@ -129,7 +129,7 @@ UpEvent = HubEvent | JournalEvent | DashboardEvent | ForwarderEvent | PartEvent 
 
 
 class UpPlan(NamedTuple):
-    """What is started on this machine, and when it ends."""
+    """Parts that are started on this machine, and the condition for its end."""
 
     name: str
     """Of the scenario, or of the machine in its team file."""
@@ -137,7 +137,7 @@ class UpPlan(NamedTuple):
     parts: Sequence[str]
     """Names of all parts that are started here."""
     scenario: "Scenario | None" = None
-    """What is simulated; None with real robots."""
+    """The simulated scenario; None with real robots."""
     words: Sequence[str] = ()
     """Arguments of a command line that name the scenario."""
     listen: str | None = None
@@ -186,13 +186,13 @@ class UpDisplay(Protocol):
 
 
 class _Recorded(msgspec.Struct):
-    """What is read of a recorder's summary."""
+    """Fields of a recorder's summary that are read."""
 
     messages: int
 
 
 class Printed:
-    """What parts print that others need to know. Called on the threads that read their output."""
+    """Output lines of parts that others need. Called on the threads that read their output."""
 
     def __init__(self, dashboard_port: int | None) -> None:
         self.endpoint = ""
@@ -209,7 +209,7 @@ class Printed:
         return urlsplit(self.page).port if self.page else self._dashboard_port
 
     def events(self) -> list[UpEvent]:
-        """What parts have printed since the last call and people need to know."""
+        """Lines that parts have printed since the last call and that the user needs."""
         page, forwarders = self.page, self.forwarders
         found: list[UpEvent] = [] if page == self._shown_page else [DashboardEvent(page)]
         found += [

@@ -154,7 +154,7 @@ def up_command(plan: UpPlan, *, as_json: bool) -> UpResult:
 
 
 def plan_of_host(path: Path, host_name: str | None) -> UpPlan:
-    """What one machine of a team file starts.
+    """Parts that one machine of a team file starts.
 
     Args:
         path: the team file.

@@ -317,7 +317,7 @@ def cancel(
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
-    """Cancel a task; the robot that works on it is told to stop."""
+    """Cancel a task; the robot that works on it stops."""
     with connect_team(connect, team) as client:
         record = client.cancel(task_id, reason)
     if as_json:

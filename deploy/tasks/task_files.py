@@ -90,7 +90,7 @@ def point(option: str, text: str) -> list[float]:
 
 
 def verdict_line(verdict: RobotVerdict) -> str:
-    """What a task takes a robot, or why the robot is excluded."""
+    """Cost of a task for a robot, or the reason why the robot is excluded."""
     words = [f"{verdict.distance_m:.1f} m away"] if verdict.distance_m is not None else []
     words += [f"{verdict.time_s:.0f} s"] if verdict.time_s is not None else []
     words += [f"{verdict.energy_j:.0f} J"] if verdict.energy_j is not None else []
@@ -99,7 +99,7 @@ def verdict_line(verdict: RobotVerdict) -> str:
 
 
 def dry_run_lines(found: TaskDryRun) -> list[str]:
-    """What would follow from a task."""
+    """Expected effects of a task."""
     task = found.task
     if found.refused:
         return [f"a task to {task.kind} would be refused: {found.refused}"]

@@ -60,8 +60,9 @@ NOBODY = np.empty((0, 3))
 def sight_bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, speed_m_s: float) -> float:
     """The least time in which robots from `start`, however many there are, can have seen 95 % of the floor, in seconds.
 
-    A place is seen first from where the path is shortest among all places with it in sight and in range; the 95th
-    percentile of these path lengths over the floor, at top speed. Half a diagonal between standpoints is taken off.
+    A place is seen first from the point with the shortest path among all points with it in sight and in range. The
+    bound is the 95th percentile of these path lengths over the floor, at top speed. Half a diagonal between standpoints
+    is taken off.
 
     Args:
         plan: the floor.
@@ -149,7 +150,7 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
-    """What a run took."""
+    """Result of a run."""
 
     case: ExplorationCase
     why_not: str = ""
@@ -185,8 +186,8 @@ def run_case(case: ExplorationCase) -> ExplorationRun:
 def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, speed_m_s: float = SPEED_M_S) -> float:
     """The least time in which a team from `start` can know 95 % of the floor, in seconds.
 
-    Somebody must come within the lidar's range of a place that is farther away by path than 95 % of the floor: the
-    95th percentile of the path lengths less the range, at top speed.
+    A robot must come within the lidar's range of a place that is farther away by path than 95 % of the floor. The bound
+    is the 95th percentile of the path lengths less the range, at top speed.
 
     Args:
         plan: the floor.
@@ -224,7 +225,7 @@ def _made(case: ExplorationCase) -> ExplorationRun:
 
 
 class _Floor:
-    """What a scenario's robots can reach from their starts."""
+    """Area that a scenario's robots can reach from their starts."""
 
     def __init__(self, scenario: Scenario) -> None:
         world, hardware = scenario.world(), scenario.hardware

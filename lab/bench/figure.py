@@ -22,7 +22,7 @@ NO_VALUE = "none"
 
 
 class FigureKind(StrEnum):
-    """What a figure depends on."""
+    """Dependence of a figure."""
 
     DETERMINISTIC = "deterministic"
     """Only the code: equal on every machine."""

@@ -49,7 +49,7 @@ from robrain.protocol.wire.session import open_lockstep_session
 SAME_S = 5e-4
 """A stamp of a relation is that of the scan that is so near."""
 LOOP_S = 5.0
-"""Relations over more time than this are told on their own as well: of those the odometry says little."""
+"""Relations over more time than this are also reported separately: the odometry has little influence on them."""
 
 
 class LogScan(Device):
@@ -77,7 +77,7 @@ class LogScan(Device):
         return self._latest
 
     def doubt(self, why: str) -> None:
-        """What is in the log is what the lidar said."""
+        """Do nothing: the log holds the lidar's output unchanged."""
 
 
 HISTORY_ENTRIES = 1024
@@ -135,7 +135,7 @@ Parameters = dict[str, dict[str, Any]]
 
 
 class PlayedLog(msgspec.Struct, frozen=True, eq=False, kw_only=True):
-    """What localisation and mapper made of a log; lists have an element for each scan."""
+    """Results of localisation and mapper for a log; lists have an element for each scan."""
 
     stamps_s: list[float]
     """Of the log's clock."""
@@ -383,7 +383,7 @@ def _spread(values: Sequence[float]) -> tuple[float, float]:
 
 
 class Published(msgspec.Struct, frozen=True):
-    """What others have published for the whole log and its whole file of relations."""
+    """Published results of others for the whole log and its whole file of relations."""
 
     log: str
     method: str
@@ -410,7 +410,7 @@ class Scored(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LogReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What `--json` writes."""
+    """Output of `--json`."""
 
     bench: str
     log: str

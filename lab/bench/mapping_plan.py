@@ -144,7 +144,7 @@ def choose_maps(maps: str | None, map_folder: Path | None) -> tuple[dict[str, st
 
 
 def all_runs(run: Callable[[Asked], Made], asked: Sequence[Asked], jobs: int) -> Iterator[Made]:
-    """What each run made, in order; with several jobs they are made in processes of their own."""
+    """Results of the runs, in order; with several jobs the runs are in separate processes."""
     if jobs == 1:
         yield from map(run, asked)
         return

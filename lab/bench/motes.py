@@ -24,9 +24,9 @@ from robrain.sim.scenarios.scenario import MAX_SEED
 def lifetime_bound_days(graph: RadioGraph, left_j: list[float], energy: MoteEnergy, rate_hz: float) -> float:
     """No routes let all motes live longer than this, if each sends `rate_hz` readings a second to the sink.
 
-    Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004): maximise T such
-    that each mote sends on what it senses and receives in T, and has the energy for it. The unknowns are the packets of
-    each link in T, in thousands, and T in days.
+    Maximum lifetime routing (Chang and Tassiulas, IEEE/ACM Transactions on Networking 12(4), 2004): maximise T. Each
+    mote forwards everything that it senses and receives in T, and has the energy for it. The unknowns are the packets
+    of each link in T, in thousands, and T in days.
 
     Raises:
         ValueError: a mote does not reach the sink.
@@ -99,7 +99,7 @@ class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MoteFieldRun(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a field."""
+    """Outcome of a field."""
 
     case: MoteCase
     bound_days: float
@@ -246,7 +246,7 @@ def table(runs: Sequence[MoteFieldRun]) -> Table:
 
 
 def figures(runs: Sequence[MoteFieldRun]) -> Iterator[Figure]:
-    """What is judged: routes against the bound, and robots against the tree."""
+    """Figures of the comparison: routes against the bound, and robots against the tree."""
     ways = _by_way(runs)
     routes = ways.get(ROUTES, [])
     if routes:

@@ -1,9 +1,9 @@
 """Public vehicle-routing instances, read by `vrplib` and solved through the allocators' own model.
 
 A customer becomes a job, a vehicle a robot that starts and ends at the depot, distance energy; with time windows,
-distance is time too. What our jobs do not have is left out of the problem that is solved: demands, and with them the
-vehicles' capacity. A plan whose routes exceed the capacity is said to: its value is then less than the instance allows
-and cannot be compared. One that keeps it can, for what is best without capacities and keeps them is best with them.
+distance is time too. Demands, and with them the vehicles' capacity, are omitted from the problem that is solved, as our
+jobs have none. A plan whose routes exceed the capacity is said to: its value is then less than the instance allows and
+cannot be compared. One that keeps it can, for what is best without capacities and keeps them is best with them.
 """
 
 import math
@@ -23,11 +23,12 @@ from robrain.deploy.errors import InstanceError
 from robrain.protocol.reasons import told
 
 DECIMALS = {"solomon": 1, "vrplib": 0}
-"""How published values count a way: cut after the first decimal (Solomon's set, as in Kohl and others, 2-Path Cuts for
-the Vehicle Routing Problem with Time Windows, Transportation Science 33(1), 1999), or rounded to an integer (TSPLIB's
-EUC_2D; Reinelt, TSPLIB - A Traveling Salesman Problem Library, ORSA J. Computing 3(4), 1991)."""
+"""Decimals of a distance in published values. Solomon's set cuts after the first decimal (Kohl and others, 2-Path
+Cuts for the Vehicle Routing Problem with Time Windows, Transportation Science 33(1), 1999). TSPLIB's EUC_2D rounds to
+an integer (Reinelt, TSPLIB - A Traveling Salesman Problem Library, ORSA J. Computing 3(4), 1991).
+"""
 PRIZE_FACTOR = 4.0
-"""A job is worth so many times the longest way there and back: leaving one out never pays."""
+"""Value of a job, as a multiple of the longest return trip: omitting a job never pays."""
 
 
 class PublicInstance(msgspec.Struct, frozen=True, kw_only=True):

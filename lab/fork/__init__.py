@@ -1,1 +1,1 @@
-"""What if: a recorded lockstep run again up to a moment, and otherwise from there."""
+"""Forks: a recorded lockstep run is repeated up to a moment, and changed from there."""

@@ -1,4 +1,4 @@
-"""What a fork does otherwise than its parent, from a moment on."""
+"""Changes of a fork with respect to its parent, from a moment on."""
 
 from collections.abc import Sequence
 from typing import Any

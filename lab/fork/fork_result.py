@@ -1,4 +1,4 @@
-"""What a fork tells; read without the simulator."""
+"""Result of a fork; read without the simulator."""
 
 from pathlib import Path
 
@@ -40,7 +40,7 @@ class ForkResult(msgspec.Struct, frozen=True, kw_only=True):
     other_versions: list[str]
     """Software with another version than that of the recording."""
     not_repeated: list[tuple[float, str]]
-    """What came from other processes and cannot be done again: time and key."""
+    """Inputs from other processes that cannot be repeated: time and key."""
 
 
 def fork_name(path: Path, at_s: float) -> Path:
@@ -53,7 +53,7 @@ def fork_name(path: Path, at_s: float) -> Path:
 
 
 def repeatable(path: Path) -> tuple[Provenance, RunSetup]:
-    """What a recorded run was started with, and what it takes to make it again.
+    """Provenance of a recorded run, and the setup that repeats it.
 
     Raises:
         RecordingError: the file is no recording, or cannot be run again; the text says why.

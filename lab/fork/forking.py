@@ -105,7 +105,7 @@ def fork_run(
         at_s: the moment, on the run's clock; rounded to a tick.
         changes: what is done otherwise from there on. Without any, the run ends when the recorded one did.
         output: MCAP file to write.
-        seconds: how long to go on after the moment; as long as the recorded run would have, if None.
+        seconds: duration after the moment; if None, the remaining duration of the recorded run.
         overwrite: whether an existing file is replaced.
         on_progress: called with the progress of the run.
 

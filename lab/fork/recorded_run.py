@@ -166,13 +166,13 @@ class RecordedRun:
     path: Path
     info: RecordingInfo
     scenario: Scenario
-    """As it was run; its map file, if it has one, is there as long as the run is open."""
+    """As it was run; its map file, if it has one, exists while the run is open."""
     is_script: bool
     """Whether a script ran the team."""
     changes: tuple[Change, ...]
     """Of a fork: what it did otherwise, its parents' changes included."""
     inputs: RecordedInputs
-    """What the script and other processes did."""
+    """Inputs of the script and of other processes."""
 
     @property
     def end_ns(self) -> int:
@@ -198,7 +198,7 @@ class RecordedRun:
 
 @contextmanager
 def recorded_run(path: Path) -> Iterator[RecordedRun]:
-    """A recorded run, for as long as the block lasts.
+    """A recorded run, open within the block.
 
     Raises:
         RecordingError: the file is no recording, or cannot be run again; the text says why.

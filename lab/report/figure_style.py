@@ -58,7 +58,7 @@ STYLE: Any = {
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """The style, for as long as the block draws and saves."""
+    """The style, applied while the block draws and saves."""
     with mpl.rc_context(STYLE), warnings.catch_warnings():
         # A name may hold characters that the font lacks; they are drawn as boxes.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")

@@ -174,7 +174,7 @@ def _predicted_against_measured(axes: Axes, pairs: NDArray[np.float64]) -> None:
 
 
 def task_figure(run: RunData) -> Figure | None:
-    """Who did what when: a row for each robot, coloured by how the task ended; None if no robot was at a task."""
+    """Tasks over time: a row for each robot, coloured by how the task ended; None if no robot was at a task."""
     spans: dict[str, list[tuple[TaskRun, float, float]]] = defaultdict(list)
     for task in run.tasks.values():
         for robot, start_s, end_s in task.spans:
@@ -204,7 +204,7 @@ def task_figure(run: RunData) -> Figure | None:
 
 
 def battery_figure(run: RunData) -> Figure | None:
-    """State of charge of each robot, with its own 95 % interval; None if no battery was heard of."""
+    """State of charge of each robot, with its own 95 % interval; None if no battery was recorded."""
     robots = [robot for robot in _robots(run) if np.isfinite(np.array(robot.soc)).any()]
     if not robots:
         return None
@@ -309,7 +309,7 @@ def happenings_figure(run: RunData) -> Figure | None:
             width = max(end_s - happening.start_s, least_s) / unit_s
             color = HAPPENING_COLORS.get(happening.kind, NEUTRAL)
             hatch = "//" if happening.end_s is None else None
-            # What is wrong at the same time stands one below the other.
+            # Simultaneous faults are drawn one below the other.
             kinds = [kind for kind in HAPPENING_COLORS if (happening.subject, kind) in lanes]
             height = 0.7 / len(kinds)
             row = subjects.index(happening.subject) - 0.35 + height * (kinds.index(happening.kind) + 0.5)

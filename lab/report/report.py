@@ -43,7 +43,7 @@ from robrain.recording.reader.run_data import RobotRun, RunData, read_run
 from robrain.recording.reader.two_runs import TwoRuns, outcome_of, text_of
 
 COMPARED = ("Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages")
-"""What the comparison of runs draws."""
+"""Totals that the comparison of runs draws."""
 
 
 def totals(run: RunData) -> dict[str, float | None]:
@@ -149,7 +149,7 @@ class RunGroup:
 def group_runs(runs: Sequence[RunData]) -> list[RunGroup]:
     """Group the runs by scenario, its file, and numbers of robots and motes, in the order of their first runs.
 
-    A seed that comes twice, and a recording without scenario or seed, is a group of its own.
+    A repeated seed, and a recording without scenario or seed, is a separate group.
     """
     found: dict[tuple[object, ...], list[RunData]] = {}
     for place, run in enumerate(runs):
@@ -205,7 +205,7 @@ def grouped_comparison_figure(groups: Sequence[RunGroup]) -> Figure | None:
 
 
 def _name(runs: Sequence[RunData]) -> str:
-    """What the names of the files have in common before the seed, or else the scenario."""
+    """Common part of the files' names before the seed, or else the scenario."""
     if len(runs) == 1:
         return runs[0].name
     letters = zip(*(run.name.rstrip("0123456789") for run in runs), strict=False)
@@ -235,7 +235,7 @@ FIGURES: dict[str, Callable[[RunData], Figure | None]] = {
 
 
 class WrittenReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What was written."""
+    """Files that were written."""
 
     page: Path
     figures: list[Path]
@@ -251,7 +251,7 @@ class ReportTable(NamedTuple):
 
 
 class RunSection(NamedTuple):
-    """What the page has of one run."""
+    """Content of the page for one run."""
 
     heading: str
     lead: str
@@ -265,7 +265,7 @@ class RunSection(NamedTuple):
 
 
 class RunComparison(NamedTuple):
-    """What the page has of several runs together."""
+    """Content of the page for several runs together."""
 
     names: list[str]
     rows: dict[str, list[str]]
@@ -440,7 +440,7 @@ def _happenings(run: RunData) -> ReportTable:
 
 
 def _left(run: RunData) -> ReportTable:
-    """What exploration had left at the end; no rows if that was not recorded or is nothing."""
+    """Regions that exploration had not finished at the end; no rows if they were not recorded or there are none."""
     if run.left is None or not run.left.regions:
         return ReportTable("", (), ())
     rows = [

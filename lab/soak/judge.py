@@ -30,7 +30,7 @@ OVERLAP_S = 1.0
 STRAY_S = LEASE_S + 2.0
 """A robot is off a task this long after its end, wherever it is."""
 HALT_S = 2.0
-"""A robot stands this long after it could have heard of a halt."""
+"""A robot stands this long after it could have received a halt."""
 HEARD_S = 1.5
 """Two components that have been linked and awake for this long have heard each other."""
 HEALTHY_S = 60.0
@@ -40,12 +40,13 @@ TASK_S = 40.0
 """Time for everything to settle after the last fault: so long, and so much for each task of a robot that is left."""
 QUIET_S = STRAY_S + 1.0
 AS_RECORDED = (TaskAtOne, TaskOnce)
-"""Judged here as by `robrain check`. Tasks kept and halts are not: on a full disk tasks stand still for longer than
-that allows, and a point goes on at once after a halt."""
+"""Judged here as by `robrain check`. Tasks kept and halts are not judged so. On a full disk tasks wait for longer than
+those invariants allow, and a point continues at once after a halt.
+"""
 
 
 class TeamRule(StrEnum):
-    """What must hold."""
+    """Invariants of a trial."""
 
     LOST = "lost"
     """An acknowledged task ends as asked: done, or cancelled or too late if that was asked."""
@@ -56,11 +57,11 @@ class TeamRule(StrEnum):
     DONE_TWICE = "done_twice"
     """No task ends twice, is done twice by one agent, or is worked on after its end."""
     NOT_DONE = "not_done"
-    """What counts as done was done."""
+    """Each task that counts as done was done."""
     TOO_EARLY = "too_early"
     """No task is begun before those that it waits for are done, or done before its earliest time."""
     HALT = "halt"
-    """Robots that could have heard of a halt stand."""
+    """Robots that could have received a halt stand."""
     STRANDED = "stranded"
     """No robot runs out of energy while nothing keeps it from charging."""
     UNSETTLED = "unsettled"
@@ -80,7 +81,7 @@ class Broken(msgspec.Struct, frozen=True):
 
 
 def broken_in(judging: Judging) -> list[Broken]:
-    """What the judges of recordings have found in a run that has ended."""
+    """Violations that the judges of recordings have found in a run that has ended."""
     return [
         Broken(ruling.invariant, breach.time_s, breach.text)
         for ruling in judging.finish()
@@ -98,7 +99,7 @@ class Judge:
 
     def __init__(self, run: SoakRun) -> None:
         self.broken: list[Broken] = []
-        """What did not hold, each invariant once for each task or robot."""
+        """Broken invariants, each once for each task or robot."""
         script = run.script
         self._run = run
         self._asked = {order.task.id: order.task for order in script.tasks}
@@ -255,7 +256,7 @@ class Judge:
         return one.is_awake and other.is_awake and self._run.is_linked(robot, COORDINATOR)
 
     def _check_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
-        """What a robot has done, as it stands at its desk or was told: in one tick several tasks may end."""
+        """Record tasks that a robot has done, by its status and its reports: several tasks may end in one tick."""
         for status in told:
             if status is not None and status.state is TaskState.DONE and status.id in self._asked:
                 self._record_done(robot, status, now_ns)
@@ -314,10 +315,11 @@ class Judge:
 
 
 class _Halts:
-    """Who could know of the halt that is in force.
+    """Components that could know of the halt that is in force.
 
-    A component knows of a halt if it is linked with the operator while the operator publishes it, or with a component
-    that knows: robots report to the coordinator, the coordinator to robots. A component that dies forgets it.
+    A component knows of a halt if it is linked with the operator while the operator publishes it. A link with a
+    component that knows is enough: robots report to the coordinator, the coordinator to robots. A component that dies
+    forgets it.
     """
 
     def __init__(self, run: SoakRun, slack_s: float) -> None:

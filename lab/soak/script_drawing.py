@@ -63,7 +63,7 @@ def _absence(seed: int, names: list[str]) -> FaultSpec | None:
 
     Long enough for robots to allocate tasks.
 
-    From a generator of its own, so that the rest of a seed's script does not depend on it.
+    It uses a separate generator, so that the rest of a seed's script does not depend on it.
     """
     rng = np.random.default_rng([seed, _RNG_OF_ABSENCES])
     if rng.random() >= CONSENSUS_SHARE:
@@ -117,7 +117,7 @@ def _faults(rng: np.random.Generator, names: list[str]) -> tuple[FaultSpec, ...]
 
 
 def _around_halts(rng: np.random.Generator, names: list[str], halts: tuple[HaltOrder, ...]) -> Iterator[FaultSpec]:
-    """What keeps a component from hearing of a halt when it is said."""
+    """Faults that keep a component from receiving a halt when it is published."""
     for halt in halts:
         if rng.random() < 0.6:
             target = COORDINATOR if rng.random() < 0.25 else str(rng.choice(names))

@@ -1,8 +1,8 @@
 """Shrinks a failing fault script to the few faults and tasks that it needs.
 
-Delta debugging (`ddmin` of Zeller and Hildebrandt: Simplifying and Isolating Failure-Inducing Input, IEEE Transactions
-on Software Engineering 28(2), 2002) over the list of faults, halts, cancellations and tasks; then over robots; then
-each remaining fault is made as short as it can be. A smaller script counts if it breaks the same invariant.
+Delta debugging (`ddmin`) over the list of faults, halts, cancellations and tasks; then over robots; then each remaining
+fault is made as short as possible. Source: Zeller and Hildebrandt: Simplifying and Isolating Failure-Inducing Input,
+IEEE Transactions on Software Engineering 28(2), 2002. A smaller script counts if it breaks the same invariant.
 """
 
 from collections.abc import Callable, Collection, Sequence

@@ -177,7 +177,7 @@ class _Trial:
         return self._quiet_ns is not None and now_ns - self._quiet_ns > to_ns(QUIET_S)
 
     def unsettled(self) -> Iterator[Broken]:
-        """What is left at the end."""
+        """Tasks that have not ended, and other open ends of the run."""
         if not self._is_settled:
             left = [
                 task
@@ -317,7 +317,7 @@ SEEDS_AT_ONCE = 4
 
 
 class SoakTask(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker is sent."""
+    """Input of a worker."""
 
     seed: int
     trials_max: int = TRIALS_MAX
@@ -329,7 +329,7 @@ class SoakTask(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of a seed."""
+    """Outcome of a seed."""
 
     seed: int
     state: RunState
@@ -377,7 +377,7 @@ class FailedSeed(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SoakResult(msgspec.Struct, kw_only=True):
-    """What a soak has found so far."""
+    """Results of a soak so far."""
 
     runs: int = 0
     """Trials that have ended, without those that were interrupted."""

@@ -13,7 +13,7 @@ class TrialVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """How a trial ended."""
 
     broken: tuple[Broken, ...]
-    """What did not hold; nothing in a trial that passed."""
+    """Broken invariants; empty in a trial that passed."""
     sim_time_s: float
     done: int
     """Tasks that were done."""

@@ -1,4 +1,4 @@
-"""Who runs the runs of a sweep or a soak: processes of this computer, or a Dask cluster; executors of `Future`s."""
+"""Executors for the runs of a sweep or a soak: processes of this computer, or a Dask cluster."""
 
 import multiprocessing
 import os

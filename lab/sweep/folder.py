@@ -19,7 +19,7 @@ SETTINGS = "settings"
 
 
 class SweepIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """What two calls must share to continue the same sweep."""
+    """Identity that two calls must share to continue the same sweep."""
 
     scenario: str
     seeds: str
@@ -34,8 +34,8 @@ class SweepIdentity(msgspec.Struct, frozen=True, kw_only=True):
 class SweepFolder:
     """The folder, held by one process at a time; use it in a `with` block.
 
-    The journal has a line for each run that has ended, written and synced before the next one; a line that a kill cut
-    off is dropped when it is opened again.
+    The journal has a line for each run that has ended, written and synced before the next one. A line that a kill cut
+    off is dropped when the journal is opened again.
 
     Args:
         path: made if it is not there.

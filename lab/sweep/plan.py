@@ -158,7 +158,7 @@ def with_values(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
 
 
 def _inside(table: Any, step: str, key: str) -> Any:
-    """What a table or list holds; None if a table does not hold it."""
+    """Value of a key in a table or list; None if a table does not have it."""
     if isinstance(table, Mapping):
         return table.get(step)
     if isinstance(table, list | tuple) and step.isdecimal() and int(step) < len(table):
@@ -221,7 +221,7 @@ class Setting(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     """Name of its files, such as `02-robots=2`."""
     label: str
-    """What a person reads, such as `robots=2`; the scenario's name if nothing varies."""
+    """Label for a person, such as `robots=2`; the scenario's name if nothing varies."""
     values: dict[str, Value]
     """Value by column."""
     toml: str
@@ -252,8 +252,9 @@ class SweepPlan(msgspec.Struct, frozen=True, kw_only=True):
     """Values by column, in the order given."""
     settings: tuple[Setting, ...]
     inputs: dict[str, str]
-    """SHA-256 of the cells of each floor, by the map's path or the drawing's digest, and of each Python file that the
-    settings name, by its path."""
+    """SHA-256 of the cells of each floor, by the map's path or the drawing's digest. Also of each Python file that the
+    settings name, by its path.
+    """
 
     def runs(self) -> list[PlannedRun]:
         """All runs, by setting and seed."""

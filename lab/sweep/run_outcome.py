@@ -1,4 +1,4 @@
-"""What a sweep keeps of a run: what depends on scenario and seed alone, apart from what depends on the machine."""
+"""Outcome of a run in a sweep: values that depend on scenario and seed alone, and values of the machine."""
 
 from enum import StrEnum
 from typing import Any

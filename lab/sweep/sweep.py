@@ -242,7 +242,7 @@ class SweepManifest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def identity_of(plan: SweepPlan, *, record: bool) -> SweepIdentity:
-    """What another call must share to continue this sweep."""
+    """Identity that another call must share to continue this sweep."""
     return SweepIdentity(
         scenario=plan.scenario,
         seeds=",".join(map(str, plan.seeds)),
@@ -399,7 +399,7 @@ class SweepOptions(msgspec.Struct, frozen=True, kw_only=True):
     command: tuple[str, ...] = ()
     """The command line, for the manifest."""
     quiet: bool = True
-    """Do not tell of kernels that are compiled."""
+    """Do not report kernels that are compiled."""
 
 
 class SweepProgress(msgspec.Struct, frozen=True, kw_only=True):
@@ -417,7 +417,7 @@ class SweepProgress(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SweepResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What a sweep has written."""
+    """Files and results that a sweep has written."""
 
     folder: Path
     interrupted: bool
@@ -537,7 +537,7 @@ class _Counter:
 
 
 def _tasks(plan: SweepPlan, folder: SweepFolder, options: SweepOptions) -> list[RunTask]:
-    """What is still to be run."""
+    """Runs that have yet to be done."""
     tasks = []
     recordings = (folder.path / RECORDINGS).resolve()
     for run in plan.runs():

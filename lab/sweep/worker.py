@@ -23,7 +23,7 @@ _ONE_RUN = threading.Lock()
 
 
 class RunTask(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker is sent."""
+    """Input of a worker."""
 
     run: str
     toml: str

@@ -108,7 +108,7 @@ class ComposedMap:
         """Take a patch over, later statements winning.
 
         Raises:
-            ValueError: the patch does not fit its own description or the grid of the patches before, or its grid is
+            ValueError: the patch does not fit its own description or the grid of the patches before. Also: its grid is
                 so large that it would fill the memory.
         """
         from robrain.algorithms.slam.map_patch import merge_message

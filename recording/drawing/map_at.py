@@ -134,6 +134,6 @@ class KnownMap:
         return self._view
 
     def patches(self, by: str, now_ns: int) -> list[MapPatch]:
-        """Messages that tell the whole map to somebody who has heard of none, as said by `by`."""
+        """Messages with the whole map for a receiver that has none, published by `by`."""
         atlas = self.merged().atlas
         return [] if atlas is None else patches_of(by, atlas, now_ns)

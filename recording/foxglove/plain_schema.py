@@ -18,8 +18,8 @@ DEPTH_MAX = 16
 def plain_schema(schema: Schema) -> Schema:
     """The same schema without references and alternatives.
 
-    What may be null is described by what it is otherwise; of several objects the properties of all are. What has no
-    plain form, such as free JSON, is said to be an object of which nothing is known: viewers show it as it comes.
+    A nullable value is described by its other type. Of several objects the properties of all are included. A value
+    without a plain form, such as free JSON, becomes an object with no known properties: viewers show it unchanged.
 
     Args:
         schema: a JSON Schema whose root is an object, or refers to one in its `$defs`.

@@ -1,7 +1,7 @@
 """Halts are obeyed: who is halted stands, and who is in contact with a team that is halted is halted.
 
-While a robot is halted its own pose does not go on; so without ground truth, the pose at which it was halted is
-compared with the one with which it goes on.
+While a robot is halted its own pose does not change. Without ground truth, the pose at the halt is therefore compared
+with the first pose after it.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ HEEDED_NS = to_ns(2.0)
 SILENT_NS = to_ns(1.0)
 """Older messages of a robot do not count."""
 GOES_ON_NS = to_ns(0.25)
-"""After this a robot that was resumed has published a pose of its own again."""
+"""After this time a resumed robot has published its own pose again."""
 CARRIED_M_S = 3.0
 """No robot drives that fast: it was carried."""
 CARRIED_M_S2 = 4.0

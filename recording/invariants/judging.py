@@ -44,7 +44,7 @@ FORGOTTEN_AFTER_NS = to_ns(1.0)
 ABANDONED_AFTER_NS = to_ns(10.0)
 """A coordinator gives a task back after 2 s at the latest (chosen: five times that)."""
 AWAY_AFTER_NS = to_ns(2.0)
-"""A coordinator that is silent for this long is not there, and begins to listen anew."""
+"""A coordinator that is silent for this long is absent, and starts to listen again."""
 NAMED_MAX = 5
 
 _Given = tuple[str, str, int]

@@ -107,7 +107,7 @@ def check_recording(
     Args:
         path: an MCAP file.
         on_progress: told now and then the share of the file that has been read, 0 to 1.
-        surroundings: what the recording does not tell of the place of the run.
+        surroundings: data on the place of the run that the recording does not have.
 
     Raises:
         RecordingError: there is no such file, it is no recording, or it is damaged.

@@ -23,7 +23,7 @@ from robrain.recording.reader.reading import (
 
 OnProgress = Callable[[float], None]
 SILENT_PERIODS = 5.0
-"""A key that says nothing for so many of its own mean periods, and for a second, has a gap."""
+"""A key has a gap if it is silent for this number of its mean periods, and for a second."""
 SILENT_S = 1.0
 
 
@@ -95,7 +95,7 @@ def read_contents(path: Path, on_progress: OnProgress | None = None) -> Recordin
 
 
 def several_senders(topic: Topic[Any]) -> bool:
-    """Whether several may speak under one key, each with numbers of its own: robots of a mote, operators of a halt."""
+    """Whether a key may have several senders, each with its own numbers: robots of a mote, operators of a halt."""
     return topic.by is Role.OPERATOR or (topic.by is Role.ROBOT and "robot" not in topic.fields)
 
 

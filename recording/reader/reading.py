@@ -35,7 +35,7 @@ from robrain.recording.provenance import (
 )
 
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
-"""What mcap raises over bytes that are not what they should be; a wrong checksum is a ValueError."""
+"""Exceptions that mcap raises over damaged bytes; a wrong checksum is a ValueError."""
 
 """In the keys of messages that hold tasks."""
 

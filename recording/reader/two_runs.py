@@ -181,7 +181,7 @@ def _compared_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]
 
 
 def text_of(row: ComparedRow) -> tuple[str, str, str]:
-    """First, second and their difference in words; `–` where nothing is told, and no difference of equal values.
+    """First, second and their difference in words; `–` for a missing value, and no difference of equal values.
 
     >>> text_of(ComparedRow(group="run", name="energy", unit="J", first=812.4, second=1034.0))
     ('812 J', '1,034 J', '+222 J')

@@ -2,7 +2,7 @@
 
     player = Player(path)
     player.prepare()
-    for message in player.seek(90.0):        # what to tell somebody who knows nothing: the run as it was after 90 s
+    for message in player.seek(90.0):        # initial state for a new viewer: the run after 90 s
         ...
     player.play(speed=4.0)
     while playing:
@@ -10,8 +10,8 @@
             ...
     player.close()
 
-`seek` and `state_at` give the last message of each key before that time, found by the index of the file; in place of
-map patches, of which the last says little, they give patches that make up the merged map as it was then.
+`seek` and `state_at` give the last message of each key before that time, found by the index of the file. Of map patches
+the last says little; in their place they give patches that make up the merged map at that time.
 """
 
 import logging

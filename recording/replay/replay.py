@@ -18,9 +18,9 @@ from robrain.recording.replay.player import Player
 class Replay:
     """Puts the messages of a recording on the wire, byte for byte and in order, in the endpoint's team.
 
-    Robots and coordinator of the recording appear as present while the endpoint is open. Keys
-    that are not of a recorded topic are left out. A recorded halt, and its end, is said again like all else: never
-    replay into a team that has robots of its own.
+    Robots and coordinator of the recording appear as present while the endpoint is open. Keys that are not of a
+    recorded topic are left out. A recorded halt, and its end, is published again like all messages: never replay into a
+    team that has robots.
 
     Args:
         endpoint: where to speak; its owner closes it.

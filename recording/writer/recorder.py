@@ -84,8 +84,8 @@ SLOW = "as the disk or the machine is too slow"
 class RecorderReports:
     """Says how a recorder does.
 
-    A disk that hangs is told while it hangs in live, from a thread of its own; in lockstep, where the run waits for the
-    disk, afterwards.
+    In live operation a hanging disk is reported while it hangs, from a separate thread. In lockstep, where the run
+    waits for the disk, it is reported afterwards.
 
     Args:
         states: where it is said.
@@ -218,9 +218,9 @@ class RecordingSummary(msgspec.Struct, frozen=True):
 class Recorder:
     """Hears every recorded topic of a team, in order of arrival, and writes each message as it was on the wire.
 
-    Two runs that said the same, in the same order, have the same `digest`; with a file or without. A disk that is
-    full, slow or hangs is told, in the log and on the wire (`recorder/R/state`), and what is lost is counted by topic;
-    nobody waits for the recorder.
+    Two runs that said the same, in the same order, have the same `digest`; with a file or without. A disk that is full,
+    slow or hangs is reported in the log and on the wire (`recorder/R/state`). Lost messages are counted by topic; no
+    other component waits for the recorder.
 
     Args:
         endpoint: where to listen; its owner closes it, after the recorder.
@@ -395,14 +395,14 @@ class Recorder:
             for derived in visual.due(now_ns):
                 file.write_visual(derived, now_ns)
         except (ValueError, TypeError, OverflowError):
-            # What a stranger said cannot be drawn; it is recorded all the same, and can be drawn later.
+            # An invalid message of a stranger cannot be drawn; it is recorded nevertheless, and can be drawn later.
             logger.exception("recording to %s goes on without what others draw", file.paths[-1])
             self._visual = None
 
     def _state(self) -> RecorderState:
         """How it does; also asked while it writes, on another thread."""
         assert self._file is not None
-        lost = self._lost()  # before the sum, which is counted first: what is told as lost is told in words as well
+        lost = self._lost()  # before the sum, which is counted first: each reported loss also has words
         dropped = self._inbox.dropped
         words = [self._file.why] if self._file.why else []
         words += [f"{dropped} messages came faster than they are written"] if dropped else []
@@ -458,7 +458,7 @@ class Recorder:
         )
 
     def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[StampedMessage]":
-        """What the border lets pass, with the sender's stamp and number; a message without a stamp was sent now."""
+        """Messages that pass the border, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
         reported = []
         topic: Any  # a Topic: it subscribes to nothing else
@@ -476,7 +476,7 @@ class Recorder:
 
 
 class RecorderInbox(Inbox):
-    """Keeps every message until the recorder's step. What comes when it is full is not taken in.
+    """Keeps every message until the recorder's step. A message that arrives when it is full is dropped.
 
     Refusing the newest, where other inboxes let the oldest go, leaves a recording that breaks off at a known place
     and is whole before it.

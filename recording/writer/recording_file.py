@@ -1,7 +1,7 @@
 """One MCAP file, being written.
 
-What it takes to make the run again stands at the front, and messages go to the disk at least every half second,
-so that a file whose writer was killed still says what it is and holds all but the last moment.
+The data that repeats the run is at the front, and messages go to the disk at least every half second. If its writer is
+killed, the file still has its description and all but the last moment.
 """
 
 import contextlib

@@ -2,8 +2,8 @@
 
 Borenstein and Feng distinguish systematic errors of odometry from non-systematic ones such as slip. Unequal wheel
 diameters and an uncertain wheelbase dominate the systematic errors. Source: *Measurement and Correction of Systematic
-Odometry Errors in Mobile Robots*, IEEE Transactions on Robotics and Automation 12(6), 1996. Both are here for a base with
-three omni wheels.
+Odometry Errors in Mobile Robots*, IEEE Transactions on Robotics and Automation 12(6), 1996. Both are here for a base
+with three omni wheels.
 """
 
 import math
