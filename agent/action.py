@@ -106,7 +106,7 @@ class ActionDesk:
         self._several = several
         self._lock = threading.Lock()
         self._running: dict[str, Action] = {}
-        # As the coordinator's epochs: a plugin that starts again, or another instance, does not give an id anew.
+        # As the coordinator's epochs: a plugin that starts again, or another instance, does not reuse an id.
         self._count = self.now_ns() // NS_PER_MS
         env.at_end(self.cancel_all)
 

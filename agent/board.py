@@ -38,8 +38,8 @@ class Board:
         self.wheel_ticks: tuple[int, ...] | None = None
         """Counts of the wheel encoders at that pose."""
         self.odometry: tuple[tuple[int, Pose2D], ...] = ()
-        """Dead reckoning of the last 0.6 s: time of measurement (ns, robot's clock) and T_odom_robot, the oldest first;
-        mocdevice writes it, at each look, if somebody wants it."""
+        """Dead reckoning of the last 0.6 s: time of measurement (ns, robot's clock) and T_odom_robot, the oldest first.
+        mocdevice writes it at each step, if a plugin requests it."""
         self.wants_odometry = False
         """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
         self.published_odometry: tuple[Pose2D, int] | None = None
@@ -47,7 +47,7 @@ class Board:
         self.yaw_rates: deque[YawRate] = deque(maxlen=256)
         """Measurements of a gyroscope, which the device of an IMU leaves here for the odometry of mocdevice."""
         self.gyro_contradiction: float | None = None
-        """The gyroscope's turning as a multiple of the wheels', if they contradict each other; mocdevice writes it, and
+        """The gyroscope's turning as a multiple of the wheels', if they contradict each other. mocdevice writes it, and
         the device of the IMU empties it when it starts."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""

@@ -162,8 +162,8 @@ class Environment:
     def at_end(self, function: Callable[[str], None]) -> None:
         """Call `function` with the reason whenever the plugin is deactivated, faults or is halted.
 
-        What `activate` asks for is forgotten with the end, what `init` asks for holds as long as the instance. It may
-        be called on any thread, without the plugin's lock, and must not wait for anything.
+        A request in `activate` is forgotten with the end; a request in `init` lasts until the instance ends. It may be
+        called on any thread, without the plugin's lock, and must not wait for anything.
         """
         self._at_end.append(function)
 
@@ -188,8 +188,8 @@ class Environment:
     def guard_resume(self, why_not: Callable[[], str]) -> None:
         """Have `why_not` asked before a halt of this robot ends: it stays halted for the reason that this returns.
 
-        It may be called on any thread, without the plugin's lock, also after the plugin has faulted, until the plugin
-        is unloaded; it must not wait for anything. A later call takes the place of an earlier one.
+        It may be called on any thread, without the plugin's lock, until the plugin is unloaded, also after a fault. It
+        must not block. A later call takes the place of an earlier one.
         """
         if not self.has_gone:
             self.__halting.guard(self.plugin, why_not)

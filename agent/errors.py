@@ -24,7 +24,7 @@ from robrain.protocol.extras import MissingPackage
 
 ForeignError = Exception | SystemExit
 FOREIGN_ERRORS = (Exception, SystemExit)
-"""What plugin code may raise: `exit()` in a plugin is its fault as well, and does not end the robot."""
+"""Errors that plugin code may raise: `exit()` in a plugin is its fault as well, and does not end the robot."""
 
 
 def short_path(path: Path) -> str:

@@ -1,7 +1,7 @@
 """Notification: events go up.
 
 A plugin declares `finished = Event[str]()` in its class and calls `self.finished.notify("done")`. Observers are
-told through their own mailbox: never on the notifier's thread, never under its lock.
+notified through their own mailbox: never on the notifier's thread, never under its lock.
 
 Notifications of an `Event[str](outside=True)` also leave the robot, as messages on its `event/` topic. These are put by
 the notifier's own thread; putting waits for nobody.

@@ -8,10 +8,10 @@ NEVER_NS = 1 << 63
 class Silence:
     """Counts the silence of one source, as far as its plugin was awake to hear it.
 
-    A plugin asks in each step once the source has been silent for `begins_ns`. What has passed since the last question
-    counts for at most half of the limit: a process that stood still, on a busy machine or a slow disk, does not take
-    its own pause for its source's silence. A silent source is noticed when the limit has passed for a plugin that is
-    awake, and at the third question of one that asks more seldom than that.
+    A plugin asks in each step once the source has been silent for `begins_ns`. The time since the last check counts for
+    at most half of the limit. A process that was paused, on a busy machine or a slow disk, thus does not count its own
+    pause as its source's silence. A plugin that runs regularly notices a silent source when the limit has passed. A
+    plugin that checks more seldom notices it at its third check.
 
     Args:
         limit_ns: silence after which the source counts as gone.

@@ -1,12 +1,12 @@
 """The robot's side of a task: offers, fencing epochs, leases.
 
 One task at a time, and one more that is held: it is begun in the step in which the first has ended. An offer with an
-older epoch than the last one accepted is refused, so that a coordinator that was replaced cannot steer the robot; a
-task whose coordinator is silent for longer than the lease is let go, and one that is held is forgotten.
+older epoch than the last one accepted is refused, so that a coordinator that was replaced cannot steer the robot. A
+task whose coordinator is silent for longer than the lease is released, and a held task is forgotten.
 
-One behavior drives at a time. A task that is accepted while another runs takes its place: the behavior of the old one
-is told to let go, then the new one may begin (`may_begin`). What a behavior does by itself (it wanders, it goes
-to charge) it says by `occupy`, and gives way as soon as `occupies` says no: to any task, or, while it is firm, to none.
+One behavior drives at a time. A task that is accepted while another runs replaces it: the old behavior is asked to
+release its task, then the new one may begin (`may_begin`). A behavior reports its own activity (it wanders, it goes to
+charge) by `occupy`. It yields as soon as `occupies` returns False: to any task, or, while it is firm, to none.
 """
 
 from collections import deque
@@ -36,7 +36,7 @@ TaskWork = Callable[[Task], Work]
 """Work of a task at its place; the path to it is not counted."""
 
 RESULT_BYTES_MAX, RESULT_FIELDS_MAX = 1024, 64
-"""Results are part of every state message: publish pictures and lists on a key of their own and put that key here."""
+"""Results are part of every state message: publish pictures and lists on a separate key and put that key here."""
 
 NS_PER_MS = 1_000_000
 EPOCH_AHEAD_MAX = 24 * 3600 * 1000
@@ -189,8 +189,8 @@ class TaskDesk:
             firm: if not empty, why offers are to be refused meanwhile, all but those to recharge.
 
         Returns:
-            Whether it may: no task runs, and no other behavior is at something that is firm. What another does that
-            is not firm ends with this.
+            Whether it may: no task runs, and no other behavior is at something that is firm. An activity of another
+            behavior that is not firm ends with this.
 
         """
         own = self._own
@@ -281,7 +281,7 @@ class TaskDesk:
         return task.kind in self._executors
 
     def work_of(self, task: Task) -> Work:
-        """What a task takes at its place, by the behavior of its kind; standing, if that does not say."""
+        """Work of a task at its place, by the behavior of its kind; standing, if it gives none."""
         try:
             return self._executors[task.kind].work(task)
         except FOREIGN_ERRORS:  # foreign plugin code
@@ -413,10 +413,10 @@ class TaskDesk:
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:
-        """Let go of a task whose coordinator has been silent for longer than the lease, or that was recalled.
+        """Release a task whose coordinator has been silent for longer than the lease, or that was recalled.
 
-        What is held is forgotten then, and also when the robot itself has stood still for so long, as a process does
-        that is stopped: others may have been given it.
+        The held task is forgotten then, and also when the robot's own process was paused for longer than the lease:
+        another robot may have received it.
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""

@@ -1,6 +1,6 @@
-"""`[transform]`: words that a plugin's callers say and hear in place of its own (paper, section 4.1).
+"""`[transform]`: words that a plugin's callers send and receive in place of its own (paper, section 4.1).
 
-Inspired by `#define` in C: `incoming = { BEGIN = "1" }` is the paper's `BEGIN>1`, `outgoing = { 0 = "END" }` its
+Inspired by `#define` in C. `incoming = { BEGIN = "1" }` is the paper's `BEGIN>1`, `outgoing = { 0 = "END" }` its
 `END<0`, and `both = { ROSES = "2" }` its `ROSES=2`.
 """
 

@@ -219,8 +219,8 @@ class RobotCalls:
 
         Args:
             robot: name of the robot.
-            plugin: a plugin in the robot's places, by name; a folder or manifest on the robot's machine, by its
-                absolute path; or a `Path` on this machine, if the robot is on the same.
+            plugin: a plugin in the robot's places, by name; or a folder or manifest on the robot's machine, by its
+                absolute path. A `Path` on this machine works if the robot is on the same.
 
         Raises:
             CallError: it cannot be loaded; the text says why.

@@ -130,8 +130,8 @@ class FreshIds:
     def submit(self, kind: str, submit: Callable[[str], TaskRecord], by: str) -> TaskRecord:
         """Submit a task under the next id that is free.
 
-        Another client may take an id at the same moment: then it is refused, or, if that client has asked for the very
-        same, its record is the answer, with its name.
+        Another client may use an id at the same moment: then the request is refused. If that client has submitted the
+        same request, its record is the answer, with its name.
 
         Args:
             kind: of the task.
@@ -230,8 +230,8 @@ TASK_TIMEOUT_S = 600.0
 class Team(CoordinatorAnswers, RobotCalls):
     """A connection to a team; use it in a `with` block.
 
-    While a live coordinator is away, for example during a restart, each query to it is repeated until it is answered or
-    the transport's patience is over. This is safe, because a task with the same id is accepted only once.
+    While a live coordinator is away, for example during a restart, each query to it is repeated. This ends with an
+    answer or after the transport's patience. This is safe, because a task with the same id is accepted only once.
 
     Args:
         transport: to the team; the `Team` closes it.

@@ -6,7 +6,7 @@ GROWTHS_MAX = 64
 
 
 def backoff_s(failures: int, first_s: float, longest_s: float, factor: float = FACTOR) -> float:
-    """The pause after so many failures in a row, at least one.
+    """The pause after this number of failures in a row, at least one.
 
     >>> [backoff_s(failures, 0.5, 3.0) for failures in (1, 2, 3, 4, 5000)]
     [0.5, 1.0, 2.0, 3.0, 3.0]

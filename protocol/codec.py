@@ -8,7 +8,7 @@ import msgspec
 T = TypeVar("T")
 
 BAD_PAYLOAD = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-"""What msgspec raises for a payload that does not decode; RecursionError if it is nested too deep."""
+"""Errors of msgspec for a payload that does not decode; RecursionError if it is nested too deep."""
 NONE = type(None)
 NULL = b"null"
 
@@ -40,7 +40,7 @@ class Codec(Generic[T]):
 
     @property
     def empty(self) -> bytes:
-        """What an empty payload counts as."""
+        """Meaning of an empty payload."""
         return b"" if self.kind is bytes else b"{}"
 
     def read(self, payload: bytes) -> T:

@@ -40,7 +40,7 @@ ErrorText = Annotated[str, msgspec.Meta(max_length=1_000_000)]
 
 
 class ErrorReply(msgspec.Struct, frozen=True):
-    """What an error reply holds on the wire."""
+    """Content of an error reply on the wire."""
 
     code: ErrorCode
     message: ErrorText

@@ -58,7 +58,7 @@ class MissingPackage(NamedTuple):
 
     @property
     def needed(self) -> str:
-        """What is to be installed.
+        """Package to install.
 
         >>> MissingPackage("numba", "navigation").needed
         'robrain[navigation]'

@@ -76,7 +76,7 @@ def _tables_with(key: str, root: Struct) -> list[str]:
 
 
 def _unknown_in_union(value: Any, members: Sequence[Any], path: str, root: Struct) -> Iterator[str]:
-    """A value of a union is unknown if no member knows it; what is told is that of the first."""
+    """A value of a union is unknown if no member has it; the report is that of the first."""
     tags = {member.__struct_config__.tag: member for member in members if _is_struct(member)}
     key = next((member.__struct_config__.tag_field for member in members if _is_struct(member)), None)
     if isinstance(value, dict) and key is not None and isinstance(tag := value.get(key), str):

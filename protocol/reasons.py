@@ -2,7 +2,7 @@
 
 A reason is made where a decision is made. Decisions use its type and fields; `str` of it is its sentence, for people
 (`tests/coordinator/test_reasons_are_data.py`). A reason that no decision uses is a `PlainReason`. The types are layered
-so that no reason holds another of its own kind: messages stay small.
+so that no reason holds another of its class: messages stay small.
 """
 
 from collections.abc import Iterable
@@ -150,7 +150,7 @@ class PositionLost(Reason, frozen=True, tag="position_lost"):
 
     robot: Name
     why: Text
-    """What its localisation says."""
+    """Report of its localisation."""
 
 
 class RobotHalted(Reason, frozen=True, tag="robot_halted"):

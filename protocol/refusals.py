@@ -160,9 +160,9 @@ class Refusals:
 
 
 Refused = Annotated[list[Refusal], Meta(max_length=1000)] | msgspec.UnsetType
-"""What a component has refused, largest count first; absent if nothing."""
+"""Refusals of a component, largest count first; absent if there are none."""
 
 
 def most_refused(refusals: Refusals, most: int = SHOWN) -> Refused:
-    """What a component says of its refusals in a message: the `most` frequent ones."""
+    """The `most` frequent refusals of a component, for a message."""
     return refusals.counts(most) or msgspec.UNSET

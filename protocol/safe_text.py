@@ -17,7 +17,7 @@ def safe_text(text: str, limit: int | None = None) -> str:
 
     Args:
         text: from a recording, the wire or a file.
-        limit: cut to so many characters, counted as they are shown.
+        limit: maximum length in characters, counted as they are shown.
 
     >>> safe_text("red: \x1b[31m, and\na line")
     'red: \\x1b[31m, and\\na line'

@@ -1,7 +1,7 @@
 """TOML from outside, with limits on size, number of keys and depth that are checked before parsing.
 
-`tomllib` needs time quadratic in the parts of a dotted key (13 s for one of 40 kB) and memory in proportion to the keys
-(2.2 GB for a million). The check takes time linear in the length of the text.
+`tomllib` needs time quadratic in the parts of a dotted key (13 s for one of 40 kB). It needs memory in proportion to
+the keys (2.2 GB for a million). The check takes time linear in the length of the text.
 """
 
 import os
@@ -92,7 +92,7 @@ def read_toml(path: Path, limits: TomlLimits = SMALL) -> dict[str, Any]:
 def _check(text: str, limits: TomlLimits) -> None:
     keys = depth = dots = dots_of_key = 0
     opened: list[int] = []
-    """What each open bracket adds to the depth: itself and the dots of the key before it."""
+    """Depth that each open bracket adds: itself and the dots of the key before it."""
     for match in _TOKEN.finditer(text):
         token = match.group()
         if token == ".":

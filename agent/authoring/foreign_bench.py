@@ -1,4 +1,4 @@
-"""A bench for plugins that are processes of their own, in whatever language: a live hub, and their robot's host.
+"""A bench for plugins in separate processes, in any language: a live hub, and their robot's host.
 
 def test_gauge_reads_a_temperature():
     with ForeignBench(["./gauge", "r1"], plugin="gauge") as bench:

@@ -29,7 +29,7 @@ BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ON
 
 
 def interface_differences(plugin_class: type[Plugin]) -> Iterator[tuple[str, str]]:
-    """What of its interface a class lacks or has otherwise: the name, and what is wrong with it.
+    """Members of its interface that a class lacks or defines otherwise: the name, and the problem.
 
     Types are compared where both sides give them; what cannot be decided is not complained of.
     """
@@ -104,7 +104,7 @@ def _function_differences(plugin_class: type, interface: type, name: str) -> Ite
 
 
 def _signature(owner: type, name: str) -> inspect.Signature:
-    """The signature as a caller sees it, without hints, whose differences are a matter of their own."""
+    """The signature for a caller, without hints; differences between hints are checked elsewhere."""
     signature = inspect.signature(getattr(owner, name))
     parameters = list(signature.parameters.values())
     if inspect.isfunction(inspect.getattr_static(owner, name)):
@@ -182,8 +182,8 @@ class PluginFinding(msgspec.Struct, frozen=True):
 def check_plugins(folder: Path) -> list[PluginFinding]:
     """The mistakes in the plugins of a folder, in the order of their files.
 
-    The plugins are imported, but not created. What they require is looked for in the folder, among the stock plugins
-    and in installed distributions.
+    The plugins are imported, but not created. Required plugins are searched in the folder, among the stock plugins and
+    in installed distributions.
     """
     return _Check(folder).findings()
 
@@ -272,12 +272,12 @@ class _Check:
         return code
 
     def _code(self, manifest: Manifest) -> PluginCode | None:
-        """What a plugin is made of; None if that cannot be told."""
+        """Code of a plugin; None if it cannot be imported."""
         if manifest.path not in self._codes:
             try:
                 self._import(manifest)
             except ManifestError:
-                return None  # it is told where that plugin itself is looked at
+                return None  # reported with that plugin itself
         return self._codes[manifest.path]
 
     def _role(self, manifest: Manifest) -> Iterator[PluginFinding]:

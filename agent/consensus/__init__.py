@@ -1,1 +1,1 @@
-"""What robots do about tasks while no coordinator is heard."""
+"""Tasks of robots while no coordinator is reachable."""

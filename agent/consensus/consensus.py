@@ -1,8 +1,8 @@
 """Allocates open tasks among robots by consensus while they hear no coordinator.
 
-A robot begins tasks that a coordinator had queued only if it hears more than half of the team, as the last coordinator
-listed it, and none of these robots hears a coordinator. Two such groups would share a robot, so there is at most one.
-A coordinator that lives hears no robot of that group.
+A robot begins tasks that a coordinator had queued only under two conditions. It receives more than half of the team, as
+the last coordinator listed it, and none of these robots receives a coordinator. Two such groups would share a robot, so
+there is at most one. A coordinator that lives hears no robot of that group.
 """
 
 import math
@@ -121,7 +121,7 @@ REPORTING = Occupied(NAME, "the robot reports to a coordinator what was done wit
 
 
 class _Opened(NamedTuple):
-    """What a negotiation was opened for."""
+    """Basis of a negotiation."""
 
     at_ns: int
     """When, or when its last round ended."""
@@ -183,7 +183,7 @@ class Consensus:
         self._negotiation = Negotiation(robot, nothing, rounds=ROUNDS, number=now_ns // NS_PER_MS, while_working=True)
         self._opened = _Opened(now_ns, 0, frozenset(), frozenset())
         self._term = 0
-        """The greatest that was heard of."""
+        """The greatest term received."""
         self._is_called = False
         """Whether a ballot calls for a new negotiation."""
         self._holders = Holders(robot)
@@ -230,7 +230,7 @@ class Consensus:
 
     @property
     def changes_heard(self) -> int:
-        """The robot has heard of all changes of tasks up to this number."""
+        """The robot has received all changes of tasks up to this number."""
         return self._sync.last
 
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
@@ -403,7 +403,7 @@ class Consensus:
         return [task for task in free if self.known.open[task.id].heard_ns >= self._sync.behind_since_ns]
 
     def _open(self, tasks: dict[str, Task], teammates: frozenset[str], now_ns: int) -> None:
-        """Bid again, in the negotiation that a teammate has opened or in one of its own."""
+        """Bid again, in a teammate's negotiation or in a new one."""
         pose, negotiation = self._board.pose, self._negotiation
         self._not_mine = {name: until for name, until in self._not_mine.items() if until > now_ns}
         able: list[Task] = []

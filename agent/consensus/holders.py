@@ -6,16 +6,16 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.tasks.consensus_messages import ABSENT_MAX, TaskHeldBy, TeamBallot
 
 GOES_ON_S = 120.0
-"""How long a robot goes on with what it has begun while it hears neither a coordinator nor half of the team; its tasks
-are given to others 2 s later."""
+"""Time for which a robot continues its work while it receives neither a coordinator nor half of the team. Its tasks are
+assigned to others 2 s later."""
 GIVEN_UP_NS = to_ns(GOES_ON_S + 2.0)
-"""Silence after which a robot has let go of its tasks."""
+"""Silence after which a robot has released its tasks."""
 HOLDERS_MAX = 1024
 """Tasks whose holders are remembered (chosen: four times the open tasks that a robot knows)."""
 
 
 class Holders:
-    """Who has which task, and until when.
+    """Holder of each task, and the end of its hold.
 
     Args:
         robot: whose memory it is; it knows itself what it does.
@@ -25,7 +25,7 @@ class Holders:
     def __init__(self, robot: str) -> None:
         self._robot = robot
         self._until: dict[str, tuple[str, int]] = {}
-        """By task: who has it, and when that robot has let it go if nothing is heard of it."""
+        """By task: its holder, and the time at which that robot has released it if it stays silent."""
 
     def receive(self, said: TeamBallot, present: Container[str], now_ns: int) -> bool:
         """Take in what a robot says of itself, and of robots that this one does not hear; whether a task is new.
@@ -47,7 +47,7 @@ class Holders:
         return not self._until.keys() <= before.keys()
 
     def of(self, task_id: str, now_ns: int) -> str:
-        """Who has a task; empty if nobody is known to."""
+        """Holder of a task; empty if none is known."""
         robot, until_ns = self._until.get(task_id, ("", now_ns))
         return robot if until_ns > now_ns else ""
 

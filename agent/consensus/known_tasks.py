@@ -41,9 +41,9 @@ class KnownTask(NamedTuple):
 
     task: Task
     robot: str
-    """Who had it then; empty if nobody."""
+    """Its robot at that time; empty if none."""
     heard_ns: int = 0
-    """When the robot heard of it last."""
+    """Time of the robot's last report about it."""
 
 
 class KnownTasks:
@@ -83,7 +83,7 @@ class KnownTasks:
             self.open[task.id] = KnownTask(task, robot, now_ns)
 
     def adopt_open_tasks(self, events: Iterable[TaskEvent], asked_ns: int, now_ns: int) -> None:
-        """Take in all tasks that a coordinator has open; of the others those have ended that were heard of before.
+        """Adopt all tasks that a coordinator has open; tasks known before and not among these have ended.
 
         Args:
             events: the last change of each; if they are as many as a robot remembers, there may be more.
@@ -192,9 +192,9 @@ class TaskSync:
 
     def __init__(self, wire: Endpoint, known: KnownTasks) -> None:
         self.behind_since_ns: int | None = None
-        """When it was noticed that a change was not heard of; None if all were."""
+        """Time at which a missed change was noticed; None if there is none."""
         self.last = 0
-        """All changes up to this number were heard of."""
+        """All changes up to this number were received."""
         self._wire, self._known = wire, known
         self._said = 0
         self._ahead: set[int] = set()

@@ -30,7 +30,7 @@ from robrain.protocol.model.tasks.stock_kinds import check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
 
 Known = Mapping[str, Sequence[TaskKnown]]
-"""What each of the other robots has said that it has."""
+"""Tasks that each of the other robots has reported as its own."""
 
 
 Dropped = Mapping[str, Set[str]]

@@ -1,7 +1,7 @@
 """A robot as a witness: it elects one of several coordinators, and stores which journals are complete.
 
-What it has answered is stored first, as it must not be forgotten by a restart. A robot that is no witness is never
-asked, and still follows the coordinator that was elected last.
+Its answer is stored first, as it must survive a restart. A robot that is no witness is never asked, and still follows
+the coordinator that was elected last.
 """
 
 import logging
@@ -33,7 +33,7 @@ without contact suspends itself sooner: `LEASE_NS` in `coordinator/leadership/ma
 
 
 class Kept(msgspec.Struct, frozen=True, kw_only=True):
-    """What a witness stores."""
+    """Contents of a witness's store."""
 
     election: Count = 0
     """Greatest number of an election in which it has voted, or of a coordinator whose wish it has stored."""
@@ -53,7 +53,7 @@ class WitnessMemory(Protocol):
     """Storage of a witness."""
 
     def read(self) -> Kept:
-        """What was stored last (OSError, ValueError)."""
+        """Contents stored last (OSError, ValueError)."""
 
     def write(self, kept: Kept) -> None:
         """Store it; it survives a power cut when this returns (OSError)."""

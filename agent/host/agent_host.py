@@ -67,13 +67,14 @@ T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
 STOOD_STILL_NS = to_ns(0.5)
-"""After this time between two steps the process stood still: many times the usual period, and as long as a coordinator
-waits for the answer to an offer."""
+"""After this time between two steps the process was paused: many times the usual period, and a coordinator's time limit
+for the answer to an offer."""
 WAKING_NS = to_ns(0.2)
-"""For so long after it stood still, messages count as heard right after the last step before, and offers are refused:
-what waited in the process arrives in the first step, what waited in the network soon after it."""
+"""For this time after the pause, messages count as received right after the last step before it, and offers are
+refused. Messages that waited in the process arrive in the first step, those that waited in the network soon after
+it."""
 WOKEN_PASSES = 2
-"""A task that follows another at once: its behavior is told in the first, the driver in the second."""
+"""For a task that follows another at once: the first pass notifies its behavior, the second the driver."""
 IDLE_S = 1.0
 """A thread that has started plugins ends when there has been nothing to start for so long."""
 START_POOL_TIMEOUT_S = 1.0
@@ -83,8 +84,8 @@ START_POOL_TIMEOUT_S = 1.0
 class LockstepSchedule:
     """Runs the steps of one robot's plugins, one pass a tick.
 
-    In a pass each plugin gets its notifications, then its step if that is due. What a plugin leaves for one that comes
-    later is delivered in the same pass, for an earlier one in the next.
+    In a pass each plugin gets its notifications, then its step if that is due. A notification for a later plugin is
+    delivered in the same pass, for an earlier plugin in the next.
 
     Args:
         has_one_thread: whether plugins' turns need not be waited for.
@@ -172,7 +173,7 @@ class AgentHost:
         on_outside: told of queries from other processes, in lockstep.
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
         distributions: `entry_point_places()`, where several robots share a process; None looks for them.
-        manifests: files found by the robots of a run that were set up before, by folder; None looks anew.
+        manifests: files found by the robots of a run that were set up before, by folder; None searches again.
         extensions: host extensions that take the place of those of the same name.
 
     """

@@ -498,7 +498,7 @@ class PluginManager:
 
 
 def _halt_again(plugin: ManagedPlugin, registry: PluginRegistry) -> None:
-    """Once more, when whoever was in the plugin has left: what they did last may have undone the halt."""
+    """Once more, after the last caller has left the plugin: its last actions may have undone the halt."""
     turn, generation = plugin.turn, plugin.generation
     if not turn.acquire(plugin.manifest.tag.hang_s):
         return  # it hangs, and is faulted for it

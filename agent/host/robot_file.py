@@ -54,7 +54,7 @@ class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mode: Literal["client", "peer", "router"] = "client"
     """Default: `router` in a file with `listen`, so that others can join, else `client`."""
     telemetry_bytes_per_s: Annotated[float, msgspec.Meta(ge=0.0)] = 0.0
-    """What the robot's link carries; states and links beyond it are left out and counted. 0: everything is sent."""
+    """Capacity of the robot's link; states and links beyond it are dropped and counted. 0: everything is sent."""
 
     tls: TlsTable | msgspec.UnsetType = msgspec.UNSET
 

@@ -32,7 +32,8 @@ logger = logging.getLogger(__name__)
 LIMIT_S = 0.1
 """How long the plugins of one level may take to halt before the next level's turn comes."""
 THREADS = 4
-"""At most so many threads stand by to halt plugins of a level side by side; more are started when these are stuck."""
+"""Maximum number of threads that stand by to halt plugins of a level in parallel; more are started when these are
+stuck."""
 ASK_TIMEOUT_S = 1.0
 LOG_SOURCE = "halt"
 

@@ -1,7 +1,7 @@
 """Foreign plugins: separate processes, in any language, that announce themselves to a robot.
 
 Such a process declares the liveliness token `robot/R/foreign/NAME`, answers `…/info` with a PluginInfo, and answers
-`…/call/FUNCTION`. It does not answer under the robot's `call/` keys itself: the host answers those for all plugins, its
+`…/call/FUNCTION`. It does not answer under the robot's `call/` keys itself. The host answers those for all plugins, its
 own and the foreign ones, whose calls it relays. Thus there is one answer, and one place that checks who may call.
 """
 

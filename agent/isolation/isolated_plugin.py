@@ -1,7 +1,7 @@
 """The isolated plugin: represents a plugin of another process in the robot's process.
 
-It is made by `isolated_class` in place of the real class, and its host need not know: it has the same level, interface,
-parameters, period and external functions, and steps, calls and notifications reach it in the same turns.
+`isolated_class` makes it in place of the real class, and its host need not distinguish them. It has the same level,
+interface, parameters, period and external functions; steps, calls and notifications reach it in the same turns.
 
 The robot reads the class to know its level, interface and functions, so its module is imported in the robot's process
 too. Its top-level code runs first in a process that may crash or hang (`try_import`); what comes through that is
@@ -85,7 +85,8 @@ class ChildProcess:
     Args:
         plugin: its name.
         serve: does what the plugin asks for.
-        on_lost: told why, on a thread of its own, when the process ends of itself; not kept alive for that.
+        on_lost: called with the reason, on a separate thread, when the process ends by itself; held by a weak
+            reference.
 
     Raises:
         OSError: the process cannot be started.
@@ -187,8 +188,8 @@ def limits_of(manifest: Manifest) -> Limits:
 class IsolatedPlugin(Plugin):
     """Runs its plugin in a separate process from `init` to `deactivate`; made by `isolated_class`.
 
-    Whatever becomes of that process, this one raises PluginCrashed and goes on: the process is killed if a call does
-    not come back in time, and does not outlive the robot's. The plugin's state ends with `deactivate`.
+    If that process fails, this one raises PluginCrashed and continues. The process is killed if a call does not return
+    in time, and does not outlive the robot's. The plugin's state ends with `deactivate`.
     """
 
     _manifest: ClassVar[Manifest]
@@ -428,8 +429,8 @@ def try_import(module: str, file: Path | None, limit_s: float) -> str:
         limit_s: how long that may take.
 
     Returns:
-        How the process came to grief; empty if it did not, also where the import has raised an error, which the
-        robot's own import will tell better.
+        Cause of the process's failure. Empty if there was none, also where the import has raised an error, which the
+        robot's own import reports better.
 
     """
     command = [sys.executable, "-c", IMPORT, module, str(file or "")]

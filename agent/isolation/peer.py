@@ -1,8 +1,8 @@
 """Conversations: one end of a local connection between a robot's process and that of an isolated plugin.
 
-Whoever asks waits, and meanwhile answers what the other end asks back: a call that goes down through a process and up
-again to ask for another plugin runs on one thread in each, as it would in one process. Processes of their own are of
-the live drive alone: limits are counted by the machine's monotonic clock.
+The caller waits, and meanwhile answers requests of the other end. A call that goes down through a process and up again
+to another plugin runs on one thread in each, as within one process. Separate processes exist in the live drive alone:
+limits are counted by the machine's monotonic clock.
 """
 
 import socket

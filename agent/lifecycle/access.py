@@ -1,7 +1,7 @@
 """Access to a plugin: who may use it, handles, exclusive use, and calls that enter it from outside its own step.
 
 The name of an outside holder is what the caller says it is: leases keep those who mean well from meddling with each
-other. Who may speak to a robot at all is the router's business.
+other. The router decides which participants may address a robot at all.
 """
 
 import logging

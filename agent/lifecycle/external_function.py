@@ -173,7 +173,7 @@ class Signature:
             elif name not in self._defaults:
                 raise self._bad(f"missing argument `{name}`")
         converted = sum(_is_guessed(text, arguments[name]) for name, text in given.items())
-        # The struct fills in the defaults, with lists of its own each time.
+        # The struct fills in the defaults, with new lists each time.
         defaults = self._struct(**arguments) if len(arguments) < len(self.hints) else None
         whole = {name: arguments[name] if name in arguments else getattr(defaults, name) for name in self.hints}
         return Fit(whole, converted, len(self.hints) - len(given))
@@ -188,9 +188,9 @@ class Signature:
 class ExternalFunction:
     """All signatures that share one external name.
 
-    Of several, the one whose arguments convert is called. If more than one does, types decide first (a whole number
-    fits an int better than a float, quoted text a str, a bare word what it spells), then the number of defaults;
-    what is still undecided is refused, and can be called by its signature name.
+    Of several, the one whose arguments convert is called. If more than one does, types decide first, then the number of
+    defaults. A whole number fits an int better than a float, quoted text a str, a bare word the type of its spelling. A
+    call that is still ambiguous is refused; its signature name selects one.
     """
 
     def __init__(self, name: str, *signatures: Signature) -> None:
@@ -287,7 +287,7 @@ def external_functions(plugin_class: type[Plugin]) -> dict[str, ExternalFunction
         TypeError: one cannot be described, or two cannot be told apart.
 
     """
-    # Not dir(): overloads are told in the order of their definition.
+    # Not dir(): overloads are listed in the order of their definition.
     members = dict.fromkeys(name for base in reversed(plugin_class.__mro__) for name in vars(base))
     signatures: dict[str, list[Signature]] = {}
     for member in members:

@@ -86,8 +86,8 @@ class RobotContext:
 class Instance(msgspec.Struct, frozen=True, eq=False):
     """One instance of a plugin, with the environment that was made for it.
 
-    What it declares on the wire in `init` stays for as long as the instance, what it declares from `activate` on goes
-    with `deactivate`: that is an endpoint of its own.
+    Declarations on the wire in `init` stay until the instance ends. Those from `activate` on end with `deactivate`, as
+    they use a separate endpoint.
     """
 
     code: PluginCode

@@ -53,7 +53,7 @@ InterfaceT = TypeVar("InterfaceT")
 
 NEVER_NS = 1 << 63
 WAITS_S = {Effect.ASK: 2.0, Effect.ASK_FAILED: 0.1}
-"""How long the end of a plugin waits for whoever is in it; then the plugin is abandoned."""
+"""Time for which the end of a plugin waits for callers in it; then the plugin is abandoned."""
 
 
 class ManagedPlugin:
@@ -433,7 +433,7 @@ class ManagedPlugin:
                 self.blame(error)
 
     def blame(self, error: ForeignError) -> None:
-        """What the plugin raised is its fault, unless it ran into a halt or an end of what it calls."""
+        """An error of the plugin is its fault, unless it comes from a halt or end of a plugin that it calls."""
         if not self._context.excuses(self, error):
             self.fault(error)
 
@@ -492,8 +492,8 @@ class ManagedPlugin:
     def call_external(self, function: str, payload: bytes, *, by: str = "") -> Any:
         """Call an external function, known by its name or that of one signature, with JSON arguments.
 
-        `payload` is an array by position, an object by name, or nothing; `by` says who calls: only that one may call
-        a plugin that it holds (CallError with the code that says why not).
+        `payload` is an array by position, an object by name, or nothing. `by` names the caller: only the holder may
+        call a plugin that is held (CallError with the code of the reason).
         """
         known = external_function(self, function, by)
         return call_from_outside(self, known, lambda plugin: known.call(plugin, payload))

@@ -1,6 +1,6 @@
 """Places: folders in which a robot looks for plugins, its own and those that installed distributions bring.
 
-A distribution is found by the entry-point group `robrain.plugins`: it names a package of its own whose folder is a
+A distribution is found by the entry-point group `robrain.plugins`. It names one of its packages whose folder is a
 place, in its pyproject.toml:
 
     [project.entry-points."robrain.plugins"]

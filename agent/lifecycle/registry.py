@@ -28,8 +28,8 @@ class PluginRegistry(RobotContext):
     """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock.
 
     Args:
-        foreign: plugins that are processes of their own, in live.
-        robot, clock, desk, make_environment, parameters, has_one_thread, starters: see RobotContext.
+        foreign: plugins in separate processes, in live. robot, clock, desk, make_environment, parameters,
+        has_one_thread, starters: see RobotContext.
 
     """
 
@@ -148,7 +148,7 @@ class PluginRegistry(RobotContext):
         return self.foreign is not None and name not in self.plugins and name in self.foreign
 
     def foreign_infos(self) -> list[PluginInfo]:
-        """Those plugins that are processes of their own; the robot's own come first where names are the same."""
+        """The plugins in separate processes; the robot's plugins come first where names are equal."""
         return [info for info in self.foreign.infos() if info.name not in self.plugins] if self.foreign else []
 
 

@@ -70,7 +70,7 @@ class Transition(NamedTuple):
 
 
 class TransitionRefused(PluginError):
-    """What was to happen to a plugin cannot happen in its state; carries `.state` and `.trigger`."""
+    """The transition of a plugin is not possible in its state; carries `.state` and `.trigger`."""
 
     code = ErrorCode.REFUSED
 

@@ -14,7 +14,7 @@ COMPILER = "numba.core.dispatcher"
 class PluginLock:
     """The lock of one plugin; may be taken again by the thread that has it.
 
-    Locks are only ever taken downwards: whoever waits here is of a higher level, or comes from outside.
+    Locks are only acquired downwards: a caller that waits here is of a higher level, or comes from outside.
 
     Args:
         plugin: whose lock it is.

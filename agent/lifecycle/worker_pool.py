@@ -14,7 +14,7 @@ from robrain.agent.errors import FOREIGN_ERRORS
 Call = Callable[[], object]
 
 STALL_S = 0.002
-"""If none of several calls has come back for so long, those that still wait get threads of their own."""
+"""If none of several calls has returned for this time, those that still wait get separate threads."""
 
 
 class NotBack(TimeoutError):
@@ -47,7 +47,7 @@ class WorkerPool:
             self._start(count - self._free)
 
     def run(self, calls: Mapping[str, Call], limit_s: float | None = None) -> dict[str, BaseException]:
-        """Make calls side by side, and wait for them as long as the limit says.
+        """Make calls in parallel, and wait for them up to the limit.
 
         Returns:
             What those raised that failed; NotBack for those that have not come back.
@@ -68,7 +68,7 @@ class WorkerPool:
             except Empty:
                 if left_s <= 0.0:
                     break
-                with self._counting:  # the threads that are there are stuck: what still waits gets threads of its own
+                with self._counting:  # the existing threads are stuck: waiting calls get separate threads
                     self._start(-self._free)
                 continue
             del running[name]

@@ -69,8 +69,8 @@ def read_identity(folder: Path, now: datetime | None = None) -> Identity:
     """Read and check a certificate and its files.
 
     Raises:
-        WireError: a file is missing or can be read by others. Or the certificate is of another name, not valid yet or
-            no longer, or not of this CA or this key; the text names the file.
+        WireError: a file is missing or can be read by others. Also if the certificate has another name, is
+            not valid yet or no longer, or does not match this CA or this key. The text names the file.
 
     """
     for name in (CA, CERTIFICATE, KEY):

@@ -1,7 +1,7 @@
 """The trace of a task: one number for all that processes do for it, carried by queries in Zenoh's attachment.
 
-It is the trace id of W3C Trace Context, 32 hexadecimal digits. A program that has a trace of its own submits a task
-with that trace. Any other task has a trace that follows from its id, so that every process can compute it.
+It is the trace id of W3C Trace Context, 32 hexadecimal digits. A program that has a trace submits a task with that
+trace. Any other task has a trace that follows from its id, so that every process can compute it.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
 """The frames on the robot's bus, as the DBC file beside this module describes them.
 
-Each frame ends with an 8-bit counter and a CRC-8 (SAE J1850) over its identifier and the bytes before. cantools reads
-the file, and its layout packs the bytes (the tests compare them with cantools' output).
+Each frame ends with an 8-bit counter and a CRC-8 (SAE J1850) over its identifier and the bytes before. The layout comes
+from cantools, which reads the file (the tests compare the bytes with cantools' output).
 """
 
 import struct

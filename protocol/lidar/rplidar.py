@@ -9,7 +9,7 @@ answer to SCAN is the descriptor A5 5A 05 00 00 40 81, then a node of five bytes
 | 1–2 | angle × 64 (15 bits, °, clockwise), and a check bit that is 1 |
 | 3–4 | distance × 4, mm; 0 if nothing came back |
 
-There is no checksum: a node is valid if S differs from not S, the check bit is 1 and the angle is within a turn.
+There is no checksum. A node is valid if S differs from not S, the check bit is 1 and the angle is within a turn.
 """
 
 import math

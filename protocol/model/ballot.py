@@ -57,7 +57,7 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     digest: Count
     """Of all winners as the robot knows them, and of the round; see `digest_of`."""
     value: Value
-    """Value of its own path to it."""
+    """Value of the robot's path to it."""
 
 
 Standings = Annotated[tuple[Standing, ...], Meta(max_length=ROBOTS_MAX)]

@@ -1,8 +1,8 @@
 """Map frames: in which coordinates a robot, and each submap, is placed.
 
 A robot that knows its place works in the arena frame, the team's. A robot whose start is unknown, or that was carried
-off, begins a frame of its own and maps in it. It moves its submaps into the team's frame when it has found the
-transform between the two.
+off, begins a separate frame and maps in it. It moves its submaps into the team's frame when it has found the transform
+between the two.
 """
 
 import msgspec

@@ -1,8 +1,8 @@
 """A component's place on the wire: it declares, owns and closes everything that the component says and hears.
 
-The same calls serve both drives. In lockstep every callback is direct: a put is delivered before it returns, and a
-query from the runner's own thread is answered within the call. A message from another process waits for `serve()`. In
-live, callbacks run on Zenoh's threads and only append to inboxes.
+The same calls serve both drives. In lockstep every callback is direct: a put is delivered before it returns. A query
+from the runner's own thread is answered within the call. A message from another process waits for `serve()`. In live,
+callbacks run on Zenoh's threads and only append to inboxes.
 """
 
 import logging

@@ -107,7 +107,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     battery: BatteryState | None = None
     """The battery's estimate; null if the robot has none."""
     energy: EnergyModel | None = None
-    """The robot's knowledge of its own consumption."""
+    """The robot's knowledge of its consumption."""
     behavior: Name = ""
     task: TaskStatus | None = None
     next_task: TaskStatus | None = None

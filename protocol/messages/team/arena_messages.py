@@ -36,7 +36,7 @@ class ArenaClock(Message, frozen=True, kw_only=True):
 
 
 class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
-    """True pose of a simulated robot, and the accuracy of its own poses up to now."""
+    """True pose of a simulated robot, and the accuracy of the poses that it has estimated up to now."""
 
     robot: Name
     pose: Pose2D
@@ -46,7 +46,7 @@ class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
     """Path driven so far."""
     energy_j: Joules
     accuracy: PoseAccuracy | None = None
-    """Accuracy of its own poses up to now; null before the first."""
+    """Accuracy of its estimated poses up to now; null before the first."""
 
 
 class MoteTruth(msgspec.Struct, frozen=True, kw_only=True):

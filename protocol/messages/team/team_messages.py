@@ -114,7 +114,7 @@ class TeamState(Message, frozen=True, kw_only=True):
     mote_field: MoteFieldState | msgspec.UnsetType = msgspec.UNSET
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | msgspec.UnsetType = msgspec.UNSET
-    """The standby coordinator, which has a journal of its own; absent if there was none."""
+    """The standby coordinator, which has a separate journal; absent if there was none."""
     unwritable: Text | msgspec.UnsetType = msgspec.UNSET
     """Why its journal could not be written the last time; absent if it could. No task is accepted meanwhile."""
     lead: Lead | msgspec.UnsetType = msgspec.UNSET

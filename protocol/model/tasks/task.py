@@ -1,7 +1,7 @@
 """Tasks: what a robot can be asked to do, and the states that it goes through.
 
 A task of any kind is one struct. Fields that only one kind has are in `parameters`, plain JSON. The behavior that does
-this kind reads it as a type of its own (`parameters_of`). A field that has its default does not travel.
+this kind reads it as the kind's type (`parameters_of`). A field that has its default does not travel.
 """
 
 import math
