@@ -39,7 +39,7 @@ class Board:
         """Counts of the wheel encoders at that pose."""
         self.odometry: tuple[tuple[int, Pose2D], ...] = ()
         """Dead reckoning of the last 0.6 s: time of measurement (ns, robot's clock) and T_odom_robot, the oldest first.
-        mocdevice writes it at each step, if a plugin requests it."""
+        mocdevice writes it in each step if a plugin requests it."""
         self.wants_odometry = False
         """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
         self.published_odometry: tuple[Pose2D, int] | None = None
@@ -47,8 +47,8 @@ class Board:
         self.yaw_rates: deque[YawRate] = deque(maxlen=256)
         """Measurements of a gyroscope, which the device of an IMU leaves here for the odometry of mocdevice."""
         self.gyro_contradiction: float | None = None
-        """The gyroscope's turning as a multiple of the wheels', if they contradict each other. mocdevice writes it, and
-        the device of the IMU empties it when it starts."""
+        """The gyroscope's turning as a multiple of the wheels', if they contradict each other. mocdevice writes it; the
+        IMU's device empties it at its start."""
         self.has_scanned = False
         """Whether the lidar has ever spoken; scan writes it."""
         self.doubted_scan: list[int] | None = None

@@ -4,7 +4,7 @@ One task at a time, and one more that is held: it is begun in the step in which 
 older epoch than the last one accepted is refused, so that a coordinator that was replaced cannot steer the robot. A
 task whose coordinator is silent for longer than the lease is released, and a held task is forgotten.
 
-One behavior drives at a time. A task that is accepted while another runs replaces it: the old behavior is asked to
+One behavior drives at a time. A task that is accepted while another runs replaces it. The old behavior is asked to
 release its task, then the new one may begin (`may_begin`). A behavior reports its own activity (it wanders, it goes to
 charge) by `occupy`. It yields as soon as `occupies` returns False: to any task, or, while it is firm, to none.
 """
@@ -415,8 +415,8 @@ class TaskDesk:
     def check_lease(self, now_ns: int) -> None:
         """Release a task whose coordinator has been silent for longer than the lease, or that was recalled.
 
-        The held task is forgotten then, and also when the robot's own process was paused for longer than the lease:
-        another robot may have received it.
+        The held task is forgotten then, and also after a pause of the robot's own process that exceeds the lease.
+        Another robot may have received the task.
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""

@@ -1,4 +1,4 @@
-"""`[transform]`: words that a plugin's callers send and receive in place of its own (paper, section 4.1).
+"""`[transform]`: words that a plugin's callers send and receive in place of the plugin's (paper, section 4.1).
 
 Inspired by `#define` in C. `incoming = { BEGIN = "1" }` is the paper's `BEGIN>1`, `outgoing = { 0 = "END" }` its
 `END<0`, and `both = { ROSES = "2" }` its `ROSES=2`.

@@ -145,8 +145,8 @@ class RobotCalls:
             timeout_s: time limit for the action; None for no limit.
 
         Returns:
-            How it ended: `outcome` is done, failed, cancelled, or superseded if another call has moved the robot;
-            `by` then names the plugin, such as `explore`.
+            How it ended: `outcome` is done, failed, cancelled or superseded. It is superseded if another call has
+            moved the robot; `by` then names the plugin, such as `explore`.
 
         Raises:
             CallError: the call is refused, or the plugin fails; the text says why.

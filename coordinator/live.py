@@ -16,8 +16,8 @@ from robrain.protocol.wire.endpoint import Endpoint
 PERIOD_S = 0.02
 """Between two steps at the most; what arrives is attended to sooner."""
 REST = 3.0
-"""A step is followed by at least so many times its own time of rest, and by `LEAST_REST_S`: with many robots something
-arrives all the time, and is worth more by the dozen."""
+"""A step is followed by a rest of at least this many times its own time, and of `LEAST_REST_S`. With many robots
+messages arrive all the time, and batches are cheaper."""
 LEAST_REST_S = 0.002
 JOIN_S = 3.0
 
@@ -70,7 +70,7 @@ def run_coordinator(
 
 
 def _load() -> None:
-    # Here: numba and scipy take half a second, and robots that wait for their coordinator let go of their tasks.
+    # Imported here: numba and scipy take half a second, and robots that wait for their coordinator release their tasks.
     from robrain.algorithms.exploration.warm_up import warm_up
 
     warm_up()

@@ -67,8 +67,8 @@ T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
 STOOD_STILL_NS = to_ns(0.5)
-"""After this time between two steps the process was paused: many times the usual period, and a coordinator's time limit
-for the answer to an offer."""
+"""After this time between two steps the process was paused. It is many times the usual period, and a coordinator's time
+limit for the answer to an offer."""
 WAKING_NS = to_ns(0.2)
 """For this time after the pause, messages count as received right after the last step before it, and offers are
 refused. Messages that waited in the process arrive in the first step, those that waited in the network soon after

@@ -28,7 +28,8 @@ class PluginRegistry(RobotContext):
     """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock.
 
     Args:
-        foreign: plugins in separate processes, in live. robot, clock, desk, make_environment, parameters,
+        foreign: plugins in separate processes, in live.
+        robot, clock, desk, make_environment, parameters,
         has_one_thread, starters: see RobotContext.
 
     """

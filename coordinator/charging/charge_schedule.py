@@ -6,7 +6,7 @@ one, then the others, lowest charge first. Every robot that knows a charger gets
 charger that it could use is free.
 
 A charge ends when the battery is full enough. While tasks wait for energy and the next robot has much less charge, it
-ends at the level of a short turn: two robots with half a battery do more than one with a full one. While tasks wait for
+ends at the level of a short turn. Two robots with half a battery do more than one with a full one. While tasks wait for
 a robot's charge, it ends as soon as there is enough for them. Pure: equal robots give an equal schedule.
 """
 

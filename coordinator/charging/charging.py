@@ -101,8 +101,8 @@ class ChargePower:
 DETOUR = 1.5
 """Assumed ratio of path length to straight line where no plan has the length (chosen; robots assume the same)."""
 ROUTE_FACTOR = 2.0
-"""A robot leaves its charger for tasks that wait for it when it has this many times what they take, beyond its reserve
-(chosen: enough for the plan that is made then, and for a detour)."""
+"""A robot leaves its charger for tasks that wait for it when it has this many times their energy, beyond its reserve
+(chosen). That is enough for the plan that is made then, and for a detour."""
 STILL_M = 1.0
 """While a robot has moved less than this, the path lengths of the last plan hold for it."""
 
@@ -231,11 +231,11 @@ def _away_m(one: Point2D, other: Point2D) -> float:
 
 
 MOVED_NS, MOVED_SHARE = to_ns(10.0), 0.1
-"""The schedule is published again when the end of a charge has moved by more than both (the share is of the time until
-then), or when anything else has changed (chosen)."""
+"""The schedule is published again when the end of a charge has moved by more than both, or when another field has
+changed (chosen). The share is of the time until then."""
 
 MOVED_SOC = 0.1
-"""It is told again what level a task waits for when that has moved by more (chosen)."""
+"""The level that a task waits for is published again when it has moved by more (chosen)."""
 
 
 class ChargePublisher:
@@ -419,7 +419,7 @@ class Charging(CoordinatorPart):
         )
 
     def _charge(self, turn: ChargerSlot, one: ChargeSeeker) -> Charge | None:
-        """What to ask a robot now: to set out when it is time, or, if it charges on its own initiative, to end."""
+        """Charge order for a robot now: to set out when it is time, or, if it charges on its own initiative, to end."""
         is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
         is_firm = one.bound_for is not None and one.to_soc is None and self._book.of_robot(turn.robot) is None
         if not (is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < TO_SOC)):

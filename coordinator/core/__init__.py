@@ -1,1 +1,1 @@
-"""What every part of a coordinator builds on: the team, its tasks and plans, and the parts themselves."""
+"""Base of all parts of a coordinator: the team, its tasks and plans, and the parts themselves."""

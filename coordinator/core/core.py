@@ -43,7 +43,7 @@ GROUP = "robrain.coordinator_parts"
 
 
 class CoordinatorPart:
-    """What one feature adds to a coordinator. Methods that a part does not override cost nothing.
+    """Part of a coordinator that one feature adds. Methods that a part does not override cost nothing.
 
     Args:
         core: the team, its tasks and plans.

@@ -1,1 +1,1 @@
-"""The journal: every change of a task is on disk before anybody is told of it."""
+"""The journal: every change of a task is on disk before it is published."""

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Alarm(NamedTuple):
-    """What became of one source of a rule when it last made a task."""
+    """Outcome of one source of a rule when it last made a task."""
 
     rule: str
     source: str

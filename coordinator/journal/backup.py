@@ -1,8 +1,8 @@
 """Backups of a journal: written while a coordinator has it open, checked, and restored.
 
-SQLite's own backup copies the journal a few pages at a time (https://sqlite.org/backup.html). What the coordinator
-writes meanwhile goes into the copy too. A backup gets its name once it is whole, checked and on the disk: whatever
-ends the process before leaves a file `….part`, which the next backup removes.
+SQLite's own backup copies the journal a few pages at a time (https://sqlite.org/backup.html). Changes that the
+coordinator writes meanwhile are copied too. A backup gets its name once it is whole, checked and on the disk. If the
+process ends earlier, a file `….part` remains, which the next backup removes.
 """
 
 import os
@@ -21,20 +21,21 @@ from robrain.coordinator.journal.replica import put_aside
 from robrain.coordinator.journal.schema import migrate
 
 PAGES_AT_A_TIME, PAUSE_S = 64, 0.005
-"""The coordinator's loop waits for so many pages at the most, and a backup so long for a transaction of the loop."""
+"""The coordinator's loop waits for at most this number of pages, and a backup this long for a transaction of the
+loop."""
 ROOM = 3
-"""A backup leaves room on the disk for so many more of its size, less which is not begun: the journal needs it."""
+"""A backup leaves this many times its size free on the disk, or it is not begun: the journal needs that space."""
 PART = ".part"
 FOLDER_ENDING, ENDING = ".backups", ".journal"
 
 
 class Restored(msgspec.Struct, frozen=True, kw_only=True):
-    """What was restored."""
+    """Result of a restore."""
 
     path: Path
     """The journal."""
     contents: JournalContents
-    """What it holds now."""
+    """Its contents now."""
     told: list[str]
     """Where what it held before is, in words."""
 
@@ -51,7 +52,7 @@ def backup_folder(journal: Path) -> Path:
 def write_backup(
     database: sqlite3.Connection, journal: Path, target: Path, on_pages: Callable[[], None] = lambda: None
 ) -> JournalContents:
-    """Copy an open journal to a file of its own; on a thread of its own, if the coordinator's loop is to go on.
+    """Copy an open journal to a separate file; on a separate thread if the coordinator's loop is to continue.
 
     Args:
         database: the journal's connection.
@@ -110,7 +111,7 @@ def restore_backup(backup: Path, journal: Path) -> Restored:
     """Make a journal hold what a backup holds.
 
     The journal is locked meanwhile, and changed in one transaction: an end of the process at any instant leaves the one
-    or the other. What it held before is kept beside it as `FILE.before-N`, or as `FILE.damaged-N`. Epochs never go
+    or the other. Its previous contents are kept beside it as `FILE.before-N`, or as `FILE.damaged-N`. Epochs never go
     back: those of the old journal count on.
 
     Raises:
@@ -153,7 +154,7 @@ def prune_backups(folder: Path, kept: int, but: Path | None = None) -> list[Path
 
 
 def _in_memory(backup: Path) -> sqlite3.Connection:
-    """What a backup holds, in the tables of today; the file stays as it is."""
+    """Contents of a backup, in the tables of today; the file stays as it is."""
     memory = sqlite3.connect(":memory:", isolation_level=None)
     try:
         with closing(sqlite3.connect(f"{backup.absolute().as_uri()}?mode=ro", uri=True)) as file:

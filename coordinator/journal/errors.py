@@ -1,4 +1,4 @@
-"""What can go wrong with journals.
+"""Errors of journals.
 
 RobrainError
 └── JournalError              a journal cannot be used; carries `.path`

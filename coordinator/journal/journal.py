@@ -1,13 +1,13 @@
 """The journal of one coordinator: tasks, every change of them, and the epochs that were given out, in SQLite.
 
-A change is one transaction. It is in the file when it returns and survives the end of the process at any instant, but a
-power cut may take the last ones back (`synchronous=NORMAL`; https://sqlite.org/pragma.html#pragma_synchronous), from
-where the states of the robots restore them. The answer to a submission promises that the task is kept, so it waits for
-`when_on_disk`, beside the coordinator's loop. Measured on an ext4 disk: a commit takes 0.01 ms, and 4 to 6 ms
-if it waits for the disk, but 0.1 to 0.5 s one time in a hundred while others write there. Epochs are set aside on the
-disk by the thousand before the first of them is used (`FULL`), so that no power cut gives one out twice.
+A change is one transaction. It is in the file when it returns and survives the end of the process at any instant. A
+power cut may lose the last ones (`synchronous=NORMAL`; https://sqlite.org/pragma.html#pragma_synchronous); the states
+of the robots then restore them. The answer to a submission promises that the task is kept, so it waits for
+`when_on_disk`, beside the coordinator's loop. Measured on an ext4 disk, a commit takes 0.01 ms, and 4 to 6 ms if it
+waits for the disk. It takes 0.1 to 0.5 s one time in a hundred while other processes write there. Epochs are reserved
+on the disk by the thousand before the first of them is used (`FULL`). No power cut can therefore issue one twice.
 
-The file is locked for as long as the journal is open. Stamps come with the records; nothing here reads a clock.
+The file is locked while the journal is open. Stamps come with the records; nothing here reads a clock.
 """
 
 import errno
@@ -77,8 +77,8 @@ class DiskSync:
 
     def __init__(self, path: Path, sync: Sync = os.fdatasync) -> None:
         self.has_failed = False
-        """Whether a sync has failed since this was last set to False: what was written before may not be on the disk,
-        and a later sync does not tell (https://wiki.postgresql.org/wiki/Fsync_Errors)."""
+        """Whether a sync has failed since this was last set to False. Earlier writes may then not be on the disk, and a
+        later sync does not report that (https://wiki.postgresql.org/wiki/Fsync_Errors)."""
         self._path = path
         self._sync = sync
         self._file: int | None = None
@@ -93,7 +93,7 @@ class DiskSync:
         self._waiting.put(tell)
 
     def close(self) -> None:
-        """Wait until everybody has been told, then let go of the file."""
+        """Wait until all callbacks have returned, then release the file."""
         if self._thread is not None:
             self._waiting.put(None)
             self._thread.join()
@@ -159,7 +159,7 @@ class Journal(JournalReading):
         self.failing = ""
         """Why the last change could not be written, in words; empty once one could."""
         self.told: list[str] = []
-        """What there is to tell of the opening: a damaged file, and what of it was read."""
+        """Report of the opening: a damaged file, and the part of it that was read."""
         self.on_written: Callable[[JournalEntry], None] | None = None
         """Called with each transaction once it is in the file; `seq` is left to be filled in."""
         self._factory, self._new_name = factory, new_name
@@ -282,8 +282,8 @@ class Journal(JournalReading):
     def name(self) -> str:
         """By which witnesses remember this journal; drawn when it is first asked for (JournalUnwritable).
 
-        A copy of another journal has a name of its own, and so has what was salvaged from a damaged one: it may lack
-        what was in it.
+        A copy of another journal has a separate name, and so has a journal salvaged from a damaged one: entries may be
+        missing.
         """
         name = str(self._db.execute("SELECT name FROM standing").fetchone()[0])
         return name or self.draw_name()
@@ -365,7 +365,7 @@ class Journal(JournalReading):
     def begin_copy(self) -> None:
         """Remove everything but the epochs: a copy of another journal takes its place, page by page.
 
-        What was in a file stays beside it as `FILE.before-N`.
+        The previous contents of a file stay beside it as `FILE.before-N`.
 
         Raises:
             JournalUnwritable: nothing was removed.
@@ -412,7 +412,7 @@ class Journal(JournalReading):
 
     @property
     def database(self) -> sqlite3.Connection:
-        """The open connection, for backups, which read it on a thread of their own."""
+        """The open connection, for backups, which read it on a separate thread."""
         return self._db
 
     # -- within ---------------------------------------------------------------------------------------------

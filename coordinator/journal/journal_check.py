@@ -16,7 +16,7 @@ LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 
 class JournalContents(msgspec.Struct, frozen=True, kw_only=True):
-    """What a journal holds, and what is wrong with it."""
+    """Contents and problems of a journal."""
 
     path: Path
     bytes: int

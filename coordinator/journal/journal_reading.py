@@ -1,4 +1,4 @@
-"""What is in a journal: tasks, their changes, and alarms."""
+"""Contents of a journal: tasks, their changes, and alarms."""
 
 import logging
 import sqlite3
@@ -35,7 +35,7 @@ class JournalReading:
         return next(iter(self._records("SELECT record FROM task WHERE id = ?", task_id)), None)
 
     def asked(self, task_id: str) -> bytes:
-        """What was asked for when the task was accepted, word by word but for its form, which is today's."""
+        """The request at the acceptance of the task, word by word but for its form, which is today's."""
         row = self._db.execute("SELECT asked FROM task WHERE id = ?", (task_id,)).fetchone()
         return b"" if row is None else upgraded_json(str(row[0]).encode())
 
@@ -99,7 +99,7 @@ class JournalReading:
         return int(found)
 
     def alarms(self) -> list[Alarm]:
-        """What rules have made tasks for."""
+        """Sources for which rules have made tasks."""
         rows = self._db.execute("SELECT rule, source, taken_ns, fired_ns, is_armed FROM alarm ORDER BY rule, source")
         return [
             Alarm(rule, source, taken_ns, fired_ns, bool(armed)) for rule, source, taken_ns, fired_ns, armed in rows

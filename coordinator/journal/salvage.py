@@ -17,13 +17,13 @@ logger = logging.getLogger(__name__)
 
 COMPANIONS = ("", "-wal", "-shm")
 MISSES_MAX = 5000
-"""So many numbers in a row without a row that can be read: there is nothing more (chosen). Only where the highest
+"""After this number of row numbers in a row without a readable row, there are no more (chosen). Only where the highest
 number itself cannot be read."""
 TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
 
 
 class Salvaged(NamedTuple):
-    """What was read of a damaged journal; rows by their numbers."""
+    """Rows that were read from a damaged journal, by their numbers."""
 
     tasks: dict[int, Sequence[object]]
     """TASK_COLUMNS."""

@@ -1,7 +1,7 @@
 """The tables of a journal, and how older ones become those of today.
 
-`PRAGMA user_version` is the schema's number. A new file goes through all migrations, so that there is one way only by
-which today's tables come about; each migration is one transaction, so all or nothing.
+`PRAGMA user_version` is the schema's number. A new file goes through all migrations, so that today's tables are made in
+one manner only. Each migration is one transaction, so all or nothing.
 """
 
 import sqlite3
@@ -39,7 +39,7 @@ MIGRATIONS: tuple[str, ...] = (
     CREATE TABLE epoch (only_row INTEGER PRIMARY KEY CHECK (only_row = 1), ceiling INTEGER NOT NULL);
     INSERT INTO epoch VALUES (1, 0);
     """,
-    # 2: what was asked for word by word, so that a second submission can be compared; own tasks are told apart.
+    # 2: the request word by word, so that a second submission can be compared; own tasks are marked.
     f"""
     ALTER TABLE task ADD COLUMN kind TEXT NOT NULL DEFAULT '';
     ALTER TABLE task ADD COLUMN own INTEGER NOT NULL DEFAULT 0;
@@ -101,7 +101,7 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
     """Bring a journal to the schema of today; returns which it had (0 for a new file).
 
     Raises:
-        JournalError: it is a database of something else, or of a newer robrain; it is left as it is.
+        JournalError: it is a database of another program, or of a newer robrain; it is left as it is.
         sqlite3.Error: it is damaged, locked, or cannot be written.
 
     """

@@ -1,7 +1,7 @@
 """A coordinator that does not lead: it copies the journal of the one that leads, and stands for election without one.
 
 It asks for the whole journal page by page, then follows the changes. A change with a number that does not follow is
-dropped, and sent again; a coordinator with another term, or that no longer has the changes, is copied again.
+dropped, and sent again. A coordinator with another term, or that no longer has the changes, is copied again.
 
 While it hears no coordinator that leads, it asks the witnesses for their votes. This also applies to a journal that is
 no copy: the witnesses know whether it is complete. While it asks, it follows no changes, so that no change is
@@ -85,7 +85,7 @@ class Candidate:
         self._report = wire.publisher(COORDINATOR_STAND_BY)
         self._term = self._written = self._on_disk = self._reported = 0
         self._led_election = 0
-        """Number of the last election that was heard of."""
+        """Number of the last election that was received."""
         self._led: Led | UnsetType = UNSET
         self._kept_by = ""
         self._heard_ns: int | None = None

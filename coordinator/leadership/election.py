@@ -151,7 +151,7 @@ class Lost(NamedTuple):
     witnesses: tuple[str, ...]
     """Names of the robots that elect."""
     granted: frozenset[str]
-    """Who has elected it."""
+    """Witnesses that have elected it."""
     refusals: tuple[tuple[str, WitnessRefusal], ...]
     """Each witness that refused, and why; witnesses without an answer are missing."""
 

@@ -130,8 +130,8 @@ class JournalFeed:
     def when_kept(self, on_kept: OnKept, on_lost: OnLost) -> None:
         """Call `on_kept` in a step once all changes so far are in every journal that the witnesses may elect.
 
-        `on_lost` is called instead, with a reason, if the witnesses do not learn in time that no candidate is in step:
-        then another coordinator may lead, with a journal that lacks the changes.
+        `on_lost` is called instead, with a reason, if the witnesses do not learn in time that no candidate is in step.
+        Another coordinator may then lead, with a journal that lacks the changes.
         """
         self._waiting.append(_Waiting(self._last, self._clock.now_ns(), on_kept, on_lost))
         self._end_waiting()
@@ -259,7 +259,7 @@ class OfferFence:
             self._end()
 
     def received_by_most(self, now_ns: int) -> int:
-        """Number of the latest task change that at least one robot of every possible majority has heard of.
+        """Number of the latest task change that at least one robot of every possible majority has received.
 
         Call it only while offers are held back.
         """
@@ -317,7 +317,7 @@ class Leadership(CoordinatorPart):
         core.wire.answer(COORDINATOR_LEAD, self._force, serve=Serve.IN_STEP)
 
     def check(self, now_ns: int) -> None:
-        """Take back what most robots may not have heard of, when offers are first held back."""
+        """Revoke changes that most robots may not have received, when offers are first held back."""
         was_fenced = self.fence.reason is not None
         self.fence.step(now_ns)
         reason = self.fence.reason
@@ -347,7 +347,7 @@ class Leadership(CoordinatorPart):
 
 
 class ElectedLeadership(Leadership):
-    """Leads for as long as the team's witnesses want that, and sends its journal to a candidate.
+    """Leads while the team's witnesses confirm it, and sends its journal to a candidate.
 
     Args:
         core: the team.

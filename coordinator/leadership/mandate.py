@@ -4,11 +4,11 @@ The witnesses store which journals hold every acknowledged change: the journal o
 stand-by while it is in step. They elect no coordinator with another journal. The coordinator acknowledges a change once
 every journal that they may elect holds it.
 
-A coordinator leads while no other can have been elected: no other journal may be elected; or the stand-by that has one
-follows this coordinator; or more than half of the witnesses have heard it recently. Robots and stand-by return the
-stamp of the last message that they heard, so the lease is measured by the coordinator's own clock, from when it sent
-that message. The lease ends before the stand-by or the witnesses may act. Without it the coordinator offers no task and
-renews no robot's lease, and asks to be elected again.
+A coordinator leads while no other can have been elected. One of three conditions ensures that. No other journal may be
+elected; or the stand-by that has one follows this coordinator. Or more than half of the witnesses have received it
+recently. Robots and stand-by return the stamp of the last message that they received. The lease is therefore measured
+by the coordinator's own clock, from the time when it sent that message. The lease ends before the stand-by or the
+witnesses may act. Without it the coordinator offers no task and renews no robot's lease, and asks to be elected again.
 """
 
 import logging
@@ -59,7 +59,7 @@ class Mandate:
         self._inbox = Inbox()
         wire.subscribe(self._inbox, COORDINATOR_STATE)
         self.superseded = ""
-        """Who leads instead, in words; empty if no other coordinator leads."""
+        """Name of the coordinator that leads instead; empty if no other leads."""
         self._possible: frozenset[str] | None = None
         """Journals that the witnesses may elect; None while unknown."""
         self._held: frozenset[str] = frozenset()

@@ -171,7 +171,7 @@ class MoteLife:
         return self.silent_s(now_ns) > max(SILENT_S, PERIODS * self.period_s)
 
     def is_reported(self, now_ns: int) -> bool:
-        """Whether it, or a robot in its place, tells of the floor around it as often as is expected."""
+        """Whether it, or a robot in its place, reports about the floor around it at the expected rate."""
         return self.age_s(now_ns) <= max(SILENT_S, PERIODS * self.period_s)
 
     def left_s(self, now_ns: int) -> float:
@@ -217,7 +217,7 @@ class FieldLedger:
         return [mote for _, mote in sorted(self.motes.items()) if mote.place is not None]
 
     def cover(self) -> CoverageMap:
-        """What each of `placed` covers of the floor between them, as far as any of them does."""
+        """Coverage by each of `placed` of the floor between them, within the reach of any of them."""
         placed = self.placed()
         names = tuple(mote.name for mote in placed)
         if self._cover is None or names != self._placed:
@@ -365,7 +365,7 @@ class FieldKeeper(CoordinatorPart):
         self._ended_ns: dict[tuple[str, str], int] = {}
         """When the last own task of a kind for a mote ended."""
         self._open: set[tuple[str, str]] = set()
-        """Kind and mote of all tasks that have not ended, whoever asked for them."""
+        """Kind and mote of all tasks that have not ended, of any requester."""
         self._set_policy(policy)
 
     def policy_changed(self, policy: PlanningPolicy) -> None:

@@ -1,9 +1,9 @@
 """Motes as members of the team: what a mote can do by itself, it is asked for, if that costs the network less lifetime.
 
-A `Sense` for a place that a mote is at is done by the mote's next reading; a `Monitor` with a quantity, by its readings
-for as long as that lasts, at an interval that `mote/M/duty` asks for. Whoever hears the mote relays both ways. The task
-goes from queued to running at `mote:M`, and from there to done, or back to queued if no reading comes in time: that
-mote is then left out for a while, and the next in line, a robot maybe, is asked.
+A `Sense` for a place that a mote is at is done by the mote's next reading. A `Monitor` with a quantity is done by its
+readings for the task's duration, at an interval that `mote/M/duty` requests. Every robot that receives the mote relays
+both directions. The task goes from queued to running at `mote:M`, and from there to done, or back to queued if no
+reading comes in time. That mote is then skipped for a while, and the next in line, which may be a robot, is asked.
 """
 
 import math
@@ -46,11 +46,11 @@ LISTEN_S = 0.2
 """After a reading, for whatever a robot has to say."""
 LEAST_LEFT_J = 1e-3
 HOP_RECEIVE_J = LISTEN_A * CELL_V * PACKET_BITS / BITS_PER_S
-"""What it takes another mote to take a packet in that it sends on. What robots hear themselves has one hop."""
+"""Energy of another mote to receive a packet that it forwards. A packet that robots receive directly has one hop."""
 
 
 def reading_j(hops: int = 1) -> float:
-    """What one reading takes of the motes: to sense it, keep it, send it over so many hops, and listen for an answer.
+    """Energy of one reading for the motes: to sense, store and send it over `hops`, and to listen for an answer.
 
     >>> round(1e3 * reading_j(), 2)
     8.77
@@ -61,13 +61,13 @@ def reading_j(hops: int = 1) -> float:
 
 
 def mote_remaining_j(voltage_v: float) -> float:
-    """What a mote's cells still hold, as far as their voltage tells."""
+    """Energy left in a mote's cells, by their voltage."""
     share = (voltage_v - FLAT_V) / (FRESH_V - FLAT_V)
     return max(LEAST_LEFT_J, min(1.0, share) * CAPACITY_J)
 
 
 def mote_share(readings: int, voltage_v: float) -> float:
-    """Share of a mote's energy that so many readings take; above 1 if it does not hold as much."""
+    """Share of a mote's energy for this number of readings; above 1 if it does not hold as much."""
     return readings * reading_j() / mote_remaining_j(voltage_v)
 
 
@@ -82,7 +82,7 @@ def robot_share(state: RobotState, place: Point2D, stay_s: float) -> float:
 
 
 def robot_j(model: EnergyModel, way_m: float, stay_s: float) -> float:
-    """What that takes, in joules."""
+    """Energy for that, in joules."""
     return estimate(model, Work(path_m=way_m, wait_s=stay_s)).mean_j
 
 
@@ -91,9 +91,9 @@ CHECK_NS = to_ns(0.25)
 NEAR_M = 1.5
 """A mote senses where it is: so far from there its reading still counts for a place (chosen)."""
 JUDGED = 8
-"""So many motes are judged for a task, the nearest."""
+"""Number of motes, the nearest, that are compared for a task."""
 OWN_STAY_S = 1.0
-"""What a robot's own board takes to measure."""
+"""Time of a robot's own board for a measurement."""
 PATIENCE_PERIODS = 3.0
 KEPT_PUBLISHERS = 64
 BY = "coordinator"
@@ -127,7 +127,7 @@ class MoteTask:
 
     @property
     def result(self) -> dict[str, Any]:
-        """What came of it."""
+        """Its result."""
         told: dict[str, Any] = {
             "mote": self.mote.name,
             "quantity": self.wanted.quantity,
@@ -326,7 +326,7 @@ class MoteMembers(CoordinatorPart):
 
 
 def wanted_of_motes(record: TaskRecord) -> Sense | Monitor | None:
-    """What a task asks for, if it is one that a mote may do; else None."""
+    """The task's request, if a mote may do it; else None."""
     task = record.task
     try:
         if task.kind == SENSE:

@@ -9,7 +9,7 @@ from robrain.protocol.reasons import RobotReason, plain
 
 MOTES_MAX = 4096
 PERIODS = 3.0
-"""A mote that has been silent for so many of its periods, and for `SILENT_S`, is out of reach (chosen)."""
+"""A mote that has been silent for this number of its periods, and for `SILENT_S`, is out of reach (chosen)."""
 SILENT_S = 5.0
 USUAL_PERIOD_S = 4.0
 """Of a mote that does not say how often it senses."""
@@ -53,7 +53,7 @@ class KnownMote:
         if silent_s > max(SILENT_S, PERIODS * self.period_s):
             return plain("mote_silent", f"was last heard {silent_s:.0f} s ago", silent_s=round(silent_s, 3))
         via = roster.robots.get(self.latest.via)
-        # Who is no robot is a gateway: its readings are its sign of life.
+        # A carrier that is no robot is a gateway: its readings are its sign of life.
         out = via.down_reason(now_ns) if via is not None else None
         if via is None or out is None:
             return None
@@ -62,7 +62,7 @@ class KnownMote:
 
 
 class MoteTable:
-    """All motes ever heard of, the first so many of them."""
+    """All known motes, up to a maximum number."""
 
     def __init__(self) -> None:
         self.motes: dict[str, KnownMote] = {}
@@ -70,7 +70,7 @@ class MoteTable:
         """Readings of motes that were one too many."""
 
     def quantities(self) -> dict[str, str]:
-        """What each mote sensed last, by its name."""
+        """Last measured quantity of each mote, by its name."""
         return {name: mote.latest.quantity for name, mote in self.motes.items()}
 
     def note(self, reading: MoteReading, now_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""What would follow from a task if it were submitted now, without anything being written or offered."""
+"""Result of a task if it were submitted now; nothing is written or offered."""
 
 import msgspec
 
@@ -31,7 +31,7 @@ class DryRuns:
         self._eligibility, self._explanation = eligibility, explanation
 
     def of(self, task: Task, by: str, now_ns: int) -> TaskDryRun:
-        """What would follow from a task that is admitted; its id is not in the book.
+        """Result of a task that is admitted; its id is not in the book.
 
         Args:
             task: with stamps in place of times that count from now.

@@ -35,7 +35,7 @@ class Means(NamedTuple):
     """A robot's energy, in joules at the battery's terminals."""
 
     usable_j: float
-    """What a plan may spend, in means."""
+    """Energy limit of a plan, in means."""
     capacity_j: float
     """Full battery; 0 if unknown."""
     reserve_j: float
@@ -87,7 +87,8 @@ def when_charged(state: RobotState, after: AfterCharge) -> RobotState:
 def mean_within(model: EnergyModel, bound_j: float, waits_s: float, confidence: float) -> float:
     """The greatest mean of work whose bound is at most `bound_j`, if it includes at most `waits_s` of waiting.
 
-    The joules may be spent driving all the time or waiting as long as possible; the less certain of the two counts.
+    The joules may be spent by driving all the time or by waiting for the longest time; the less certain of the two
+    counts.
     """
     if bound_j <= 0:
         return bound_j

@@ -46,7 +46,7 @@ class PlannerProcess:
     the planning process.
 
     Args:
-        on_said: called with each message of the process, on a thread of its own.
+        on_said: called with each message of the process, on a separate thread.
         on_lost: called on that thread when the process has ended.
 
     Raises:
@@ -147,7 +147,7 @@ KEPT_PLANS = 4
 JOIN_S = 60.0
 """How long `close` waits for the threads, which wait for the killed process; long enough for a busy machine."""
 GRACE_S = 30.0
-"""Silence beyond a plan's deadline after which the process counts as hung: for a hundred robots on a new map the first
+"""Silence beyond a plan's deadline after which the process counts as hung. For a hundred robots on a new map the first
 plan may take some seconds."""
 START_S = 300.0
 """The same for its start. The first start on a machine compiles the allocators."""

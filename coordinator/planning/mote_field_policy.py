@@ -1,4 +1,4 @@
-"""What the coordinator does for the motes by itself."""
+"""Actions of the coordinator for the motes on its own initiative."""
 
 from typing import Annotated
 
@@ -9,7 +9,7 @@ from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive
 
 
 class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the coordinator does by itself to keep a field of motes alive; by default nothing.
+    """Actions of the coordinator on its own initiative that keep a field of motes alive; by default none.
 
     Raises ValueError if a value is invalid.
     """
@@ -35,9 +35,9 @@ class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
     turns_s: NotNegative = 0.0
     """Period in which motes are put on duty and off duty; 0: all are always on duty."""
     rest_factor: Annotated[float, Meta(ge=1)] = 10.0
-    """Off duty, a mote takes a reading in so many of its periods, but at least every 0.4 `collect_age_s`."""
+    """Off duty, a mote measures once in this number of its periods, but at least every 0.4 `collect_age_s`."""
     sensing_m: Positive = 5.0
-    """Distance up to which a mote's reading tells of the floor, for duties and coverage."""
+    """Distance up to which a mote's reading represents the floor, for duties and coverage."""
 
     @property
     def is_on(self) -> bool:

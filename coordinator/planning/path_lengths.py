@@ -1,9 +1,9 @@
 """Path lengths between places on the team's map.
 
 Dijkstra distance fields over the known map, one per destination, cached until the map changes.
-Paths run over the eight neighbours of cells of 0.2 m: on open floor they are up to 8 % (5 % on average) longer than a
-straight line, about as much as keeping clear of walls adds to a robot's path. Where there is no path with the
-preferred clearance, narrow passages count too.
+Paths run over the eight neighbours of cells of 0.2 m. On open floor they are up to 8 % (5 % on average) longer than a
+straight line. Clearance from walls adds about as much to a robot's path. Where there is no path with the preferred
+clearance, narrow passages count too.
 """
 
 import math

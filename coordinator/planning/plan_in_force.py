@@ -19,7 +19,7 @@ from typing import Protocol
 from robrain.coordinator.planning.policy import PlanningPolicy
 
 BIDS_MAX = 4000
-"""Limit for the bids in the published decisions of one plan, earliest tasks first; the rest follow with the next plans
+"""Limit for the bids in the published decisions of one plan, earliest tasks first. The rest follow with the next plans
 (chosen: a bid takes some microseconds)."""
 
 

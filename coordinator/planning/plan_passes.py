@@ -1,8 +1,8 @@
 """Refinement passes: functions, found by name, that take a plan and return a preferred one.
 
 `[planning] passes` of a scenario or a planning file lists them in the order in which they are applied. A pass of
-another distribution is checked: if it raises, or its plan is not feasible, the failure is counted and reported with the
-line of its file, and the plan before it stays. A lockstep run ends with the failure.
+another distribution is checked. If it raises, or its plan is not feasible, the failure is counted and reported with the
+line of its file. The plan before it stays. A lockstep run ends with the failure.
 
     [project.entry-points."robrain.plan_passes"]
     rest_at_noon = "my_team.rest:rest_at_noon"

@@ -180,8 +180,8 @@ def _in_this_order(worker: str, jobs: Sequence[str]) -> Route:
 def without_idling(problem: Problem, plan: Plan) -> Plan:
     """Move valuable jobs earlier where that makes nothing worse.
 
-    A route can be driven in either direction at the same length, and a robot that would wait for a job's earliest time
-    can do another job first. Pinned jobs stay first.
+    A route can be driven in either direction at the same length. A robot that would wait for a job's earliest time can
+    do another job first. Pinned jobs stay first.
     """
     tries = min(TRIES_MAX, TRIED_JOBS_MAX // max(1, len(problem.jobs)))
     for worker in range(len(plan.routes)):

@@ -472,7 +472,7 @@ class Planning:
         return 0 if self._plan is None else self._plan.problem.plan
 
     def standing(self, task_id: str, now_ns: int) -> TaskReason | None:
-        """What the plan says about a queued task; None if it has nothing."""
+        """The plan's decision about a queued task; None if it has none."""
         if task_id in self.left_out:
             return PlanLeavesOut(self.left_out[task_id].reason)
         if task_id in self.waiting:
@@ -520,7 +520,7 @@ class Planning:
         return self.status()
 
     def set_policy(self, policy: PlanningPolicy, why: str) -> None:
-        """Plan with other parameters from now on; `why` is told as the cause of the next plan."""
+        """Plan with other parameters from now on; `why` is reported as the cause of the next plan."""
         self.policy = policy
         self._cause = why
         self._not_before_ns = 0

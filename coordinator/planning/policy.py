@@ -38,7 +38,7 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Objective and parameters of planning. Raises ValueError if a value is invalid."""
 
     objective: Objective = Objective.ENERGY
-    """What plans are optimised for."""
+    """Criterion of optimal plans."""
     method: Text = OPTIMAL
     """Name of the allocator that makes the plans: stock, an entry point `robrain.allocators`, or `FILE.py:NAME`;
     `nearest` for none."""
@@ -46,8 +46,8 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Name of the exploration strategy: stock, an entry point `robrain.exploration_strategies`, or `FILE.py:NAME`;
     `none`: the team explores only if a task tells it to."""
     revise_s: NotNegative = 1.0
-    """Period, seconds, in which the exploring robots of a team of two or more may be given another goal; 0: a robot
-    keeps its goal, as one alone always does."""
+    """Period, seconds, in which the exploring robots of a team of two or more may be given another goal. With 0 a robot
+    keeps its goal, as a single robot always does."""
     passes: tuple[Text, ...] = STOCK_PASSES
     """Names of the refinement passes, in order: stock, entry points `robrain.plan_passes`, or `FILE.py:NAME`."""
     seed: NotNegativeInt = 0
@@ -55,7 +55,7 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     prize_j: Positive = 1e6
     """Value of a task of priority 1 in joules; priority p is worth p times that. It is more than a robot's battery
     holds (1 MJ is 278 Wh), so every feasible task is worth doing. If there is energy for only one of two tasks, the one
-    of higher priority is done, if its priority is higher by at least `capacity / prize_j`."""
+    of higher priority is done. Its priority must be higher by at least `capacity / prize_j`."""
     reserve_share: Annotated[float, Meta(ge=0, lt=1)] = 0.1
     """Share of the full battery that must be left when the robot is back at its charger. Chosen to be more careful than
     the robots themselves, which go home with a reserve of one minute."""
@@ -89,7 +89,8 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.
     Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""
     mote_field: MoteFieldPolicy = MoteFieldPolicy()
-    """What the coordinator does by itself to keep a field of motes alive: collect, stand in, relay, duties in turn."""
+    """Actions of the coordinator on its own initiative that keep a field of motes alive: collect, stand in, relay,
+    duties in turn."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -32,7 +32,7 @@ HOMEWARD = frozenset({"recharge", "go home"})
 """Behaviors, as robots report them, that a robot does not leave for a task if it began them on its own initiative."""
 AHEAD_S = 3.0
 """A robot that ends its task within this is offered the next one. Chosen: long enough for a new plan and an offer on a
-slow link, but short, because the offer stands even if a later plan is better."""
+slow link. It is short, because the offer stands even if a later plan is better."""
 LATEST_S = 1.0
 """Without a new plan by then, the next task of the old plan is offered (chosen)."""
 

@@ -1,6 +1,6 @@
 """Rules: what has to be sensed, or notified of, for a task to be made, and which task that is.
 
-As tables of a scenario file, or of a file of their own:
+As tables of a scenario file, or of a separate file:
 
 ```toml
 [[rules]]
@@ -38,7 +38,7 @@ from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, 
 
 RULES_MAX = 256
 BY = "rule:"
-"""Who asks for the task of a rule is this and the rule's name."""
+"""The requester of a rule's task is this and the rule's name."""
 OF_READING: Values = {
     "quantity": "temperature_c",
     "value": 1.0,
@@ -48,7 +48,7 @@ OF_READING: Values = {
     "y_m": 0.0,
     "place": {"x_m": 0.0, "y_m": 0.0},
 }
-"""What parameters may be filled with from a reading, with an example of each. `robot` is who heard it."""
+"""Values of a reading that may fill parameters, with an example of each. `robot` is who heard it."""
 OF_EVENT: Values = {
     "robot": "r1",
     "plugin": "monitor",
@@ -91,7 +91,7 @@ class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """
 
     quantity: Name
-    """What is sensed, as readings name it, such as `temperature_c`."""
+    """Measured quantity, as readings name it, such as `temperature_c`."""
     above: float | None = None
     """The value is above this."""
     below: float | None = None
@@ -226,7 +226,7 @@ class TaskOrder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     needs: Needs = ()
     """Names of plugins that a robot must have for it, besides the behavior."""
     parameters: Parameters = {}
-    """What its kind needs besides. `{value}`, `{mote}` and others in texts are replaced: see the how-to on rules."""
+    """Further parameters of its kind. `{value}`, `{mote}` and others in texts are replaced: see the how-to on rules."""
 
     def __post_init__(self) -> None:
         if not self.kind:
@@ -255,7 +255,7 @@ class TaskOrder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Per(StrEnum):
-    """What is in alarm."""
+    """Subject of an alarm."""
 
     MOTE = "mote"
     """Each mote by itself; of events, each robot."""
@@ -292,7 +292,7 @@ class Rule(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     @property
     def by(self) -> str:
-        """Who asks for its tasks."""
+        """Requester of its tasks."""
         return f"{BY}{self.name}"
 
     @property

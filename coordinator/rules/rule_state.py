@@ -14,7 +14,7 @@ from robrain.protocol.model.ranges import TEXT_MAX, cut
 RUNS_MAX = 16
 """Older runs are forgotten."""
 RATE_READINGS_MAX = 64
-"""A rate is measured by about so many readings: of those nearer to each other one is left out."""
+"""A rate is measured by about this number of readings: of those nearer to each other one is skipped."""
 RATE_READINGS_MIN = 3
 RATE_SPAN_MIN = 0.5
 """A rate needs readings from at least this share of the time over which it is measured."""
@@ -49,7 +49,7 @@ class ReadingSpan:
 
 
 class LevelTrack:
-    """What is known of one mote for one rule, in bounded memory.
+    """State of one mote for one rule, in bounded memory.
 
     Args:
         condition: the rule's.
@@ -232,7 +232,7 @@ class TrackTable:
         return len(self._tracks)
 
     def of(self, rule: str, mote: str, condition: ReadingCondition, now_ns: int) -> LevelTrack | None:
-        """What a rule knows of a mote that is just heard; None if there is no room for it."""
+        """A rule's state of a mote whose reading has arrived; None if there is no room for it."""
         key = (rule, mote)
         found = self._tracks.get(key)
         if found is None and len(self._tracks) >= self._capacity:

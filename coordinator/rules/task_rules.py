@@ -1,8 +1,8 @@
 """Makes tasks by rules, from the readings and events that meet them.
 
 The tasks are ordinary ones: they pass the same admission as those that people submit, are journalled, planned, offered
-and explained alike. What a rule has made a task for is written down in the transaction that accepts the task, so that
-after a restart none is made twice. Work and memory are bounded, however much arrives.
+and explained alike. The source of a rule's task is written in the transaction that accepts the task, so that after a
+restart none is made twice. Work and memory are bounded, however much arrives.
 """
 
 from collections.abc import Sequence
@@ -39,12 +39,12 @@ REMEMBERED = 1 << 14
 GAP_PERIODS = 3.0
 GAP_MIN_S = 5.0
 USUAL_PERIOD_S = 4.0
-"""As long as a mote sends no reading in three periods, nothing is known of it; this is the period of one that does not
-say how often it senses."""
+"""While a mote sends no reading in three periods, its state is unknown. This is the period of a mote that does not
+report how often it senses."""
 
 
 class TaskCause(NamedTuple):
-    """What makes a task."""
+    """Trigger of a task."""
 
     source: str
     """Mote or robot."""
@@ -197,7 +197,7 @@ class TaskRules(CoordinatorPart):
             is_old = self._now_ns - event.stamp_ns > to_ns(condition.max_age_s)
             source = watch.source_of(event.robot)
             known = watch.alarms.get(source)
-            # A coordinator that starts again is told the last events again.
+            # A coordinator that starts again receives the last events again.
             is_known = known is not None and event.stamp_ns <= known.taken_ns
             if not is_meant or is_old or is_known or not condition.holds(value):
                 continue

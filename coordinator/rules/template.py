@@ -11,7 +11,7 @@ from typing import Any
 from robrain.protocol.model.ranges import NAME_MAX, cut
 
 Values = Mapping[str, Any]
-"""What names stand for: plain JSON."""
+"""Values of names: plain JSON."""
 DEPTH_MAX = 8
 _BRACES = re.compile(r"\{([^{}]*)\}")
 

@@ -1,8 +1,8 @@
 """Pauses: which tasks are not offered to which robots for a while, and which robots are offered nothing for a while.
 
-A robot that refused a task or failed at it is asked again later. A robot that cannot be reached also gets a pause: when
-a link recovers, its token and states arrive before its queryables, and without a pause each unanswered offer would at
-once be followed by the next task.
+A robot that refused a task or failed at it is asked again later. An unreachable robot also gets a pause. When a link
+recovers, its token and states arrive before its queryables. Without a pause the next task would follow each unanswered
+offer at once.
 """
 
 from typing import NamedTuple
@@ -26,20 +26,20 @@ from robrain.protocol.reasons import (
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
-"""Longest pause. Each refusal doubles the pause up to this (chosen): maps grow and batteries charge, but a task that is
+"""Longest pause. Each refusal doubles the pause up to this (chosen). Maps grow and batteries charge, but a task that is
 impossible must not be offered all the time."""
 REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
 PASSING = (DoneJustNow, Occupied, PositionLost, RobotHalted, StoodStill)
-"""Refusals for what a robot is at just now, which say nothing of the task: it charges, is lost or halted, or its
-process has stood still."""
+"""Refusals for a robot's present state, which do not concern the task. The robot charges, is lost or halted, or its
+process was paused."""
 CHARGED_SOC = 0.9
 """State of charge from which a robot's want of energy is no passing one (chosen: below where charging ends)."""
 KEPT = 4096
 
 FIRST_ROBOT_PAUSE_S = 0.5
 LONGEST_ROBOT_PAUSE_S = 8.0
-"""Longest pause of a robot; each is twice as long as the one before (chosen)."""
+"""Longest pause of a robot; each is twice the previous one (chosen)."""
 REFUSALS_FREE = 3
 """Consecutive refusals of frontiers without a pause (chosen); the next frontier may be reachable."""
 
@@ -64,8 +64,8 @@ class TaskBackoff:
     ) -> None:
         """Record that a robot refused a task or failed at it.
 
-        What a robot refuses for what it is at just now makes a pause, and does not count towards its last word; nor
-        does a refusal for lack of energy by a robot that has more after a charge. A task out of reach has the longest
+        A refusal for the robot's present state makes a pause, and does not count towards its final answer. Nor does a
+        refusal for lack of energy by a robot that has more after a charge. A task out of reach has the longest
         pause at once: each try takes the robot out of contact.
 
         Args:

@@ -29,7 +29,7 @@ NOBODY_THERE = plain("nobody_there", "no robot is there")
 
 
 class TaskGate(Protocol):
-    """What may hold offers back, and is told of refusals."""
+    """Parts that may hold offers back; refusals are reported to them."""
 
     def offer_refusal(self) -> TaskReason | None:
         """Why no task is offered at all; None if tasks are."""
@@ -124,7 +124,7 @@ class Eligibility:
         return None
 
     def new_task_state(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
-        """What a task that is not in the book would wait for before any robot could begin it; None if for nothing."""
+        """Conditions for a task that is not in the book before any robot could begin it; None if there are none."""
         reason = self.wait_reason(record, now_ns) or self.nobody_can(record)
         return reason or (None if self._roster.up(now_ns) else NOBODY_THERE)
 

@@ -1,7 +1,8 @@
 """Compares the book with the robots' states. Pure: from a record, a robot and the time, the next state.
 
-With each state a robot reports its last task with epoch and status, the task that it holds for later, and how the one
-before ended. The journal has the book's state at any moment. Together they determine what follows, whichever process
+With each state a robot reports three things. These are its last task with epoch and status, the task that it holds for
+later, and the end of the one before. The journal has the book's state at any moment. Together they determine what
+follows, whichever process
 restarted meanwhile:
 
 | the book says | the robot | result |
@@ -50,7 +51,7 @@ def reconcile(
 
     Args:
         record: an open one with a robot.
-        robot: from the roster; None if it was never heard of.
+        robot: from the roster; None if it is unknown.
         now_ns: the time.
         since_ns: since when this coordinator listens. No robot counts as silent for longer.
         team_goes_on_s: how long robots of the team go on without a coordinator; counts for one that this coordinator

@@ -1,7 +1,7 @@
 """Costs of tasks at their places, queried from the robots' plugins.
 
 One query asks for many tasks. An answer holds for all tasks of that kind with the same service time and parameters, and
-for all robots that announce the kind alike, so a few queries are enough for any number of tasks and robots.
+for all robots that announce the kind alike. A few queries are therefore enough for any number of tasks and robots.
 """
 
 from collections.abc import Collection, Iterable

@@ -1,7 +1,7 @@
 """The lifecycle of tasks, from the book to the robots and back: each task ends, and none is done twice.
 
-It processes the robots' reports; applies silence, restarts, deadlines and dependencies; offers ready tasks to idle
-robots; and withdraws tasks from robots that should not do them.
+It processes the robots' reports and applies silence, restarts, deadlines and dependencies. It offers ready tasks to
+idle robots, and withdraws tasks from robots that should not do them.
 """
 
 import logging
@@ -58,7 +58,7 @@ class TaskLifecycle:
         book: of its tasks.
         roster: the robots of the team.
         capabilities: plugins and kinds of task of the robots.
-        gate: what may hold offers back, and is told of refusals.
+        gate: may hold offers back; refusals are reported to it.
 
     """
 
@@ -86,7 +86,7 @@ class TaskLifecycle:
         """For each task, the robots that released it out of contact, and where they were heard last."""
 
     def restart_silence(self, now_ns: int) -> None:
-        """The coordinator itself stood still: it listens to its robots anew."""
+        """The coordinator itself was paused: it waits for its robots' messages again."""
         self._since_ns = now_ns
 
     # -- hearing --------------------------------------------------------------------------------------------
@@ -311,7 +311,7 @@ class TaskLifecycle:
         return refusal
 
     def take_back(self, known: int, reason: TaskReason, now_ns: int) -> None:
-        """Requeue the tasks whose assignment other robots may not have heard of; their robots are told to drop them.
+        """Requeue the tasks whose assignment other robots may not have received; their robots are ordered to drop them.
 
         Args:
             known: number of the last change that they know of.

@@ -122,7 +122,7 @@ class TaskRequests:
         return f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}", differs
 
     def _dry_run(self, request: Request[TaskSubmission]) -> TaskDryRun:
-        """What would follow if a task were submitted now. Changes nothing, and is not written down."""
+        """Result of a submission of a task now. Changes nothing, and is not written down."""
         asked = request.asked
         known = self._book.find(asked.task.id)
         if known is not None:
@@ -227,7 +227,7 @@ class TaskRequests:
             record = self._book.move(asked.id, TaskState.CANCELLED, cancelled(by, asked.why))
         except JournalUnwritable as error:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {error}", str(error)) from error
-        self.has_changed = True  # its robot is told to stop in the same step
+        self.has_changed = True  # its robot gets the order to stop in the same step
         return self._once_on_disk(record)
 
     def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:

@@ -19,9 +19,9 @@ def take_in(
     is_secured: bool = False,
     ahead_ns: int = 0,
 ) -> bool:
-    """Note a robot's tasks, and the ends that it tells of, that no coordinator decided on; whether anything is new.
+    """Record a robot's tasks and reported ends that no coordinator decided on; return whether any is new.
 
-    What it tells of with an epoch that no coordinator gives out is passed over.
+    A report with an epoch that no coordinator issues is skipped.
 
     Args:
         book: of the coordinator's tasks.
@@ -31,7 +31,7 @@ def take_in(
         ahead_ns: how far the robot's clock is ahead.
 
     Raises:
-        JournalUnwritable: what could not be written is told again with the next ballot.
+        JournalUnwritable: changes that could not be written arrive again with the next ballot.
 
     """
     version = book.version
@@ -75,12 +75,12 @@ def take_in(
 
 
 def _by(robot: str, claim: str, *, is_secured: bool) -> str:
-    """Who a task or a cancellation is of: nobody but the robot vouches for the name that it tells."""
+    """Requester of a task or a cancellation: only the robot vouches for the name that it reports."""
     return cut(f"robot:{robot} for {claim or 'nobody named'}") if is_secured else claim
 
 
 def _accept(book: TaskBook, robot: str, asked: TaskAsked, ahead_ns: int, *, is_secured: bool) -> Task | None:
-    """Add a task that robots have accepted to the book. None if it is there already; robots are told again."""
+    """Add a task that robots have accepted to the book. None if it is there already; robots receive it again."""
     submission = asked.submission
     record = book.find(submission.task.id)
     if record is not None:

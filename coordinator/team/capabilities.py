@@ -1,4 +1,4 @@
-"""Who can do what: plugins and kinds of tasks of each robot, as their hosts tell them."""
+"""Abilities of the robots: plugins and kinds of tasks of each, as their hosts report them."""
 
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,7 +21,8 @@ ASK_AGAIN_TOLD_NS = to_ns(60.0)
 ASK_UNHEARD_NS = to_ns(2.0)
 """One that has not answered in the time that a query has is asked again."""
 ASKED_MOST = 32
-"""So many are asked at a time, for an answer is long: of a thousand robots that come at once, one after another."""
+"""Number of robots that are asked at a time, as an answer is long. Of a thousand robots that come at once, one is asked
+after another."""
 
 
 class Capabilities:
@@ -34,7 +35,7 @@ class Capabilities:
 
     def __init__(self, wire: Endpoint) -> None:
         self.plugins: dict[str, frozenset[str] | None] = {}
-        """What each robot that ever came offers: names of plugins, kinds of tasks; None until it has told them."""
+        """Offers of each robot that ever came: names of plugins, kinds of tasks; None until it has reported them."""
         self.kinds: dict[str, dict[str, TaskKind]] = {}
         """The kinds of tasks that each robot announces."""
         self.version = 0
@@ -103,7 +104,7 @@ class Capabilities:
         return sorted(found.values(), key=lambda known: (known.kind, known.robots))
 
     def came(self, robot: str) -> None:
-        """A robot came, maybe with other plugins than before: it is asked anew."""
+        """A robot came, maybe with other plugins than before: it is asked again."""
         self._asked_ns.pop(robot, None)
 
 

@@ -17,8 +17,8 @@ from robrain.protocol.table.topics import COORDINATOR_HALT, HALT
 from robrain.protocol.wire.endpoint import Endpoint, Request
 
 TELL_AGAIN_NS = to_ns(0.1)
-"""Between two summaries for a robot that has not heard of a halt. With two of three messages lost, nine of ten such
-robots have heard after 0.6 s (by calculation), and after 3 s at the summaries' own period."""
+"""Between two summaries for a robot that has not received a halt. With two of three messages lost, nine of ten such
+robots have received it after 0.6 s (by calculation). At the summaries' own period that takes 3 s."""
 
 
 class TeamHalts:
@@ -48,7 +48,7 @@ class TeamHalts:
         return self._latch.is_held
 
     def receive(self) -> bool:
-        """Follow what has come; True if the team is to be told: there is news, or a robot has not heard of the halt."""
+        """Process new messages; True if a summary is due: there is a change, or a robot has not received the halt."""
         heard = self._arrivals.drain() if self._arrivals.has_some else []
         if not heard and not self.is_halted:
             return False
@@ -75,14 +75,14 @@ class TeamHalts:
             self._latch.release(halt.by, halt.stamp_ns)
 
     def record_state(self, state: RobotState) -> None:
-        """A robot may stand by a halt that this coordinator has not heard of: it came later, or was cut off."""
+        """A robot may obey a halt that this coordinator has not received: it came later, or was cut off."""
         if state.team_halt_ns > self._latch.stamp_ns:
             self._has_halted = True
             for holder in state.halted_by:
                 self._latch.hold(holder, f"{state.robot} was told so", state.team_halt_ns)
 
     def status(self, now_ns: int) -> HaltStatus | None:
-        """How the team stands; None as long as nobody has halted it."""
+        """State of the team's halts; None until the first halt."""
         latch = self._latch
         if not self._has_halted:
             return None

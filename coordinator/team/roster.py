@@ -98,7 +98,7 @@ class Robot:
 
 
 class Roster:
-    """All robots ever heard of, by name.
+    """All known robots, by name.
 
     Args:
         journal: stores the robots, so that a restarted coordinator knows those that have gone.

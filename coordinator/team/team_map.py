@@ -17,7 +17,7 @@ HELD_PATCHES = 16384
 
 
 class TeamMap:
-    """What the team knows of the floor. The first patch says which grid the team maps on."""
+    """The team's knowledge of the floor. The first patch says which grid the team maps on."""
 
     def __init__(self) -> None:
         self._atlas: SubmapAtlas | None = None
