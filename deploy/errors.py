@@ -12,7 +12,7 @@ from robrain.protocol.errors import RobrainError
 
 
 class UsageError(RobrainError):
-    """The command line is wrong; the text names the option and what was expected."""
+    """The command line is wrong; the text names the option and the expected value."""
 
 
 class ChildFailed(RobrainError):
@@ -20,7 +20,7 @@ class ChildFailed(RobrainError):
 
 
 class InstanceError(RobrainError):
-    """A public routing instance cannot be read or solved; the text names the file and what was expected."""
+    """A public routing instance cannot be read or solved; the text names the file and the expected value."""
 
 
 class LogError(RobrainError):

@@ -11,8 +11,8 @@ from robrain.protocol.errors import RobrainError
 
 
 class ScenarioError(RobrainError):
-    """A scenario cannot be read or built; the text names file, key and what was expected."""
+    """A scenario cannot be read or built; the text names file, key and expected value."""
 
 
 class RunFailed(RobrainError):
-    """Code failed during a run, for which something else stood in; the text names the part and the line of its file."""
+    """Code failed during a run, and a substitute replaced it; the text names the part and the line of its file."""

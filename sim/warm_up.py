@@ -14,7 +14,7 @@ TICK_S = 0.02
 
 
 def warm_up() -> None:
-    """Compile, or load what is compiled; calling it again costs next to nothing."""
+    """Compile the kernels, or load compiled ones; a second call costs next to nothing."""
     wheels = Wheels.draw(OmniBase(), WheelSpec(), np.random.default_rng(0))
     space = pymunk.Space()
     bodies = RobotBodies(space, [RobotBody(space, wheels, Pose2D(0.0, 0.0, 0.0), 0.2)], TICK_S)

@@ -20,7 +20,7 @@ from robrain.protocol.safe_text import safe_lines, safe_text
 ANSWER_MAX = 12_000
 """Longest answer, characters; a model reads every one of them."""
 TEXT_MAX = 300
-"""Longest text from the team within an answer, and longest list of anything."""
+"""Longest text from the team within an answer, and longest list."""
 ANSWER_DEPTH_MAX = 8
 NOTHING: Mapping[str, object] = MappingProxyType({})
 
@@ -52,7 +52,7 @@ class ToolAnswer(NamedTuple):
 def answer(
     verdict: CallVerdict, lines: list[str], values: Mapping[str, object] = NOTHING, *, png: bytes = b"", code: str = ""
 ) -> ToolAnswer:
-    """An answer of bounded size, in which text of the team cannot steer a terminal or hide anything.
+    """An answer of bounded size, in which text of the team cannot steer a terminal or hide other text.
 
     >>> answer(CallVerdict.LOOKED, ["r1 is up"], {"robot": "r1"}).values
     {'robot': 'r1', 'verdict': 'looked'}
@@ -178,7 +178,7 @@ class CallPlugin(OfRobot, frozen=True, kw_only=True):
 
 
 class HaltRobots(Arguments, frozen=True, kw_only=True):
-    """Whom to halt."""
+    """Robots to halt."""
 
     robot: Annotated[str, Meta(max_length=63, description="This robot only; the whole team if empty.")] = ""
     reason: Reason = ""
@@ -209,7 +209,7 @@ def arguments_of(given: object, type_: type[A]) -> A:
 
 
 def halt_arguments(given: object) -> HaltRobots:
-    """Whom to halt. Nothing about the arguments keeps a halt from being carried out: what is no robot's name means all.
+    """Robots to halt. No argument prevents a halt: a value that is no robot's name means all robots.
 
     >>> halt_arguments({"robot": "r1 and r2", "reason": 7})
     HaltRobots(robot='', reason='7')
@@ -221,7 +221,7 @@ def halt_arguments(given: object) -> HaltRobots:
 
 
 def order_text(tool: str, arguments: Arguments) -> bytes:
-    """A tool and its arguments without the token, written in one way only."""
+    """A tool and its arguments without the token, in one canonical form."""
     fields = {name: value for name, value in msgspec.to_builtins(arguments).items() if name != "confirm"}
     return msgspec.json.encode([tool, fields], order="deterministic")
 

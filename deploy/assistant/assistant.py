@@ -37,7 +37,7 @@ from robrain.protocol.access.member import Member
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, RobrainError
 
 LIFE_S = 120.0
-"""Chosen: long enough for a person to read or hear what would happen, too short for the team to be another."""
+"""Chosen: long enough for a person to read or listen to the expected effect, too short for the team to change."""
 CAPACITY = 32
 T = TypeVar("T")
 
@@ -84,8 +84,8 @@ class Confirmations(Generic[T]):
 
         Args:
             who: the client that gives it; another cannot confirm it.
-            order: the tool and all of its arguments, written in one way only.
-            plan: what is carried out once it is confirmed.
+            order: the tool and all of its arguments, in one canonical form.
+            plan: function that is called after the confirmation.
 
         Returns:
             The token.
@@ -144,8 +144,8 @@ class Assistant:
 
     Args:
         team: a connection to the team, for all but halts.
-        halting: another one, so that a halt waits for nothing.
-        member: whom the certificate names; None in a team that is not secured.
+        halting: a separate session, so that a halt does not wait.
+        member: member of the certificate; None in a team that is not secured.
         log: of all calls.
         confirmations: orders that wait for their confirmation.
         new_id: see `Ordering`.
@@ -206,7 +206,7 @@ class Assistant:
     def _log_end(self, call: ToolCall, number: int, found: ToolAnswer, began_s: float) -> None:
         try:
             self._write(call, number, found, 1000.0 * (self._elapsed_s() - began_s))
-        except AuditError as error:  # what was done is done; `_carry_out` had logged that it was to be
+        except AuditError as error:  # the action is done; `_carry_out` had logged it before
             self._record(f"assistant: {error}")
 
     def _answer(self, call: ToolCall, number: int) -> ToolAnswer:
@@ -215,7 +215,7 @@ class Assistant:
             raise CallRefused(tool_refusal(call.tool))
         if not self.may(tool.name):
             raise CallRefused(Ban.ROLE, f"it is that of {self._member}")
-        if tool.arguments is HaltRobots:  # without a lock, and whatever its arguments are
+        if tool.arguments is HaltRobots:  # without a lock, and with any arguments
             return ordering.halt(self._halting, halt_arguments(call.arguments))
         asked = arguments_of(call.arguments, tool.arguments)
         with self._lock:

@@ -51,9 +51,9 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     Args:
         connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
         team: its name.
-        by: whom it assists; the team sees `assistant:NAME`.
+        by: the person that it assists; the team sees `assistant:NAME`.
         log: path of the audit log.
-        port: on 127.0.0.1, for HTTP; 0 takes a free one, None serves stdin and stdout.
+        port: port on 127.0.0.1 for HTTP; 0 uses a free one, None serves stdin and stdout.
 
     Raises:
         RobrainError: in one sentence.

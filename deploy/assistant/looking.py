@@ -85,7 +85,7 @@ def map_png(floor: ComposedMap, robots: Sequence[DrawnRobot], tasks: Sequence[Dr
     """Draw the map.
 
     Args:
-        floor: what the team knows; may be empty.
+        floor: the team's knowledge; may be empty.
         robots: at most 200 of them are drawn.
         tasks: as robots; a cross is one that no robot has begun, a filled square one that a robot does.
 
@@ -174,7 +174,7 @@ def _draw_robot(draw: ImageDraw.ImageDraw, frame: _Frame, robot: DrawnRobot, ind
 
 
 def _label(draw: ImageDraw.ImageDraw, at: tuple[float, float], text: str) -> None:
-    plain = cut(text, LABEL_MAX).encode("ascii", "replace").decode()  # whatever font there is
+    plain = cut(text, LABEL_MAX).encode("ascii", "replace").decode()  # any installed font
     draw.text(at, plain, fill=TEXT, stroke_width=2, stroke_fill=NOSE)
 
 
@@ -307,7 +307,7 @@ class Looking:
         return answer(CallVerdict.LOOKED, lines, values)
 
     def dry_run(self, asked: NewTask) -> ToolAnswer:
-        """Tell what would follow from a task, without submitting it."""
+        """Report the expected effects of a task, without submitting it."""
         found = self.foresee(asked)
         values = {"refused": found.refused, "waits": found.waits, "robots": found.robots}
         if found.refused:

@@ -1,4 +1,4 @@
-"""Tools of an assistant that change something: each is rehearsed first, and carried out only when it is confirmed."""
+"""Tools of an assistant that change something: each is rehearsed first, and carried out only after a confirmation."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -93,7 +93,7 @@ class Ordering:
             raise CallRefused(Ban.TOO_MANY_TASKS)
 
     def call_plugin(self, asked: CallPlugin) -> Rehearsal:
-        """Call a function of a robot's plugin, if its manifest opens it to the outside and it moves nothing."""
+        """Call a function of a robot's plugin, if its manifest opens it to the outside and it causes no motion."""
         plugins = self._team.plugins(asked.robot)
         where = f"{asked.robot} {asked.plugin}.{asked.function}"
         if (ban := call_refusal(asked.plugin, asked.function, plugins)) is not None:
@@ -120,8 +120,8 @@ def halt(team: Team, asked: HaltRobots) -> ToolAnswer:
     """Stop all robots at once, or one of them. Needs no confirmation. Only a person ends a halt.
 
     Args:
-        team: a connection that nothing else uses meanwhile.
-        asked: whom to halt.
+        team: a connection without other use meanwhile.
+        asked: robots to halt.
 
     """
     try:
@@ -136,7 +136,7 @@ def halt(team: Team, asked: HaltRobots) -> ToolAnswer:
 
 
 def _fitting(plugin: PluginInfo, asked: CallPlugin) -> FunctionInfo:
-    """The signature that takes the arguments (Refused if none does)."""
+    """The signature that accepts the arguments (Refused if none does)."""
     functions = [one for one in plugin.functions if one.name == asked.function]
     why = ""
     for one in functions:

@@ -23,12 +23,12 @@ OUTSIDE = "command"
 
 
 class Ban(StrEnum):
-    """Why something is refused."""
+    """Reason of a refusal."""
 
     RESUME = "resume"
     """Only a person ends a halt."""
     PLUGINS = "plugins"
-    """Only a person changes what runs on a robot."""
+    """Only a person changes the software of a robot."""
     LEAD = "lead"
     HOLD = "hold"
     DRIVE = "drive"
@@ -36,14 +36,14 @@ class Ban(StrEnum):
     PLANNING = "planning"
     KEYS = "keys"
     TEXT_FORM = "text_form"
-    """Text that a robot executes hides what is called."""
+    """Text that a robot executes hides its calls."""
     UNKNOWN_TOOL = "unknown_tool"
     NO_PLUGIN = "no_plugin"
     NO_FUNCTION = "no_function"
     NOT_OPEN = "not_open"
     """The plugin's manifest does not let anybody outside call it."""
     NOT_YOURS = "not_yours"
-    """Somebody else's task."""
+    """A task of another person or program."""
     HAS_ENDED = "has_ended"
     TOO_MANY_TASKS = "too_many_tasks"
     ROLE = "role"
@@ -57,7 +57,7 @@ class Ban(StrEnum):
     ANOTHER_ORDER = "another_order"
     """The token is for other arguments, or for another client."""
     TEAM = "team"
-    """The team refuses it; its words say why."""
+    """The team refuses it; its text gives the reason."""
     NOBODY = "nobody"
     """The robot or the coordinator that is asked does not answer."""
 
@@ -103,7 +103,7 @@ HOST_NAMES: Mapping[str, Ban] = MappingProxyType(
 )
 """Names of plugins behind which the host itself is."""
 MOVERS = frozenset({"driver", "mocdevice", "wander", "idle", "home"})
-"""Plugins by whose functions a robot is moved, stopped or sent somewhere without a task."""
+"""Plugins whose functions move or stop a robot, or send it to a place without a task."""
 READS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "driver": frozenset(
@@ -127,7 +127,7 @@ READS: Mapping[str, frozenset[str]] = MappingProxyType(
         ),
     }
 )  # fmt: skip
-"""Functions that change nothing, of stock plugins that can move a robot themselves or through another plugin."""
+"""Functions without side effects, of stock plugins that can move a robot themselves or through another plugin."""
 _WORD = re.compile(r"[a-z]+")
 
 
@@ -154,7 +154,7 @@ def call_refusal(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> B
     Args:
         plugin: its name.
         function: its external name.
-        plugins: those of the robot, as its host reports them.
+        plugins: functions of the robot, as its host reports them.
 
     """
     if (of_host := HOST_NAMES.get(plugin)) is not None:
@@ -224,7 +224,7 @@ WORDS = MappingProxyType(
 
 
 def refusal(ban: Ban, detail: str = "") -> str:
-    """A refusal in words, with what it is about."""
+    """A refusal in words, with its subject."""
     return f"refused: {WORDS[ban]}{f': {detail}' if detail else ''}"
 
 
@@ -240,7 +240,7 @@ class CallRefused(RobrainError):
 
     Args:
         ban: why.
-        detail: what it is about, in words.
+        detail: its subject, in words.
 
     """
 

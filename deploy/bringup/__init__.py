@@ -1,1 +1,1 @@
-"""`robrain bringup`: a new robot's wheels, lidar and battery, checked step by step, and what was found in its file."""
+"""`robrain bringup`: it checks a new robot's wheels, lidar and battery, and puts the results into its file."""

@@ -103,7 +103,7 @@ class Record(msgspec.Struct, frozen=True):
 BASE, LIDAR, BATTERY, IMU, DRIVER = "mocdevice", "scan", "bm2", "imu", "driver"
 HALTED_BY = "bringup"
 HALTED_S = 1.0
-"""A halted host's plugins do nothing; what the encoders say meanwhile is read afterwards."""
+"""A halted host's plugins do nothing; the encoder counts of that time are read afterwards."""
 LIDAR_START_S, LOOK_S = 8.0, 0.1
 """How long a lidar has for its first turn: some begin to spin when they are asked."""
 START_S = 3.0
@@ -112,13 +112,14 @@ START_S = 3.0
 
 STEP_S = 0.02
 LEASE_NS = to_ns(0.5)
-"""The wheels stop this long after the last question how the motion stands: who asks hangs. A process that dies stops
-them sooner, as no command comes any more."""
+"""The wheels stop this long after the last query for the state of the motion: the caller then hangs. A process that
+dies stops them sooner, as no command comes any more.
+"""
 SETTLE_NS = to_ns(0.8)
-"""How long it is recorded after the end, so that the robot stands and lidar turns from there have come."""
+"""Recording time after the end, so that the robot stands and lidar turns from there have come."""
 SCAN_FRESH_NS = to_ns(1.0)
 NEAR_M = 0.10
-"""Nothing may come nearer to the robot's edge on the floor."""
+"""Distance to the robot's edge within which the floor must be free."""
 BRAKING_M_S2, BRAKING_RAD_S2 = 0.2, 0.5
 CREEP_M_S, CREEP_RAD_S = 0.01, 0.03
 DONE_M, DONE_RAD = 0.002, 0.004
@@ -131,7 +132,7 @@ class MotionRunner(Unit):
     """See the module. `begin`, `ask` and `abort` are called on bring-up's own thread, and only read or set fields."""
 
     Parameters = Driver.Parameters
-    """The file's `[parameters.driver]` are for the driver; nothing of them is used here."""
+    """The file's `[parameters.driver]` are for the driver and are not used here."""
     period_s = STEP_S
     parameters: Driver.Parameters
 
@@ -168,7 +169,7 @@ class MotionRunner(Unit):
         return self._moc.counters()
 
     def begin(self, motion: Motion) -> None:
-        """Execute a motion at the next step, in place of one that is under way."""
+        """Execute a motion at the next step, in place of the current one."""
         self.failed, self.is_cruising = "", False
         self._asked_ns = self.env.clock.now_ns()
         self._wanted = motion
@@ -183,7 +184,7 @@ class MotionRunner(Unit):
         return Record(tuple(self._samples), tuple(self._scans), tuple(self._imu_samples))
 
     def look(self) -> None:
-        """Add what the encoders say now to the record of a motion that has ended."""
+        """Add the current encoder counts to the record of a motion that has ended."""
         self._look(self.env.clock.now_ns())
 
     def abort(self, why: str) -> None:
@@ -385,7 +386,7 @@ class MotionFailed(RobrainError):
 
 
 class DeviceAbsent(RobrainError):
-    """A device does not run; the text says which and why."""
+    """A device does not run; the text names it and gives the reason."""
 
 
 class Bench(abc.ABC):
@@ -419,7 +420,7 @@ class Bench(abc.ABC):
         """Execute a motion; returns when the robot stands again.
 
         Raises:
-            MotionFailed: it was given up; the text says why.
+            MotionFailed: it was given up; the text gives the reason.
             DeviceAbsent: the base, or a lidar that is watched, does not run.
 
         """
@@ -467,7 +468,7 @@ class Bench(abc.ABC):
             raise DeviceAbsent(f"{plugin}: {error}") from error
 
     def base(self) -> WheelDevice.Parameters | None:
-        """Parameters of the base; None of one that does not say what its wheels are."""
+        """Parameters of the base; None if the base does not describe its wheels."""
         found = self.parameters(BASE)
         return found if isinstance(found, WheelDevice.Parameters) else None
 
@@ -496,7 +497,7 @@ class Bench(abc.ABC):
         self.host.board.yaw_rates = deque(maxlen=0)
 
     def wait_for_counts(self) -> None:
-        """Wait until the wheels' encoders speak; those that do not are left to the steps."""
+        """Wait until the wheels' encoders send; the steps handle silent ones."""
         for _ in range(round(START_S / LOOK_S)):
             if self.why_not(DRIVER) or self._runner().is_fresh:
                 return

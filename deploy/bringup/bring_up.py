@@ -1,4 +1,4 @@
-"""The steps of bring-up in their order; what is found is put into the robot's file before the next step."""
+"""The steps of bring-up in their order; results are put into the robot's file before the next step."""
 
 import math
 import os
@@ -89,7 +89,7 @@ def check_square(
 
     Args:
         bench: with the robot's file as it is known by now.
-        view: what the lidar sees where the squares begin.
+        view: the lidar's measurements where the squares begin.
         base: parameters of the base; None if they are not known.
         operator: measures the ends if `measured`.
         rounds: squares of each kind.
@@ -210,7 +210,7 @@ def write_patch(path: Path, patch: Patch, backup: Path | None) -> Path:
 
     Args:
         path: the file.
-        patch: what to change.
+        patch: changes of values.
         backup: a copy that was made before; None makes one.
 
     Returns:
@@ -352,7 +352,7 @@ def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: f
 
 
 def _unit_patch(parameters: object, ratio: float) -> Patch:
-    """The other unit for lines that say degrees where the file says radians, or the reverse; nothing otherwise."""
+    """The other unit for lines that are in degrees where the file has radians, or the reverse; empty otherwise."""
     lines = getattr(parameters, "lines", None)
     if getattr(parameters, "protocol", None) != "lines" or lines is None:
         return {}
@@ -379,11 +379,11 @@ class BringUpOptions(msgspec.Struct, frozen=True, kw_only=True):
     measured: bool = False
     """A person measures where squares end."""
     write: bool = True
-    """Put what is found into the file."""
+    """Put the results into the file."""
 
 
 class _Ended(Exception):
-    """A step has found what makes it unsafe, or useless, to go on."""
+    """The result of a step makes it unsafe, or useless, to continue."""
 
 
 class BringUp:
@@ -394,7 +394,7 @@ class BringUp:
         bench: closed by its owner.
         operator: the person beside the robot.
         tell: called with each finding.
-        robot_file: what is in the file, if it differs from that (endpoints, team).
+        robot_file: values of the file, where they differ from the given ones (endpoints, team).
 
     """
 
@@ -493,7 +493,7 @@ class BringUp:
                 self._start(with_lidar=True)  # the squares are the wheels' alone
             view, _ = look(bench)
         self._step = CheckStep.SQUARE
-        for _ in range(2 if self._wanted.rounds else 0):  # again with what the first ones have corrected
+        for _ in range(2 if self._wanted.rounds else 0):  # again with the corrections of the first ones
             found, view = check_square(
                 bench, view, bench.base(), self._operator, rounds=self._wanted.rounds, measured=self._wanted.measured
             )
@@ -514,7 +514,7 @@ class BringUp:
             self._bench.wait_for_scan()
 
     def _do(self, step: CheckStep, found: list[CheckFinding]) -> bool:
-        """Note what a step has found, and go on with that; whether the devices were restarted for it."""
+        """Record the result of a step, and continue with it; whether the devices were restarted for it."""
         self._step = step
         self._record(found)
         if any(one.stops for one in found):
@@ -525,7 +525,7 @@ class BringUp:
         return True
 
     def _check_again(self, step: CheckStep, found: list[CheckFinding], view: View) -> View:
-        """As `_do`; what the lidar sees afterwards."""
+        """As `_do`; returns the lidar's measurements afterwards."""
         return look(self._bench)[0] if self._do(step, found) else view
 
     def _record(self, found: list[CheckFinding]) -> None:

@@ -1,4 +1,4 @@
-"""`robrain bringup ROBOT.toml`: the session, the claim on the robot's name, and what the person sees."""
+"""`robrain bringup ROBOT.toml`: the session, the claim on the robot's name, and the output for the person."""
 
 import os
 import signal
@@ -97,12 +97,12 @@ ON_THE_WIRE = ("zenoh",)
 
 
 def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *, yes: bool, as_json: bool) -> bool:
-    """Bring a robot up; whether nothing was wrong.
+    """Bring a robot up; whether all steps are right.
 
     Args:
         robot: its ROBOT.toml.
         connect: endpoint of the team; None uses the file's, else $ROBRAIN_CONNECT, else this machine's hub.
-        wanted: what to do.
+        wanted: steps and limits.
         yes: give the default answer to all questions.
         as_json: print a `Report`.
 

@@ -15,14 +15,14 @@ class Attendant(Protocol):
     """The person beside the robot."""
 
     def prepare(self, what: str) -> None:
-        """Have something done; returns when it is."""
+        """Give an instruction; returns when the person has done it."""
 
     def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
         """Ask; returns a key of `choices`.
 
         Args:
             question: a sentence.
-            choices: what each answer means.
+            choices: meaning of each answer.
             default: the answer if the person just presses Enter.
 
         """
@@ -32,7 +32,7 @@ class Attendant(Protocol):
 
 
 class YesOperator:
-    """Gives the default answers: all is done as it was said, and wheels turn as they are commanded."""
+    """Gives the default answers: all instructions are done, and wheels turn as they are commanded."""
 
     def prepare(self, what: str) -> None:
         """As Attendant."""
@@ -42,7 +42,7 @@ class YesOperator:
         return default
 
     def number(self, question: str) -> float:
-        """As Attendant; nothing was measured."""
+        """As Attendant; there is no measurement."""
         return 0.0
 
 
@@ -107,7 +107,7 @@ class CheckStep(StrEnum):
 
 
 class FindingKind(StrEnum):
-    """Kinds of findings; what is as it should be is `right`, and what could not be looked at `not_done`."""
+    """Kinds of findings; a correct value is `right`, and an impossible check `not_done`."""
 
     RIGHT = "right"
     NOT_DONE = "not_done"
@@ -172,7 +172,7 @@ class BringUpReport(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing was wrong; what could not be looked at does not count."""
+        """Whether no check failed; checks that were impossible do not count."""
         return all(finding.ok is not False for finding in self.findings)
 
 

@@ -23,7 +23,7 @@ STILL_S = 1.2
 FIRST_TURN_RAD, FIRST_WAY_M = math.radians(60.0), 0.3
 LONGEST_WAY_M, SHORTEST_WAY_M = 1.2, 0.25
 SPARE_M = 0.25
-"""Between what is ahead and the robot's edge at the end of a way."""
+"""Between an obstacle ahead and the robot's edge at the end of a path."""
 QUARTERS = 4
 TURNED_RAD = math.radians(1.0)
 MOVED_M = 0.015
@@ -53,7 +53,7 @@ class Moved(NamedTuple):
 
 
 def look(bench: Bench) -> tuple[View, Record]:
-    """Stand for a while; what the lidar sees."""
+    """Stand for a while, and return the lidar's measurements."""
     record = bench.perform(Rest(STILL_S))
     scans = [(scan.angles_rad, scan.ranges_m) for scan in record.scans]
     points = still_points(scans, record.scans[-1].range_max_m) if scans else np.empty((0, 2))
@@ -71,7 +71,7 @@ def move(bench: Bench, before: View, motion: Straight | TurnOnSpot) -> tuple[Mov
 
 
 def check_scan(bench: Bench) -> tuple[CheckFinding, View]:
-    """Whether the lidar turns, and sees something."""
+    """Whether the lidar turns and gives ranges."""
     why = bench.why_not(LIDAR)
     view, record = look(bench)
     scans, radius_m = record.scans, _radius_m(bench)
@@ -176,7 +176,7 @@ def check_turn(bench: Bench, view: View, base: WheelDevice.Parameters | None) ->
         by_scan_rad += turned.scan_yaw_rad
         by_odometry_rad += turned.odometry_yaw_rad
         T_first_scan = T_first_scan.compose(turned.scan)
-        # The lidar at m is moved by R·m − m, and by what the robot's centre moved.
+        # The lidar at m is moved by R·m − m, and by the motion of the robot's centre.
         centre = first.odometry.inverse().compose(view.odometry)
         cos, sin = math.cos(T_first_scan.yaw_rad) - 1.0, math.sin(T_first_scan.yaw_rad)
         levers += [[cos, -sin], [sin, cos]]
@@ -295,7 +295,7 @@ def _room_m(view: View, radius_m: float) -> float:
 
 
 def points_of(scan: LaserScan) -> Floats:
-    """(K, 2): what a scan has hit, metres, its own frame."""
+    """(K, 2): points that a scan has hit, metres, its own frame."""
     return beam_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m)
 
 
@@ -305,7 +305,7 @@ def _radius_m(bench: Bench) -> float:
 
 
 def _mount(bench: Bench) -> Mount | None:
-    """How the lidar's device has it mounted; None if its parameters do not say that."""
+    """Mount of the lidar by its device; None if its parameters do not have it."""
     mount = getattr(bench.parameters(LIDAR), "mount", None)
     return mount if isinstance(mount, Mount) else None
 

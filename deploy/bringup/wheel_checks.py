@@ -1,4 +1,4 @@
-"""Steps with the wheels in the air: the bus, which wheel is whose, which way it turns, and how far."""
+"""Steps with the wheels in the air: the bus, the assignment of wheels, their directions, and their turns."""
 
 import math
 from collections.abc import Sequence
@@ -114,7 +114,7 @@ def frame_map(parameters: WheelDevice.Parameters) -> FrameMap | None:
 def base_patch(base: WheelBase, **changes: float) -> Patch:
     """A patch with these sizes of the base.
 
-    All its keys are in it, as a table of the file takes the place of the manifest's as a whole.
+    It has all its keys, as a table of the file replaces the manifest's as a whole.
     """
     changed = msgspec.structs.replace(base, **{key: _rounded(value) for key, value in changes.items()})
     return {"mocdevice": {"base": msgspec.to_builtins(changed)}}
@@ -150,7 +150,7 @@ STOP_MAX_S, WATCHDOG_MAX_S = 0.3, 0.5
 
 
 def check_bus(bench: Bench) -> list[CheckFinding]:
-    """Whether the controller speaks, how often, and whether all that it says is believed."""
+    """Whether the controller sends, at which rate, and whether all its frames are accepted."""
     before = bench.counters()
     record = bench.perform(Rest(LOOK_S))
     after = bench.counters()
@@ -193,7 +193,7 @@ def check_bus(bench: Bench) -> list[CheckFinding]:
 
 
 def check_wheels(bench: Bench, operator: Attendant, base: WheelDevice.Parameters) -> list[CheckFinding]:
-    """Turn each wheel a little: whose encoder counts, which way, and how far."""
+    """Turn each wheel a little, to find its encoder, its direction, and its turn."""
     names, speed = wheel_names(base.base), WHEEL_SPEED_RAD_S
     seen: list[Seen] = []
     for index, name in enumerate(names):
@@ -272,7 +272,7 @@ def check_halt(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
 
 
 def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
-    """Send no more commands while all wheels turn: what happens if this computer dies."""
+    """Send no more commands while all wheels turn, as if this computer died."""
     speed = WHEEL_SPEED_RAD_S
     record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, StopMode.SILENCE))
     bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
@@ -338,7 +338,7 @@ def _turned_wheel(operator: Attendant, names: tuple[str, ...], index: int, way: 
 
 
 def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[CheckFinding]:
-    """Name what is swapped or inverted, with the signals as they should be."""
+    """Name swapped or inverted signals, with their corrections."""
 
     def say(found: FindingKind, sentence: str, patch: Patch | None = None, remedy: str = "") -> CheckFinding:
         return CheckFinding(
@@ -394,7 +394,7 @@ def _wheels_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
 
 
 def _signs_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
-    """Signs for a base that speaks lines of text; nothing if wheels are swapped, or it speaks something else."""
+    """Signs for a base that speaks lines of text; empty if wheels are swapped, or for another protocol."""
     lines, codec = getattr(base, "lines", None), getattr(base, "codec", None)
     if not isinstance(lines, LineWords) or codec:
         return {}
@@ -404,7 +404,7 @@ def _signs_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
     for one in seen:
         signs[one.wheel] *= one.sign
         command_signs[one.wheel] *= one.way
-    # Whole, as a table of the file takes the place of the manifest's.
+    # Whole, as a table of the file replaces the manifest's.
     return {BASE: {"lines": {**msgspec.to_builtins(lines), "signs": signs, "command_signs": command_signs}}}
 
 
@@ -413,7 +413,7 @@ def _each(signs: Sequence[int], seen: list[Seen]) -> Sequence[int]:
 
 
 def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[CheckFinding]:
-    """Whether the encoders count as many ticks a turn as the file says, by the speed that was asked for."""
+    """Whether the encoders count as many ticks a turn as the file states, by the commanded speed."""
     ratios = [abs(one.ratio) for one in seen]
     ratio = median(ratios)
     values = {f"wheel_{one.encoder + 1}_by_command": abs(one.ratio) for one in seen}

@@ -90,14 +90,14 @@ class CommandGroup(TyperGroup):
 
 
 def missing_extra(error: ModuleNotFoundError, words: Sequence[str], extras: Mapping[str, str]) -> UsageError | None:
-    """An error that says what to install after a failed import; None if no extra contains the package.
+    """An error that names the extra to install after a failed import; None if no extra contains the package.
 
-    A command that lacks arrays mostly lacks more, and names the extra that has everything.
+    A command that lacks arrays mostly lacks more, and names the extra that has all packages.
 
     Args:
         error: of the import.
         words: the command line.
-        extras: what each command needs.
+        extras: packages that each command needs.
 
     >>> missing = ModuleNotFoundError("No module named 'numpy'", name="numpy")
     >>> str(missing_extra(missing, ["run", "depot"], {"run": "sim"}))

@@ -110,7 +110,7 @@ def new_recording(path: Path | None) -> Path | None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for what a command writes, unless it exists (UsageError if it cannot be made)."""
+    """Make a folder for a command's output, unless it exists (UsageError if it cannot be made)."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -122,7 +122,7 @@ def make_folder(folder: Path) -> None:
 def next_file(folder: Path, name: str, suffix: str = ".mcap") -> Path:
     """`folder/name-N.mcap` with the number after the highest there is; creates the folder.
 
-    Parts of split recordings count, also those whose first part was removed. UsageError if the folder cannot be made.
+    Parts of split recordings count, also if their first part was removed. UsageError if the folder cannot be made.
     """
     make_folder(folder)
     numbered = re.compile(rf"{re.escape(name)}-(\d+)(_\w+)?{re.escape(suffix)}.*")

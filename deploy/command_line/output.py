@@ -20,7 +20,7 @@ def print_note(text: str) -> None:
 
 
 def print_json(value: object) -> None:
-    """Print anything that has a form on the wire as one line of JSON on stdout; control characters are escaped."""
+    """Print a value with a form on the wire as one line of JSON on stdout; control characters are escaped."""
     import msgspec
 
     from robrain.protocol.safe_text import safe_json

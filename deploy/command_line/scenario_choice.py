@@ -45,7 +45,7 @@ def choose_scenario(
         motes: overrides the scenario's.
         seed: overrides the scenario's.
         near: X,Y, around which the robots start together; overrides the scenario's starts.
-        idle: whether the team explores only if a task tells it to; True overrides the scenario's.
+        idle: whether the team explores only if a task requests it; True overrides the scenario's.
         strategy: name of an exploration strategy, or FILE.py:NAME; overrides the scenario's.
         method: name of an allocator, or FILE.py:NAME; overrides the scenario's.
 

@@ -36,7 +36,7 @@ def call_command(
 
     Raises:
         CallError: the robot refuses the call, or the plugin fails.
-        NobodyThere: the robot is not there; the text lists those that are.
+        NobodyThere: the robot is not there; the text lists the robots that are.
         UsageError: the arguments cannot be read.
 
     """

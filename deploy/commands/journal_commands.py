@@ -71,7 +71,7 @@ def restore(
     journal: Annotated[Path, typer.Option(help="The journal whose content is replaced; made if there is none.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Make a journal hold what a backup holds; refused while a coordinator has it open."""
+    """Restore a journal from a backup; refused while a coordinator has it open."""
     from robrain.coordinator.journal.backup import restore_backup
 
     done = restore_backup(backup, journal)

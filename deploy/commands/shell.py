@@ -51,7 +51,7 @@ class RemoteCommands:
         """Execute one command; calls are executed by the robot, `list` and `help` answered from its plugins.
 
         Raises:
-            RobrainError: the command, or what it calls, is wrong or refused; or the robot does not answer.
+            RobrainError: the command, or its call, is wrong or refused; or the robot does not answer.
 
         """
         command = parse_command(text)

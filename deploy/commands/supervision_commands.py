@@ -77,7 +77,7 @@ def up(
         typer.Option("--json", help="Print one JSON object per line: hub, dashboard, forwarders, failures, result."),
     ] = False,
 ) -> None:
-    """Start a team as separate processes in real time, and start again what ends or hangs.
+    """Start a team as separate processes in real time, and restart processes that end or hang.
 
     Exit status 1 if a part failed too often and was given up.
     """
@@ -171,7 +171,7 @@ def doctor(
     team: Annotated[str | None, typer.Option(help="Name of the team; default: the one in the file.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what keeps a robot, or the parts of a machine, from joining a team, and what to do about it.
+    """Report why a robot, or the parts of a machine, cannot join a team, and the remedy.
 
     Exit status 1 if something is wrong.
     """

@@ -45,7 +45,7 @@ def halt(
     by: ByOption = None,
     reason: Annotated[str, typer.Option(help="Reason, for the log.")] = "",
 ) -> None:
-    """Emergency halt: stop all robots, and list those that have not stopped."""
+    """Emergency halt: stop all robots, and list the robots that have not stopped."""
     name = one_robot(one, robot)
     with connect_team(connect, team) as client:
         _end(client.halt(name, reason=reason, by=by), None if name else team)

@@ -53,7 +53,7 @@ from robrain.protocol.wire.session import check_port_free, is_secured, listening
 
 
 def is_good(checks: Sequence[Check]) -> bool:
-    """Whether nothing is wrong; what could not be looked at is not."""
+    """Whether no check failed; an impossible check does not count as failed."""
     return all(check.ok is not False for check in checks)
 
 
@@ -148,7 +148,7 @@ class RobotFound(NamedTuple):
     """Of the plugins that are loaded."""
 
     def parameters(self, manifest: Manifest) -> Mapping[str, Any]:
-        """Parameters of a plugin: those of the robot's file first."""
+        """Parameters of a plugin: the robot's file has precedence."""
         return {**manifest.parameters, **self.robot_file.parameters.get(manifest.name, {})}
 
 
@@ -203,7 +203,7 @@ def check_extras(found: RobotFound, import_plugin: Callable[[Manifest], object] 
 
 
 def check_devices(found: RobotFound, base: Path) -> list[Check]:
-    """Whether each device opens what its parameters name, as at the start of the robot; all are closed at once.
+    """Whether each device opens the resources that its parameters name, as at the robot's start; all close at once.
 
     Args:
         found: the robot.
@@ -214,7 +214,7 @@ def check_devices(found: RobotFound, base: Path) -> list[Check]:
     if not names:
         return []
     table, checks = replace(found.robot_file.robot, load=names), list[Check]()
-    logging.disable()  # the checks say what the log would
+    logging.disable()  # the checks report the log's content
     try:
         with closing(open_session(mode="router", listen=["tcp/127.0.0.1:0"])) as session:
             zenoh = replace(found.robot_file.zenoh, connect=listening_at(session))
@@ -240,7 +240,7 @@ def check_devices(found: RobotFound, base: Path) -> list[Check]:
 
 
 def check_grid(found: RobotFound) -> Check:
-    """Whether the robot's file says which grid the team maps on: patches on another grid are refused."""
+    """Whether the robot's file has the team's grid of the map: patches on another grid are refused."""
     mapper = next((manifest for manifest in found.manifests if manifest.name == MAPPER), None)
     if mapper is None:
         return Check(CheckName.MAP, True, "the robot makes no map")
@@ -326,7 +326,7 @@ class OwnCertificate(NamedTuple):
     """Certificate that a process must present."""
 
     member: Member | None
-    """Whose certificate; None accepts that of any member."""
+    """Member of the certificate; None accepts that of any member."""
     folder: Path | None
     """As `robrain pki issue` made it; None if none is given."""
 
@@ -379,7 +379,7 @@ class JoinRequest(NamedTuple):
     endpoints: Sequence[str]
     team: str
     robots: Sequence[str]
-    """Names whose keys and claims are looked at."""
+    """Names whose keys and claims are checked."""
     certificates: Sequence[OwnCertificate] = ()
     """Certificates for endpoints that require them."""
 
@@ -395,8 +395,8 @@ def examine_robot(path: Path, connect: str | None, team: str | None) -> list[Che
 
     Args:
         path: its ROBOT.toml.
-        connect: endpoint; None takes the file's, or else this machine's hub.
-        team: None takes the file's.
+        connect: endpoint; None uses the file's, or else this machine's hub.
+        team: None uses the file's.
 
     """
     found, said = check_robot_file(path)
@@ -532,7 +532,7 @@ MARKS = {True: "ok", False: "WRONG", None: "unknown"}
 def doctor_command(
     file: Path | None, host: str | None, connect: str | None, team: str | None, *, as_json: bool
 ) -> bool:
-    """Look, and print what was found; whether nothing is wrong.
+    """Check, and print the results; whether no check failed.
 
     Args:
         file: a ROBOT.toml or a team file; None looks at a hub alone.

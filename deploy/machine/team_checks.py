@@ -29,7 +29,7 @@ class CheckName(StrEnum):
     """The robot's or the team's file."""
     ROUTER = "router"
     KEY_SPACE = "key_space"
-    """Whether the router passes on what the robot says under its own keys."""
+    """Whether the router forwards the robot's messages under its own keys."""
     CERTIFICATE = "certificate"
     CLOCK = "clock"
     VERSION = "version"
@@ -42,7 +42,7 @@ class CheckName(StrEnum):
     """Whether an address is one of this machine's."""
     CAN = "can"
     DEVICE = "device"
-    """Whether a device opens what its parameters name: a file, a bus, a port."""
+    """Whether a device opens the resource that its parameters name: a file, a bus, a port."""
     EXTRA = "extra"
     """Packages that plugins need."""
     MAP = "map"
@@ -60,9 +60,9 @@ class Check(msgspec.Struct, frozen=True):
 
 
 SKEW_OK_S = 0.5
-"""Chosen: Zenoh stamps again what differs by more."""
+"""Chosen: Zenoh replaces stamps that differ by more."""
 LISTEN_S = 2.0
-"""Time in which a coordinator has told its state several times."""
+"""Time in which a coordinator has published its state several times."""
 ENOUGH_STAMPS = 3
 ASK_S = 2.0
 STAGE = "doctor"
@@ -71,7 +71,7 @@ EVERYONE: dict[str, Any] = {"target": zenoh.QueryTarget.ALL, "consolidation": ze
 
 
 def check_key_space(endpoints: Sequence[str], team: str, robot: str) -> Check:
-    """Whether what a robot declares under its own keys reaches other clients of the router."""
+    """Whether a robot's declarations under its own keys reach other clients of the router."""
     process = f"{os.getpid():x}"
     key = ROBOT_CLAIM.key(team, robot=robot, stage=STAGE, process=process)
     with (
@@ -96,7 +96,7 @@ def check_key_space(endpoints: Sequence[str], team: str, robot: str) -> Check:
 
 
 def check_robots(status: TeamStatus) -> list[Check]:
-    """Whether each robot of a team is well, as its state says."""
+    """Whether each robot of a team is well, by its state."""
     return [_check_robot(robot) for robot in status.standing]
 
 
@@ -113,8 +113,8 @@ def check_clock(skews_s: Sequence[float]) -> Check:
     """Whether this machine's clock agrees with the team's.
 
     Args:
-        skews_s: how far each stamp heard was ahead of this machine's clock on arrival. The greatest one has the least
-            delay in it.
+        skews_s: lead of each received stamp over this machine's clock on arrival. The greatest one has the least delay
+            in it.
 
     """
     if not skews_s:
@@ -165,7 +165,7 @@ def check_versions(own: str, others: dict[str, ProcessInfo]) -> Check:
 
     Args:
         own: version of this robrain.
-        others: the processes that have said who they are, by name.
+        others: the processes that have identified themselves, by name.
 
     """
     if not others:
@@ -195,7 +195,7 @@ def members(session: zenoh.Session, team: str) -> dict[str, ProcessInfo]:
 
 
 def holders(session: zenoh.Session, team: str, robot: str) -> list[ProcessInfo]:
-    """All processes that say that they are a robot."""
+    """All processes that identify themselves as a robot."""
     found = {info.zid: info for _, info in _who(session, ROBOT_WHO, ROBOT_WHO.key(team, robot=robot))}
     return [found[zid] for zid in sorted(found)]
 
@@ -205,7 +205,7 @@ def check_name_free(robot: str, found: Sequence[ProcessInfo], host: str = "", pr
 
     Args:
         robot: its name.
-        found: the processes that say that they are it.
+        found: the processes that identify themselves with this name.
         host: name of this machine.
         proc: directory in which Linux lists processes.
 

@@ -49,7 +49,7 @@ class IssuedCertificate(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def member(self) -> Member:
-        """Whose it is (BadName if the file was changed to hold a bad name)."""
+        """Its member (BadName if the file was changed to hold a bad name)."""
         return member(self.role, self.team, self.name)
 
 
@@ -61,7 +61,7 @@ class MembersFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     @property
     def allowed(self) -> list[Member]:
-        """Those whose certificates are not revoked."""
+        """Members whose certificates are not revoked."""
         return [one.member for one in self.members if not one.revoked]
 
     def find(self, wanted: Member) -> IssuedCertificate | None:
@@ -75,7 +75,7 @@ class MembersFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def folder_of(pki: Path, wanted: Member) -> Path:
-    """The folder for one member to take away."""
+    """The folder for one member, to copy to its machine."""
     team = "" if wanted.team == read_members(pki / MEMBERS_FILE).team else f"@{wanted.team}"  # no name has an @
     return pki / MEMBERS_FOLDER / f"{wanted.role}.{wanted.name}{team}"
 
@@ -102,7 +102,7 @@ def read_members(path: Path) -> MembersFile:
 
 @contextmanager
 def changing(pki: Path) -> Iterator[MembersFile]:
-    """The members, while nobody else changes them: a renewal must not undo a revocation that comes meanwhile.
+    """The members, locked against other changes: a renewal must not undo a simultaneous revocation.
 
     Raises:
         PkiError: naming file and key.

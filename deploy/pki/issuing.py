@@ -129,10 +129,10 @@ def init(pki: Path, team: str, now: datetime) -> None:
 
 
 def issue(pki: Path, wanted: Member, now: datetime, days: float = DAYS, hosts: Sequence[str] = ()) -> IssuedCertificate:
-    """Issue a certificate, and write the folder for its member to take away.
+    """Issue a certificate, and write the folder for the member's machine.
 
     Raises:
-        PkiError: the member has one, or had one that was revoked; `renew` is for those.
+        PkiError: the member has a certificate, or had one that was revoked; `renew` is for such members.
 
     """
     if hosts and wanted.role is not MemberRole.ROUTER:
@@ -186,7 +186,7 @@ def renew_due(pki: Path, now: datetime) -> list[IssuedCertificate]:
 
 
 def revoke(pki: Path, wanted: Member) -> IssuedCertificate:
-    """Take a member out of the routers' rules for good.
+    """Remove a member from the routers' rules for good.
 
     Zenoh has no list of revoked certificates: the holder of this one can connect until it ends, and do nothing. That of
     a router is different: members accept it until it ends.

@@ -1,4 +1,4 @@
-"""`robrain pki …` and `robrain router`: options, and what they print."""
+"""`robrain pki …` and `robrain router`: options and output."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -30,7 +30,7 @@ class SecuredRouter:
     Args:
         folder: the router's, made by `robrain pki issue router NAME`.
         listen: endpoint, `tls/HOST:PORT`.
-        connect: endpoints of other routers of the same CA; what is not there is tried again and again.
+        connect: endpoints of other routers of the same CA; missing ones are tried again and again.
 
     Raises:
         PkiError: the folder is not a router's, or an endpoint is a plain one.
@@ -45,7 +45,7 @@ class SecuredRouter:
         self.folder = folder
         self.listen = listen
         self.connect = tuple(connect)
-        self._stamps = self._files()  # before they are read: what changes meanwhile is read again
+        self._stamps = self._files()  # before they are read: later changes are read again
         identity, self._rules = self._settings()
         self._is_open = False
         self.session = self._open(identity)
@@ -65,14 +65,14 @@ class SecuredRouter:
         stamps = self._files()
         if stamps == self._stamps and self._is_open:
             return ""
-        try:  # first: with files that are no good, or written in part, the router goes on as it is
+        try:  # first: if the files are invalid, or written in part, the router continues with its current rules
             identity, rules = self._settings()
         except RobrainError as error:
             return f"{error}; the router goes on with what it has"
         is_same = rules == self._rules and stamps.get(CERTIFICATE) == self._stamps.get(CERTIFICATE)
         self._stamps, self._rules = stamps, rules
         if self._is_open:
-            if is_same:  # as after a renewal: nobody is to be cut off for it
+            if is_same:  # as after a renewal: no connection is to be closed for it
                 return ""
             self.listen = self.endpoint
             self.session.close()

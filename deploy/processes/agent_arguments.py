@@ -17,7 +17,7 @@ class AgentWords(NamedTuple):
 def agent_arguments(words: Sequence[str]) -> AgentWords | None:
     """The arguments of a plain `agent ROBOT [--connect ENDPOINT] [--team NAME] [--votes FOLDER]`.
 
-    None for everything else, mistakes and `--help` among it: that is left to Typer, which loads pydantic to read it. A
+    None for all other arguments, including mistakes and `--help`: Typer reads them, and loads pydantic for that. A
     robot's process would keep these 10 MB while it runs, and start a quarter of a second later.
 
     >>> agent_arguments(["agent", "r1.toml", "--team=blue"])

@@ -151,7 +151,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
 
 
 def endpoints_of(settings: ZenohTable, connect: str | None) -> list[str]:
-    """Where a robot connects to: what the command line says, else its file, else $ROBRAIN_CONNECT or the hub."""
+    """Endpoints of a robot: those of the command line, else of its file, else $ROBRAIN_CONNECT or the hub."""
     if connect is not None:
         return given_endpoints(connect)
     if settings.connect or settings.listen:
@@ -189,12 +189,12 @@ def unchanged_pages(smaps: str, library: str) -> list[Pages]:
             is_its = Path(mapping["file"]).name.startswith(library) and "w" not in mapping["rights"]
             pages = Pages(begin, end - begin) if is_its else None
         elif line.startswith("Anonymous:") and pages is not None and line.split()[1] == "0":
-            found.append(pages)  # what the loader has changed is its own copy, and would be lost
+            found.append(pages)  # pages that the loader has changed are private copies, and would be lost
     return found
 
 
 class CompilerPages:
-    """Gives the pages back every few seconds, on Linux; elsewhere it does nothing."""
+    """Returns the pages to the kernel every few seconds, on Linux; elsewhere it has no effect."""
 
     def __init__(self) -> None:
         self._pages: list[Pages] = []

@@ -37,7 +37,7 @@ from robrain.sim.world.world import World
 MOVED_ON = {"start_known": True, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
 """Uncertainty of the last pose that a robot reported: it drives on for 0.2 s, until its base stops by itself."""
 PLUGINS = MappingProxyType({LINE: LIDAR_PLUGIN, BASE_LINE: BASE_PLUGIN, IMU_LINE: IMU_PLUGIN})
-"""Of the serial lines: whose parameter `port` names each."""
+"""Serial lines, by the robots' parameter `port`."""
 NO_FORWARDERS: Mapping[str, str] = MappingProxyType({})
 
 
@@ -109,8 +109,8 @@ def started_again(robot_file: RobotFile, pose: Pose2D | None) -> RobotFile:
 
     Args:
         robot_file: of its first start.
-        pose: where the robot last said that it is, arena frame. None if it had lost its place: then it finds out by
-            the map of the others or by motes.
+        pose: last reported pose of the robot, arena frame. None if it had lost its place: then it finds out by the map
+            of the others or by motes.
 
     """
     known = {"start_known": False} if pose is None else {**msgspec.structs.asdict(pose), **MOVED_ON}
@@ -169,7 +169,7 @@ def write_resume(path: Path, truth: ArenaTruth) -> Path:
 
 
 def resumed(world: "World", path: Path) -> "World":
-    """The world with its robots where a file says; those that it does not name stay at their starts.
+    """The world with its robots at the poses of a file; robots that it does not name stay at their starts.
 
     Raises:
         UsageError: the file cannot be read.
@@ -256,7 +256,7 @@ class Stepped(Protocol):
     """Device that accepts connections: a base station's forwarder, a serial line."""
 
     def step(self) -> None:
-        """Pass on what there is."""
+        """Forward all waiting bytes."""
 
 
 def run_arena(arena: Arena, should_stop: Callable[[], bool], lines: Sequence[Stepped] = ()) -> None:

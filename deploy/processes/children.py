@@ -1,4 +1,4 @@
-"""Child processes: started with their parent's endpoint and stopped with their parent; what they print for it."""
+"""Child processes: started with their parent's endpoint and stopped with their parent, and their output for it."""
 
 import os
 import signal
@@ -33,7 +33,7 @@ class Child:
         on_line: called with each line, on a thread of the child's own.
         lifeline: a new one, whose other end the child gets; closed with the child's end. None for a child that is not
             supervised.
-        module: what it runs; another one than `robrain` is sent lines, and prints answers alone.
+        module: its program; a program other than `robrain` receives lines, and prints only answers.
 
     """
 
@@ -93,7 +93,7 @@ class Child:
                 self._process.stdin.flush()
 
     def end_input(self) -> None:
-        """Tell it that no line follows."""
+        """Close its input: no line follows."""
         if self._process.stdin is not None:
             with suppress(OSError):
                 self._process.stdin.close()
@@ -104,12 +104,12 @@ class Child:
             self._process.send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
-        """End it and what it has started, at once, even if it is stopped."""
+        """End it and its children, at once, even if it is stopped."""
         if self._process.poll() is None:
             self.kill_group()
 
     def kill_group(self) -> None:
-        """End what is left of its process group, in which are the processes that it started."""
+        """End the remaining processes of its process group, which it has started."""
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
 
@@ -164,7 +164,7 @@ class Children:
 
 DASHBOARD_READY = "dashboard: "
 START_TIMEOUT_S = 120.0
-"""Limit for a process that hangs; an end is noticed at once, and imports may take long on a busy machine."""
+"""Limit for a process that hangs; an end is detected at once, and imports may be slow on a busy machine."""
 LOOK_S = 0.05
 
 
@@ -191,7 +191,7 @@ class StartingPage:
         """The page's address; empty until it is served.
 
         Raises:
-            ChildFailed: it did not start; the text says why.
+            ChildFailed: it did not start; the text gives the reason.
 
         """
         if self._url:
@@ -226,13 +226,13 @@ def start_dashboard(children: Children, endpoint: str, team: str, port: int | No
         children: owns the process.
         endpoint: where the team is.
         team: which team to show.
-        port: to serve on; None takes 8080, or a free one if that is taken.
+        port: port to serve on; None uses 8080, or a free one if that is in use.
 
     Returns:
         The page's address.
 
     Raises:
-        ChildFailed: it did not start; the text says why.
+        ChildFailed: it did not start; the text gives the reason.
 
     """
     return _served(begin_dashboard(children, endpoint, team, port))
@@ -247,7 +247,7 @@ def continue_with_recording(children: Children, url: str, recording: Path) -> No
         recording: an MCAP file.
 
     Raises:
-        ChildFailed: it did not start; the text says why.
+        ChildFailed: it did not start; the text gives the reason.
 
     """
     children.stop()

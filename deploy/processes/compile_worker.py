@@ -24,7 +24,7 @@ def main() -> None:
     limit_native_threads()
     asked: SimpleQueue[str] = SimpleQueue()
     threading.Thread(target=_read, args=(asked,), daemon=True).start()
-    # Here: it takes a second, and this process must end with its parent from the beginning.
+    # Here: it needs a second, and this process must end with its parent from the beginning.
     from numba.core import event
 
     from robrain.deploy.processes.kernels import COMPILING, PARTS

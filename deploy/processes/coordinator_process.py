@@ -68,7 +68,7 @@ def read_witnesses(text: str | None, *, stands_by: bool = False) -> tuple[str, .
 
 
 WHY_PERIOD_S = 5.0
-"""Minimum time from the start, and between two notes, before a note says why the process is not elected."""
+"""Minimum time from the start, and between two notes, before a note gives the reason why the process is not elected."""
 AGAIN_S = 1.0
 """Pause after an election that was won in vain, because the journal cannot be written."""
 
@@ -149,7 +149,7 @@ class ElectedCoordinator:
 
 
 class _Progress:
-    """Prints what has changed for a candidate."""
+    """Prints the changes for a candidate."""
 
     def __init__(self, note: Callable[[str], None]) -> None:
         self._record = note
@@ -159,7 +159,7 @@ class _Progress:
         self._lost_due_s = time.monotonic() + WHY_PERIOD_S
 
     def record(self, candidate: Candidate) -> None:
-        """Print what has changed since the last call."""
+        """Print the changes since the last call."""
         following, lost = candidate.following, candidate.election.lost
         if following is not self._following and following in WORDS:
             self._record(WORDS[following])

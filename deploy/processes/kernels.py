@@ -1,4 +1,4 @@
-"""Compiles the kernels before a run, with a message, because this takes a while the first time on a computer."""
+"""Compiles the kernels before a run, with a message, because this is slow the first time on a computer."""
 
 import pickle
 import sys
@@ -40,8 +40,8 @@ def prepare_kernels(*, quiet: bool = False, only_at_start: bool = False) -> int:
     """Compile the kernels that are not cached, and load the others; report compiling on stderr.
 
     Args:
-        quiet: report nothing.
-        only_at_start: leave those for later that a team does not use at first.
+        quiet: print no report.
+        only_at_start: postpone kernels that a team does not use at first.
 
     Returns:
         The number of kernels compiled.
@@ -78,7 +78,7 @@ def are_cached() -> bool:
 
 
 def _is_cached(kernel: Dispatcher) -> bool:
-    """Numba has no public way to ask whether its cache has code for a function as it is."""
+    """Numba has no public function that checks whether its cache has code for the current source of a function."""
     cache: Any = kernel.__dict__["_cache"]
     return bool(cache._cache_file._load_index())
 
@@ -111,7 +111,7 @@ class _NotCompiledError(Exception):
 
 
 class _Refusal(event.Listener):
-    """Ends whatever calls a kernel that is not compiled."""
+    """Ends each process that calls a kernel that is not compiled."""
 
     def on_start(self, event: event.Event) -> None:
         """Numba starts to compile a function."""

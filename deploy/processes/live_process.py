@@ -37,7 +37,7 @@ READ_BYTES = 4096
 
 
 class Lifeline:
-    """The end of the process that is supervised; does nothing in one that is not.
+    """The supervised process's end of the lifeline; without a supervisor it has no effect.
 
     Args:
         monotonic_s: the clock, in seconds.
@@ -60,13 +60,13 @@ class Lifeline:
             self._file = -1
 
     def beat(self) -> None:
-        """Say that the main loop goes on."""
+        """Report that the main loop runs."""
         if self._file >= 0 and self._monotonic_s() >= self._next_beat_s:
             self._next_beat_s = self._monotonic_s() + BEAT_S
             self._write(BEAT)
 
     def ready(self) -> None:
-        """Say that the process does its work."""
+        """Report that the process is ready."""
         if self._file >= 0:
             self._write(READY)
 
@@ -137,14 +137,14 @@ def check_certificate(
 ) -> Identity | None:
     """Check the certificate that a process is to show; None if its endpoints ask for none.
 
-    Says when the certificate soon ends.
+    Warns when the certificate ends soon.
 
     Args:
         who: name of the process, for messages.
         note: prints a line.
         connect: the endpoints that it connects to.
         team: its team.
-        role: what its certificate must be for.
+        role: role that its certificate must have.
         name: its name; None accepts any.
 
     Raises:
@@ -165,10 +165,10 @@ def check_certificate(
 
 
 def check_rights(who: str, note: Note, session: zenoh.Session, connect: Sequence[str], identity: Identity) -> None:
-    """Try what the process needs, as the router drops in silence what it does not allow.
+    """Try the accesses that the process needs, as the router drops forbidden ones silently.
 
     Raises:
-        WireError: the router allows nothing of it.
+        WireError: the router allows none of them.
 
     """
     missing = missing_rights(session, connect, identity)
@@ -216,7 +216,7 @@ def client_session(connect: str | None) -> Iterator[zenoh.Session]:
     """Open a client session at the given endpoint, or else at this machine's hub.
 
     Raises:
-        NobodyThere: nothing answers there.
+        NobodyThere: no router answers there.
         WireError: an endpoint is invalid.
 
     """
@@ -254,7 +254,7 @@ def open_when_there(
 ) -> zenoh.Session | None:
     """Open a session with `open_session` as soon as one of its endpoints answers.
 
-    Waits without a time limit, and says so once on stderr.
+    Waits without a time limit, and reports it once on stderr.
 
     Args:
         who: name of the waiting process, for the message.
@@ -298,7 +298,7 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
 
 
 def steps(should_stop: Callable[[], bool], period_s: float) -> Iterator[None]:
-    """The steps of a loop that goes on until its process must end: one a period."""
+    """The steps of a loop that continues until its process must end: one a period."""
     while not should_stop():
         yield
         time.sleep(period_s)
@@ -325,7 +325,7 @@ class LiveStop:
         return self.requested or has_lost_parent or self._lifeline.is_cut
 
     def wait(self) -> None:
-        """Do nothing until the process must end."""
+        """Wait until the process must end."""
         for _ in steps(self, LOOK_AGAIN_S):
             pass
 

@@ -39,7 +39,7 @@ from robrain.protocol.wire.hub import team_endpoints
 
 ROBOTS_MAX = 1000
 TASKS_MAX = 100_000
-"""Tasks whose state is kept; the ended ones beyond it are forgotten, oldest first, and stay counted."""
+"""Tasks whose state is kept; further ended ones are forgotten, oldest first, and stay counted."""
 ASK_TIMEOUT_S = 1.0
 HEARD = (ROBOT_STATE, COORDINATOR_STATE, RECORDER_STATE, TASK_EVENT, ROBOT_EVENT)
 METRICS = {
@@ -74,7 +74,7 @@ COUNTERS = frozenset(
 
 
 class TeamMetrics(Collector):
-    """Hears a team; scraped on any thread.
+    """Receives a team's messages; scraped on any thread.
 
     Args:
         wire: of the team; its owner closes it.
@@ -100,7 +100,7 @@ class TeamMetrics(Collector):
         self._plugins: dict[str, list[PluginInfo]] = {}
 
     def hear(self) -> None:
-        """Take in what has arrived; called several times a second."""
+        """Process arrived messages; called several times a second."""
         with self._lock:
             self._robots.changes()
             self._coordinators.changes()
@@ -115,7 +115,7 @@ class TeamMetrics(Collector):
         for name in names[:ROBOTS_MAX]:
             try:
                 plugins = self._wire.ask(ROBOT_PLUGINS, timeout_s=ASK_TIMEOUT_S, robot=name)
-            except (CallError, NobodyThere):  # it is stale, or has gone: other metrics tell so
+            except (CallError, NobodyThere):  # it is stale, or has gone: other metrics report it
                 continue
             with self._lock:
                 self._plugins[name] = plugins
@@ -233,7 +233,7 @@ def metrics_command(connect: str | None, team: str, port: int) -> None:
     Args:
         connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
         team: its name.
-        port: 0 takes a free one.
+        port: 0 uses a free one.
 
     Raises:
         RobrainError: in one sentence.

@@ -2,8 +2,8 @@
 
 A starting process declares an *asks* token, then looks for other tokens of the name. Zenoh delivers in order, so of two
 that ask at the same time at least one sees the other. The one later in the order of claims withdraws its token and
-looks again. The earlier one waits until nobody else asks, then declares a *has* token until its `alive` token is
-declared. Exactly one remains.
+looks again. The earlier one waits until no other process claims the name, then declares a *has* token until its `alive`
+token is declared. Exactly one remains.
 
 The name of a dead process becomes free when its connection ends: 2 ms after `kill -9`, one lease after a link cut. So
 a process that does not answer is waited for.
@@ -40,8 +40,9 @@ ASKS, HAS = "asks", "has"
 PATIENCE_S = 1.5 * LEASE_MS / 1000
 """Longest wait for the token of a silent process to disappear."""
 ASK_TIMEOUT_S = LEASE_MS / 1000
-"""Longest wait for a process that has the name to answer. A busy one may take long; the connection of one that hangs
-ends by then, and the question with it."""
+"""Longest wait for a process that has the name to answer. A busy one may be slow; the connection of one that hangs ends
+by then, and the query with it.
+"""
 SUCCESSOR_TIMEOUT_S = 0.5
 """As above, for a process that looks for its successor in its own loop."""
 LOOK_TIMEOUT_S = 5.0
@@ -51,7 +52,7 @@ HANG_NS = LEASE_MS * 1_000_000 // 2
 up to a quarter of the lease older than the hang.
 """
 LOOK_AFTER_HANG_NS = 10 * NS_PER_S
-"""After a hang: time to connect again, and to hear of a process that has taken the name."""
+"""After a hang: time to connect again, and to receive the token of a process that has claimed the name."""
 LOOK_AGAIN_NS = NS_PER_S // 5
 _ELSE = re.compile(r"[^A-Za-z0-9_.]")
 """Replaces a dash in a host name within a key."""
@@ -105,7 +106,7 @@ class NameClaim:
             should_stop: asked every 20 ms.
 
         Raises:
-            NameTaken: another process has it; the text says which.
+            NameTaken: another process has it; the text names it.
 
         """
         is_waiting = False
@@ -141,7 +142,7 @@ class NameClaim:
         return False
 
     def take_over(self) -> None:
-        """Take the name even if another process has it; for a coordinator that was elected."""
+        """Claim the name even if another process has it; for a coordinator that was elected."""
         # Declared first, as a process that sees the token may query at once.
         self._wire.answer(self._keys.who, self._reply_process, serve=Serve.AT_ONCE, at_once=(), **self._keys.names)
         self._declare(HAS)
@@ -203,7 +204,7 @@ class NameClaim:
                 try:
                     yield self._keys.who.payloads.read(reply.ok.payload.to_bytes())
                 except BadPayload:
-                    continue  # not a robrain process; its token shows that something is there
+                    continue  # not a robrain process; its token shows that a process is there
 
     def _taken(self, who: str) -> NameTaken:
         return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
@@ -213,14 +214,14 @@ class NameClaim:
 
 
 class NameWatch:
-    """Says when to stop, and notices that the name was lost while this process hung.
+    """Requests a stop, and detects that the name was lost while this process hung.
 
-    A process that stands still for about its lease loses its tokens, and another may take its name. Once it runs
-    again it looks for that other process for a while, because its connection is made again meanwhile.
+    A process that hangs for about its lease loses its tokens, and another may claim its name. After a hang it checks
+    for that other process for a while, because its connection is made again meanwhile.
 
     Args:
         claim: the name that this process has.
-        should_stop: says when to stop for other reasons.
+        should_stop: requests a stop for other reasons.
         monotonic_ns: the clock.
 
     """

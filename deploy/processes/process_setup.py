@@ -19,16 +19,16 @@ from robrain.deploy.errors import UsageError
 from robrain.protocol.safe_text import safe_json, safe_lines
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Their matrices are small: a pool for each costs memory and wakes processors for nothing."""
+"""Their matrices are small: a pool for each costs memory and wakes processors without need."""
 ONE_LINK = "(rx: (worker_threads: 1))"
 """Zenoh's runtime for a process with one link, such as an agent; by default two threads receive."""
 M_ARENA_MAX, ARENAS = -8, 2
-"""Option of glibc's `mallopt`: by default threads share eight heaps a core, which keep most of what was freed in them.
+"""Option of glibc's `mallopt`: by default threads share eight heaps a core, which keep most of their freed memory.
 Measured: 118 of the 261 MB of an agent that had run for half an hour."""
 
 
 def limit_native_threads() -> None:
-    """One thread for each native library, few heaps for all threads; what the user has set stays.
+    """One thread for each native library, few heaps for all threads; the user's settings stay.
 
     The first holds in processes that this one starts too.
     """
@@ -39,7 +39,7 @@ def limit_native_threads() -> None:
 
 
 def limit_zenoh_threads() -> None:
-    """One receiving thread for the sessions of this process; what the user has set stays."""
+    """One receiving thread for the sessions of this process; the user's settings stay."""
     os.environ.setdefault("ZENOH_RUNTIME", ONE_LINK)
 
 
@@ -141,7 +141,7 @@ STDIN, STDOUT, STDERR = range(3)
 
 
 class _Output(io.FileIO):
-    """Standard output; the first failure to write ends the command, and what is written afterwards is discarded."""
+    """Standard output; the first failure to write ends the command, and later output is discarded."""
 
     has_failed = False
 

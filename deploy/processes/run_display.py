@@ -26,7 +26,7 @@ from robrain.sim.scenarios.driving import Progress as RunProgress
 from robrain.sim.world.referee import GapTooNarrow
 
 LEFT_ROWS = 10
-"""Regions in the table of what is left."""
+"""Regions in the table of unexplored regions."""
 
 
 class _ClockColumn(ProgressColumn):
@@ -118,7 +118,7 @@ def show_result(result: RunResult) -> None:
 
 
 def print_exploration_left(left: ExplorationLeft) -> None:
-    """Print what exploration has left: a line for what robots can still reach, a table for the rest."""
+    """Print the unexplored regions: a line for those that robots can still reach, a table for the rest."""
     unseen = [region for region in left.regions if region.kind is LeftKind.UNSEEN and region.gap_m is None]
     regions = [region for region in left.regions if region not in unseen]
     if unseen:
@@ -162,7 +162,7 @@ def links_line(links: LinkCounters) -> str:
 
 
 def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccuracy | None]) -> list[str]:
-    """Accuracy of the map and of the positions, a line each; what was not measured is left out."""
+    """Accuracy of the map and of the positions, a line each; a missing measurement is skipped."""
     lines = []
     if of_map is not None:
         lines.append(

@@ -22,7 +22,7 @@ class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
     dashboard: bool = False
     port: int | None = None
     quiet: bool = False
-    """Say nothing but errors."""
+    """Print only errors."""
     stay: bool = False
     """Keep the dashboard up after the run, until Ctrl-C: it then shows the recording."""
 

@@ -1,4 +1,4 @@
-"""A lockstep run: what it waits for before its first step, its progress, and its result."""
+"""A lockstep run: its preparation before the first step, its progress, and its result."""
 
 import math
 import os
@@ -82,7 +82,7 @@ class KernelCompiler:
 
     @property
     def is_done(self) -> bool:
-        """Whether nothing is compiled any more that a run needs at its start."""
+        """Whether all kernels that a run needs at its start are compiled."""
         return self._ready >= self._at_start or not self._workers
 
     @property
@@ -138,17 +138,17 @@ SHOWN_S = 0.25
 """Period of the picture that viewers get."""
 PROCESSES = 2
 LATER_S = 10.0
-"""From a run's start until what it does not need at first is compiled: until then a browser loads the page."""
+"""From a run's start until the kernels that it needs later are compiled: until then a browser loads the page."""
 WORDS = "preparing: compiling the navigation, once on this computer"
 NOTHING = CompileProgress(0, 0, None)
 
 
 class Preparing:
-    """Compiles what is not compiled yet while a run is set up and shown. Use it in a `with` block.
+    """Compiles missing kernels while a run is set up and shown. Use it in a `with` block.
 
     Args:
         watched: the dashboard's page and the session on which it follows the run, or None.
-        quiet: report nothing.
+        quiet: print no report.
 
     """
 
@@ -163,7 +163,7 @@ class Preparing:
         """When the parts are begun that a run does not need at first."""
 
     def begin(self, world: World) -> None:
-        """Show where everything is, and load the kernels.
+        """Show the places of all bodies, and load the kernels.
 
         If one is not compiled that a run needs at its start, begin to compile beside this process.
         """
@@ -179,7 +179,7 @@ class Preparing:
 
     def _open_picture(self, world: World) -> None:
         if self._watched is not None:
-            # Not of the run's own endpoints: what is not set up yet need not be, to be seen.
+            # Separate from the run's own endpoints: they need not be set up for the picture.
             endpoint = Endpoint(self._watched.session, DEFAULT_TEAM, VirtualClock(), Drive.LOCKSTEP)
             self._picture = StartPicture(endpoint, world)
             self._closing.callback(self._close_picture)
@@ -197,7 +197,7 @@ class Preparing:
         self._compiler = self._closing.enter_context(KernelCompiler(parts, min(PROCESSES, os.cpu_count() or 1)))
 
     def wait(self, _run: LockstepRun) -> None:
-        """Show where everything is until the run can begin.
+        """Show the places of all bodies until the run can begin.
 
         Raises:
             ChildFailed: the dashboard did not start.
@@ -226,7 +226,7 @@ class Preparing:
         self._close_picture()
 
     def step(self) -> None:
-        """While the run goes on: compile what it did not need at first."""
+        """During the run: compile the kernels that it did not need at first."""
         if time.monotonic() >= self._later_s:
             self._later_s = math.inf
             self._compile({name: part for name, part in PARTS.items() if not part.at_start})
@@ -300,7 +300,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
     """Run a scenario as its options say.
 
     Args:
-        scenario: what is run.
+        scenario: the scenario.
         options: of the command line.
         children: of this process; only the page's, if there is one.
         watched: the page; its session is closed with the run.

@@ -28,7 +28,7 @@ def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResu
     with Children() as children:
         watched = _begin_page(children, options) if options.dashboard else None
         try:
-            # Here: it takes seconds, in which the page's process loads as well.
+            # Here: it needs seconds, in which the page's process loads as well.
             from robrain.deploy.processes.running import run_scenario
 
             return run_scenario(choose(), options, children, watched)
@@ -38,7 +38,7 @@ def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResu
 
 
 def _begin_page(children: Children, options: RunOptions) -> Watched:
-    # Told at once: the browser loads while the run is set up.
+    # Reported at once: the browser loads while the run is set up.
     on_served = None if options.quiet else lambda url: print_result(f"{DASHBOARD_READY}{url}")
     session = open_lockstep_session("tcp/127.0.0.1:0")
     try:

@@ -17,10 +17,10 @@ Tables = TypeVar("Tables", bound=msgspec.Struct)
 
 
 def read_tables(path: Path, wanted: type[Tables], option: str) -> Tables:
-    """Read those tables of a TOML file that a struct has as fields; it may have others too.
+    """Read the tables of a TOML file that a struct has as fields; the file may have others too.
 
     Raises:
-        UsageError: naming option, file, key and what was expected.
+        UsageError: naming option, file, key and expected value.
 
     """
     try:
@@ -45,7 +45,7 @@ def read_planning(path: Path, option: str = "--planning") -> PlanningPolicy:
     """Read the policy in a file; `option` is named in errors.
 
     Raises:
-        UsageError: naming file, key and what was expected.
+        UsageError: naming file, key and expected value.
 
     """
     found = read_tables(path, _Tables, option).planning
@@ -73,7 +73,7 @@ def read_rules(path: Path, option: str = "--rules") -> tuple[Rule, ...]:
     """Read the rules in a file; `option` is named in errors.
 
     Raises:
-        UsageError: naming file, key and what was expected.
+        UsageError: naming file, key and expected value.
 
     """
     found = read_tables(path, _RuleTables, option).rules

@@ -26,7 +26,7 @@ def export_recording(
         recording: an MCAP file.
         form: one of `FORMS`.
         output: folder for tables, else a file; beside the recording if None.
-        on_progress: told the share that is done, 0 to 1.
+        on_progress: called with the share that is done, 0 to 1.
 
     Raises:
         UsageError: unknown format.
@@ -62,7 +62,7 @@ def export_map(
         recording: an MCAP file.
         output: the YAML file; `NAME_map.yaml` beside the recording if None. The picture has its name with `.pgm`.
         at_s: seconds since the first message; the end if None.
-        on_progress: told the share that is done, 0 to 1.
+        on_progress: called with the share that is done, 0 to 1.
 
     Raises:
         RecordingError: the recording cannot be read or has no map at that time, or the time is not in it. Also: a file
@@ -244,7 +244,7 @@ def recover(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a complete file from a recording that is damaged or whose end is missing."""
+    """Write a complete file from a recording that is damaged or lacks its end."""
     from robrain.deploy.recordings.recording_display import progress, show_recovery
     from robrain.recording.reader.recovering import recover as recover_recording
 

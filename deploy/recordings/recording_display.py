@@ -1,6 +1,6 @@
 """Display of a recording in the terminal. Tables are results and go to stdout; progress goes to stderr.
 
-Every text out of a recording passes `safe_text` on its way.
+Every text out of a recording passes `safe_text`.
 """
 
 from collections import defaultdict
@@ -112,7 +112,7 @@ def show_difference(first: Path, second: Path, difference: Difference | None, sa
 
 
 def where_different(first: Path, second: Path, difference: Difference) -> list[str]:
-    """Where two runs differ first, and what each has there: three lines."""
+    """The first difference of two runs, and the values of each there: three lines."""
     what = f"{difference.what} {difference.path}" if difference.path else difference.what
     lines = [
         f"message {difference.number} differs, at {difference.time_s:.3f} s, on {difference.key}, in its {what}",
@@ -165,10 +165,9 @@ def _bytes(size: int) -> str:
 
 
 def folded(keys: list[KeyContents]) -> list[KeyContents]:
-    """Keys by name, those of the wire first; the many of one topic as one, `task/event/* (97 keys)`.
+    """Keys by name, those of the wire first; many keys of one topic as one, `task/event/* (97 keys)`.
 
-    Of those that are folded the longest silence is that of the key that was silent longest, and the rate is that of
-    all together.
+    For folded keys, the silence is that of the key that was silent longest, and the rate is that of all together.
     """
     by_topic: defaultdict[str, list[KeyContents]] = defaultdict(list)
     for key in keys:

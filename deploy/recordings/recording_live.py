@@ -23,7 +23,7 @@ PROVENANCE_MAX_BYTES = 256 * 1024 * 1024
 ASK_TIMEOUT_S = 1.0
 DAY_S, HOUR_S = 86_400.0, 3600.0
 PARTS = 20
-"""Files of what is kept, if the recording is not split otherwise."""
+"""Number of kept files, if the recording is not split otherwise."""
 
 
 def split_of(split_mb: float | None, split_s: float | None) -> SplitAt:
@@ -48,10 +48,10 @@ def keep_of(keep_gb: float | None, keep_days: float | None) -> KeepFiles | None:
 
 
 def split_for(split: SplitAt, keep: KeepFiles) -> SplitAt:
-    """How a recording is split whose old files are removed: whole files go, so there must be many.
+    """Split of a recording whose old files are removed: whole files are removed, so there must be many.
 
     Raises:
-        UsageError: a file would hold more than half of what is kept.
+        UsageError: a file would hold more than half of the kept data.
 
     """
     size, age_s = keep.size_bytes, keep.age_s
@@ -90,10 +90,10 @@ def record_team(
         split: when it continues in another file.
         visual: whether channels are written that Foxglove and its like draw.
         should_stop: asked often.
-        on_progress: told after each step.
+        on_progress: called after each step.
         rotation: removes the oldest recordings; None keeps all.
         provenance: where the team comes from, if that is known; its robots are not asked for their plugins then.
-        on_ready: called once everything that the team says is heard.
+        on_ready: called once all topics of the team are subscribed.
 
     Raises:
         RecordingError: the file cannot be written.

@@ -68,7 +68,7 @@ class ReplayKeys:
         """Whether q was pressed."""
 
     def press(self, key: str) -> None:
-        """Apply a key: `space`, `left`, `right`, `+`, `-`, `0`, `q`; others do nothing."""
+        """Apply a key: `space`, `left`, `right`, `+`, `-`, `0`, `q`; others have no effect."""
         player = self._replay.player
         if key == "space":
             player.pause() if player.playing else player.play()
@@ -105,7 +105,7 @@ def run_replay(
     """Publish a recording on the wire.
 
     Args:
-        endpoint: whose team's keys are used.
+        endpoint: team whose keys are used.
         clock: the wall clock.
         path: an MCAP file.
         speed: recorded seconds per second.
@@ -256,7 +256,7 @@ def replay_on_wire(
 
 
 def _page_port(port: int | None) -> int:
-    """The port that was asked for; else the default if nobody listens on it on loopback, else 0 for a free one."""
+    """The requested port; else the default if it is free on loopback, else 0 for a free one."""
     if port is not None:
         return port
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:

@@ -1,4 +1,4 @@
-"""The place of a run, for the judges of its invariants: walls and chargers, as far as a recording tells."""
+"""The place of a run, for the judges of its invariants: walls and chargers, as far as a recording has them."""
 
 import tempfile
 from collections.abc import Callable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # recordings are checked without the simulator too
 FAR_CELLS = 0.71
 """Half a cell's diagonal: so much less than that of its cell's middle a place's clearance can be."""
 LOOKED_UP_M = 0.5
-"""Beyond this a clearance is only told to be at least that of the cell (chosen: no hull of a robot is larger)."""
+"""Beyond this a clearance is only reported as at least that of the cell (chosen: no hull of a robot is larger)."""
 
 
 def surroundings_of(scenario: "Scenario") -> Surroundings:
@@ -38,7 +38,7 @@ def surroundings_of(scenario: "Scenario") -> Surroundings:
 
 
 def clearance_on(plan: "FloorPlan") -> Callable[[float, float], float]:
-    """A function that tells the distance in metres from a place (x, y), arena frame, to the nearest wall of a floor.
+    """A function that gives the distance in metres from a place (x, y), arena frame, to the nearest wall of a floor.
 
     It is 0 inside a wall and off the floor, and exact up to `LOOKED_UP_M`.
     """
@@ -64,10 +64,10 @@ def clearance_on(plan: "FloorPlan") -> Callable[[float, float], float]:
 
 
 def surroundings_of_recording(path: Path) -> Surroundings:
-    """Walls and chargers of a recorded run; None where the file does not tell, or the simulator is not installed."""
+    """Walls and chargers of a recorded run; None if the file does not have them, or the simulator is not installed."""
     try:
         provenance = read_provenance(path)
-    except RecordingError:  # it may be a recording of something else, and can be checked all the same
+    except RecordingError:  # it may be a recording of another system, and can be checked nevertheless
         return NOWHERE
     with tempfile.TemporaryDirectory(prefix="robrain-check-") as folder:
         try:
@@ -79,7 +79,7 @@ def surroundings_of_recording(path: Path) -> Surroundings:
 
 
 def surroundings_of_provenance(provenance: Provenance, folder: Path) -> Surroundings:
-    """The same of a recorded run, as far as its file tells; its map file is written into a folder."""
+    """The same of a recorded run, as far as its file has it; its map file is written into a folder."""
     setup = provenance.setup
     toml = setup.toml if setup is not None else provenance.scenario_toml
     if not toml:

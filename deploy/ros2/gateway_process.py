@@ -47,7 +47,7 @@ STAMP_MAX_S = 2**31 - 1
 ROBOT_HEIGHT_M = 0.25
 LABEL_M = 0.25
 CYLINDER, SPHERE, TEXT, DELETE_ALL = 3, 2, 9, 3
-"""Of `visualization_msgs/msg/Marker`: types, and the action that removes what was drawn."""
+"""Of `visualization_msgs/msg/Marker`: types, and the action that removes drawn markers."""
 CHARGING, DISCHARGING, GOOD = 1, 2, 1
 """Of `sensor_msgs/msg/BatteryState`."""
 MARKERS_MAX = 4096
@@ -124,7 +124,7 @@ def laser_scan(scan: Scan) -> classes.LaserScan:
 
 
 def battery_message(robot: str, state: BatteryState, stamp_ns: int) -> classes.BatteryState:
-    """A battery_message; its current is negative while it discharges, and what is not measured is NaN."""
+    """A battery_message; its current is negative while it discharges, and a missing measurement is NaN."""
     return stamped(
         ros.BATTERY_STATE,
         base_frame(robot),
@@ -188,7 +188,7 @@ def _marker(
     at_m: tuple[float, float, float],
     text: str = "",
 ) -> classes.Marker:
-    """A marker that stays where its frame is, at whatever time."""
+    """A marker that stays at its frame, at any time."""
     marker = stamped(ros.MARKER, frame, 0, ns=group, id=number, type=shape, text=text, frame_locked=True)
     marker.scale.x, marker.scale.y, marker.scale.z = size_m
     marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = at_m
@@ -235,7 +235,7 @@ class OrderOutcome(NamedTuple):
 
 
 class Orders(Protocol):
-    """To whom the gateway takes orders."""
+    """Receiver of the gateway's orders."""
 
     def submit(self, text: str) -> "Future[OrderOutcome]":
         """Submit a task, given as JSON."""
@@ -284,7 +284,7 @@ class TeamOrders:
         return self._halting.put(lambda: halt(self._halts, self._by))
 
     def close(self) -> None:
-        """End, without those that have not begun."""
+        """End, without the orders that have not begun."""
         self._submitting.close()
         self._halting.close()
         self._tasks.close()
@@ -349,7 +349,7 @@ class Gateway:
     Args:
         wire: of the team; its owner closes it, after the gateway.
         port: the node of ROS 2; its owner closes it.
-        orders: whom tasks and halts are taken to; None for nobody.
+        orders: receiver of tasks and halts; None for none.
         map_frame: name of the arena frame in ROS 2.
 
     """
@@ -378,7 +378,7 @@ class Gateway:
         wire.subscribe(self._maps, ROBOT_MAP)
 
     def step(self) -> None:
-        """Show what is new, and answer what has been asked."""
+        """Show new messages, and answer requests."""
         now_ns = self._wire.clock.now_ns()
         if self._orders is not None:
             self._answer(self._orders)
@@ -387,7 +387,7 @@ class Gateway:
         if self._is_due("markers", MARKERS_NS, now_ns):
             self._write("markers", ros.MARKER_ARRAY, LATCHED, self._markers(now_ns))
 
-    # -- what is shown ------------------------------------------------------------------------------------------
+    # -- output -------------------------------------------------------------------------------------------------
 
     def _show(self, now_ns: int) -> None:
         moved = []
@@ -462,7 +462,7 @@ class Gateway:
         self._due_ns[what] = now_ns + period_ns
         return True
 
-    # -- what is asked ------------------------------------------------------------------------------------------
+    # -- requests -----------------------------------------------------------------------------------------------
 
     def _answer(self, orders: Orders) -> None:
         for halt in self._halts.requests():
@@ -484,7 +484,7 @@ class Gateway:
 
 
 def _is_placed(state: RobotState) -> bool:
-    """Whether a robot knows its place in the arena frame."""
+    """Whether a robot knows its pose in the arena frame."""
     return state.pose is not None and state.frame == ARENA and not state.lost
 
 
@@ -516,7 +516,7 @@ def gateway_command(
         team: its name.
         domain_id: ROS domain; None uses $ROS_DOMAIN_ID, else 0.
         frame: name of the team's frame in ROS.
-        read_only: take no orders.
+        read_only: accept no orders.
         over_zenoh: speak to nodes on rmw_zenoh, without ROS; else by rclpy.
         router: with `over_zenoh`, endpoint of the nodes' Zenoh router; None is that of the team.
 

@@ -1,6 +1,6 @@
 """The port to ROS 2 by rclpy: messages and services by their CDR bytes, which are the same on both sides.
 
-A type whose package is not installed, such as tf2_msgs from the package index, is left out, and the log says so.
+A type whose package is not installed, such as tf2_msgs from the package index, is skipped, and the log reports it.
 """
 
 import importlib
@@ -109,7 +109,7 @@ class _Silent:
 
 
 class RclpyReader(Generic[M]):
-    """See Reader; without a subscription nothing comes."""
+    """See Reader; without a subscription no messages come."""
 
     def __init__(self, kind: MessageType[M], subscription: Ros2Subscription[bytes] | None) -> None:
         self.refused = 0
@@ -163,7 +163,7 @@ class RclpyServer(Generic[Q, R]):
 
     Args:
         service: its full name.
-        kind: its type; nothing is served if that is not installed.
+        kind: its type; if it is not installed, the service is not offered.
         domain_id: ROS domain.
 
     """

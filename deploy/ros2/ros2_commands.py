@@ -31,7 +31,7 @@ def gateway(
         typer.Option(help="With --zenoh: endpoint of the nodes' router, tcp/HOST:PORT; default: the team's."),
     ] = None,
 ) -> None:
-    """Show a team to ROS 2: map, poses, paths, scans, batteries, markers, task events; take tasks and halts."""
+    """Show a team to ROS 2: map, poses, paths, scans, batteries, markers, task events; accept tasks and halts."""
     if router is not None and not zenoh:
         raise UsageError("--router: expected it together with --zenoh")
     from robrain.deploy.ros2.gateway_process import gateway_command

@@ -1,4 +1,4 @@
-"""Certificates of the parts of a secured team: which part shows which, and making those that are missing."""
+"""Certificates of the parts of a secured team: the certificate of each part, and creation of missing ones."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,7 +22,7 @@ NAMES = {
 }
 """Role and name of each stock part; a robot has its own name."""
 OPERATOR = "up"
-"""Name of the operator whose certificate `robrain up` shows, and whose commands it prints."""
+"""Name of the operator whose certificate `robrain up` presents, and whose commands it prints."""
 
 
 class Credentials:
@@ -39,7 +39,7 @@ class Credentials:
         self.pki, self.team = pki, team
 
     def prepare(self, parts: Iterable[str], now: datetime, hosts: Sequence[str] = ()) -> None:
-        """Make what these parts and the operator lack.
+        """Make missing certificates of these parts and the operator.
 
         Args:
             parts: names of stock parts and robots.
@@ -60,13 +60,13 @@ class Credentials:
             self._check_there(wanted)
             return
         if HUB in parts:
-            # First those that connect, so that the router's rules are written once with all of them.
+            # First the parts that connect, so that the router's rules are written once with all of them.
             wanted.sort(key=lambda one: one.role is MemberRole.ROUTER)
         for one in wanted:
             self._make(one, now, hosts if one.role is MemberRole.ROUTER else ())
 
     def renew(self, parts: Iterable[str], now: datetime) -> list[str]:
-        """Renew what soon ends, as far as the CA's key is here; returns the names. Revoked members are skipped."""
+        """Renew certificates that soon end, if the CA's key is here; returns the names. Revoked members are skipped."""
         if not (self.pki / CA_KEY).is_file():
             return []
         wanted = [self.member(part) for part in parts] + [member(MemberRole.OPERATOR, self.team, OPERATOR)]
@@ -77,7 +77,7 @@ class Credentials:
         return [str(one) for one in due]
 
     def member(self, part: str) -> Member:
-        """Whose certificate a part shows."""
+        """Member of the certificate that a part presents."""
         role, name = NAMES.get(part, (MemberRole.ROBOT, part))
         return member(role, self.team, name)
 
@@ -97,7 +97,7 @@ class Credentials:
 
     @contextmanager
     def as_operator(self) -> Iterator[None]:
-        """Show the operator's certificate in what this process opens meanwhile."""
+        """Present the operator's certificate in sessions that this process opens meanwhile."""
         before = os.environ.get(TLS_VARIABLE)
         os.environ[TLS_VARIABLE] = str(self.operator)
         try:

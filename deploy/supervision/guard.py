@@ -45,7 +45,7 @@ def is_there(group: int) -> bool:
 
 
 def end_groups(groups: set[int], grace_s: float = GRACE_S) -> None:
-    """Wait for the ends of groups, and kill those that remain."""
+    """Wait for the ends of groups, and kill the remaining ones."""
     until_s = time.monotonic() + grace_s
     while groups and time.monotonic() < until_s:
         groups = {group for group in groups if is_there(group)}

@@ -1,4 +1,4 @@
-"""A part of a team that runs as a process: what is started, when it is started again, and what it takes."""
+"""A part of a team that runs as a process: its command, its restarts, and its use of resources."""
 
 import os
 import signal
@@ -123,12 +123,12 @@ class Restarts:
         return self.phase in (Phase.STARTING, Phase.UP) and self._silent_s >= QUIET_S
 
     def started(self) -> None:
-        """It was started, as `next_step` said."""
+        """Record that it was started, as `next_step` requested."""
         self.phase, self.starts = Phase.STARTING, self.starts + 1
         self._silent_s, self._cause = 0.0, Cause.ENDED
 
     def beat(self) -> None:
-        """Its main loop goes on."""
+        """Record that its main loop runs."""
         if self.phase is Phase.UP:
             self._silent_s = 0.0
 
@@ -180,7 +180,7 @@ STOCK_PARTS = (HUB, ARENA, COORDINATOR, STAND_BY, RECORDER, DASHBOARD)
 
 POLICY = RestartPolicy()
 HUB_POLICY = RestartPolicy(first_delay_s=0.1, hang_s=3.0)
-"""All others wait for the hub, whose loop has nothing else to do than to beat."""
+"""All others wait for the hub, whose loop only beats."""
 
 
 class Part(NamedTuple):

@@ -27,8 +27,8 @@ class ScenarioParts:
 
     Args:
         site: where they are started.
-        scenario: whose parts they are.
-        quiet: report nothing while kernels are compiled.
+        scenario: site of the parts.
+        quiet: print no report while kernels are compiled.
 
     """
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot doe
 
 
 RECORDER_STOP_S = 60.0
-"""Time for a recorder to write what waits and to finish its file, on a slow disk."""
+"""Time for a recorder to write waiting messages and to finish its file, on a slow disk."""
 
 
 class Site(NamedTuple):
@@ -46,7 +46,7 @@ def hub_part(listen: Callable[[], str], on_line: Callable[[str], None]) -> Part:
     """The hub.
 
     Args:
-        listen: the endpoint; asked at each start, so that it keeps its port.
+        listen: the endpoint; called at each start, so that it keeps its port.
         on_line: called with each line that it prints.
 
     """
@@ -93,7 +93,7 @@ def coordinator_parts(
 
 
 def dashboard_part(site: Site, port: Callable[[], int | None], on_line: Callable[[str], None]) -> Part:
-    """The dashboard; `port` is asked at each start, so that it keeps its page's address."""
+    """The dashboard; `port` is called at each start, so that it keeps its page's address."""
 
     def arguments(_: int) -> list[str]:
         number = port()

@@ -1,4 +1,4 @@
-"""Watches the processes of a team's parts, and starts again those that end or hang."""
+"""Supervises the processes of a team's parts, and restarts processes that end or hang."""
 
 import os
 import subprocess
@@ -71,7 +71,7 @@ class Supervised:
         self.figures, self._core_wait = ProcessFigures(self.child.pid), CoreWait(self.child.pid)
 
     def hear(self) -> bool:
-        """Take in what its process says; whether it is ready since this call."""
+        """Read its process's lifeline; whether it is ready since this call."""
         if self._lifeline is None:
             return False
         pulse = self._lifeline.pulse()
@@ -100,7 +100,7 @@ class Supervised:
         return PartEvent(part=name, kind=PartEventKind.UP_AGAIN, away_s=now_s - failed_s)
 
     def release(self) -> None:
-        """Its process has ended: end what that has left, and keep its last lines."""
+        """Its process has ended: end its remaining children, and keep its last lines."""
         if self._lifeline is not None:
             self._lifeline.close()
             self._lifeline = None
@@ -122,7 +122,7 @@ class Supervisor:
     """The parts of a team on one machine. Leaving the `with` block stops all of them, the hub last.
 
     Args:
-        on_event: told of failures and returns.
+        on_event: called for failures and returns.
         monotonic_s: the clock, in seconds.
 
     """
@@ -155,10 +155,10 @@ class Supervisor:
         return next((e.part.name for e in self.all if e.part.is_vital and e.restarts.phase is Phase.GIVEN_UP), "")
 
     def look(self) -> None:
-        """Notice what has happened, and do what is due; to be called ten times a second.
+        """Detect events, and do everything that is due; to be called ten times a second.
 
         Raises:
-            ChildFailed: a part that must start refused to; the text says why.
+            ChildFailed: a part that must start refused to; the text gives the reason.
 
         """
         for each in self.all:
@@ -174,7 +174,7 @@ class Supervisor:
                 self._start(each, now_s)
 
     def stop(self) -> None:
-        """Ask all parts to stop, and wait for them; those that others need stop last."""
+        """Ask all parts to stop, and wait for them; parts that others need stop last."""
         hubs = [each for each in self.all if each.part.name == HUB]
         for together in ([each for each in self.all if each not in hubs], hubs):
             for each in reversed(together):

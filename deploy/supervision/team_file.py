@@ -1,6 +1,6 @@
 """Team files: the machines of a team, and which parts run on which.
 
-A scenario file has no `[[hosts]]`, so `robrain up FILE` tells the two apart.
+A scenario file has no `[[hosts]]`, so `robrain up FILE` distinguishes the two.
 """
 
 import ipaddress
@@ -45,7 +45,7 @@ def _is_address(text: str) -> bool:
 
 
 class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """`[team]`: what all machines share."""
+    """`[team]`: settings of all machines."""
 
     name: str = DEFAULT_TEAM
     """Of the team: every key on the wire begins with it."""
@@ -174,7 +174,7 @@ def read_team_file(path: Path) -> TeamFile:
     """Read a team file.
 
     Raises:
-        UsageError: naming file, key and what was expected.
+        UsageError: naming file, key and expected value.
 
     """
     try:

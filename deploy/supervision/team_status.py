@@ -51,7 +51,7 @@ class RobotCondition(StrEnum):
     HALTED = "halted"
     FAULTED = "faulted"
     LOST = "lost"
-    """It does not know where it is."""
+    """It does not know its pose."""
     SILENT = "silent"
     """Its token is there, but it has published no state for a second."""
     UP = "up"
@@ -63,7 +63,7 @@ class RobotStanding(msgspec.Struct, frozen=True, kw_only=True):
     robot: str
     condition: RobotCondition
     why: str = ""
-    """In words; empty if it is up, or if only `plugins_out` says more."""
+    """In words; empty if it is up, or if only `plugins_out` has more."""
     soc: float | None = None
     """State of charge, 0 to 1; None if unknown."""
     place: Point2D | None = None
@@ -79,24 +79,24 @@ class RobotStanding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The members of a team: those that are present, and robots that have gone."""
+    """The members of a team: present ones, and robots that have gone."""
 
     team: str
     coordinator: bool
     robots: list[str]
-    """Names of those that are present, sorted."""
+    """Names of present members, sorted."""
     standing: list[RobotStanding] = []
-    """How each robot is, by name; also of those that have gone and were not removed."""
+    """Status of each robot, by name; also of robots that have gone and were not removed."""
     refused: dict[str, list[Refusal]] = {}
     """Refusals of the coordinator and the robots, by `coordinator` and the robots' names; absent if there are none."""
     mote_field: MoteFieldState | None = None
-    """How the motes are doing; absent if the coordinator does nothing for them by itself."""
+    """Status of the motes; absent if the coordinator does no work for them on its own initiative."""
     stand_by: StandByStatus | None = None
     """The stand-by coordinator, which has its own journal; absent if there is none."""
     lead: Lead | None = None
-    """By whom the coordinator was elected; absent if the team has no witnesses for that."""
+    """Electors of the coordinator; absent if the team has no witnesses for that."""
     unwritable: str = ""
-    """Why the coordinator takes no tasks: its journal cannot be written; absent if it can."""
+    """Reason why the coordinator accepts no tasks: its journal cannot be written; absent if it can."""
 
 
 def status_of(connect: str | None, team: str) -> TeamStatus:
@@ -280,7 +280,7 @@ class TeamWatch:
     """Follows a team.
 
     Args:
-        wire: what it listens by.
+        wire: its endpoint.
         expected: robots that are listed even if no message of them has arrived.
 
     """
@@ -303,7 +303,7 @@ class TeamWatch:
             wire.subscribe(self._inbox, topic)
 
     def look(self) -> None:
-        """Take in what has arrived."""
+        """Process arrived messages."""
         now_ns = self._clock.now_ns()
         for change in self._presence.changes():
             self._roster.record_presence(change)
@@ -330,7 +330,7 @@ class TeamWatch:
         return self._before_s + self._sim_time_s
 
     def robots(self) -> list[RobotSeen]:
-        """The expected robots, and those that are there, by name."""
+        """The expected robots, and the present ones, by name."""
         now_ns = self._clock.now_ns()
         names = [*self._expected, *sorted(set(self._roster.robots) - set(self._expected))]
         return [self._seen(name, now_ns) for name in names]
@@ -342,7 +342,7 @@ class TeamWatch:
         return "" if rate is None or per_s is None else f"{per_s:.1f} {rate.what}/s"
 
     def last_pose(self, robot: str) -> Pose2D | None:
-        """Where a robot said that it is, arena frame; None if it has not said so, or has lost its place."""
+        """Reported pose of a robot, arena frame; None if it has not reported one, or has lost its pose."""
         found = self._roster.robots.get(robot)
         state = found.state if found is not None else None
         if state is None or state.lost or state.frame != ARENA_FRAME:

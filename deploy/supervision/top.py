@@ -84,7 +84,7 @@ ASK_TIMEOUT_S = 2.0
 STARTED_AS = {"hub": HUB, "router": HUB, "arena": ARENA, "record": RECORDER, "dashboard": DASHBOARD}
 """Commands of the parts that do not report which process they are, with the names of these parts."""
 ONCE_S = 2.5
-"""Time to hear a team before its table is printed once."""
+"""Time to receive a team's messages before its table is printed once."""
 
 
 class TopMember(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -132,7 +132,7 @@ class Top:
         self._beside_s = 0.0
 
     def look(self, now_s: float) -> None:
-        """Take in what has arrived, and ask who is not known.
+        """Process arrived messages, and query unknown members.
 
         Args:
             now_s: a clock that only goes forward, s.
@@ -213,7 +213,7 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
     """Show a team until Ctrl-C; print the table once if not at a terminal.
 
     Raises:
-        NobodyThere: nothing answers, or no member of the team is there.
+        NobodyThere: there is no answer, or no member of the team is there.
 
     """
     should_stop = LiveStop()

@@ -57,7 +57,7 @@ RENEW_PERIOD_S = 60.0
 """Between two looks at certificates that soon end."""
 ANY_SECURED_PORT = "tls/127.0.0.1:0"
 STARTING_PERIOD_S = 0.01
-"""Between two looks at a hub that starts, for which everything else waits."""
+"""Between two checks of a hub that starts, for which all other parts wait."""
 
 
 class UpStatus(NamedTuple):
@@ -92,7 +92,7 @@ class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag
     serial_forwarders: dict[str, str] = {}
     """`host:port` at which each robot's base station could be reached."""
     restarts: dict[str, int] = {}
-    """How often each part was started again; those that never were are left out."""
+    """Number of restarts of each part; parts without one are omitted."""
     given_up: list[str] = []
     """Parts that failed too often and were not started again."""
 
@@ -157,7 +157,7 @@ class UpPlan(NamedTuple):
     record: Path | None = None
     dashboard_port: int | None = None
     is_secured: bool = False
-    """Whether each part shows a certificate, and a router lets it do what its role may."""
+    """Whether each part presents a certificate, and a router enforces the permissions of its role."""
     pki: Path | None = None
     """The folder of `robrain pki` of a secured team; None makes one for this run alone."""
     hosts: Sequence[str] = ()
@@ -165,9 +165,9 @@ class UpPlan(NamedTuple):
     until_explored: float | None = None
     time_limit_s: float | None = None
     first_task: str = ""
-    """A command that submits one, told to the user; empty if there is none to tell."""
+    """A command that submits one, for the user; empty if there is none."""
     quiet: bool = False
-    """Report nothing while kernels are compiled."""
+    """Print no report while kernels are compiled."""
 
     @property
     def own_journal(self) -> Path | None:
@@ -179,7 +179,7 @@ class UpDisplay(Protocol):
     """Shows a team while it starts and runs."""
 
     def event(self, event: UpEvent) -> None:
-        """Something has happened; a result is the last event."""
+        """Handle an event; a result is the last event."""
 
     def show(self, status: UpStatus) -> None:
         """Status of the team, ten times a second."""
@@ -276,12 +276,12 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
     """Start a team, or its parts on this machine, watch it, and stop it.
 
     Args:
-        plan: what is started, and when it ends.
+        plan: parts to start, and the condition for the end.
         should_stop: polled ten times a second.
         display: receives events as they occur.
 
     Raises:
-        RobrainError: a process cannot be started; the text says why.
+        RobrainError: a process cannot be started; the text gives the reason.
 
     """
     printed = Printed(plan.dashboard_port)
@@ -331,7 +331,7 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
                 renew_at_s = time.monotonic() + RENEW_PERIOD_S
                 try:
                     credentials.renew(plan.parts, now_utc())
-                except (RobrainError, OSError) as error:  # the team goes on with what it has
+                except (RobrainError, OSError) as error:  # the team continues with its current certificates
                     print_note(f"up: certificates are not renewed: {error}")
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
                 supervisor.add(waiting)

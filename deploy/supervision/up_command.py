@@ -46,7 +46,7 @@ class JsonEvents:
         print_json(event)
 
     def show(self, status: UpStatus) -> None:
-        """Nothing: whatever changes is an event."""
+        """Do nothing: each change is an event."""
 
 
 class PlainLines:
@@ -81,7 +81,7 @@ class PlainLines:
                 print_result_of(event)
 
     def show(self, status: UpStatus) -> None:
-        """Print what has changed."""
+        """Print the changes."""
         now = dict(status.robots) | {"coordinator": "up" if status.coordinator_up else "starting"}
         for name, text in now.items():
             seen = "up" if text not in ("starting", "halted") and "lost" not in text and text != "gone" else text
@@ -145,7 +145,7 @@ def up_display(team: str, *, as_json: bool) -> Iterator[UpDisplay]:
 
 
 def up_command(plan: UpPlan, *, as_json: bool) -> UpResult:
-    """Start what a plan says, show it, and stop it (RobrainError in one sentence)."""
+    """Start the parts of a plan, show it, and stop it (RobrainError in one sentence)."""
     should_stop = LiveStop()
     with up_display(plan.team, as_json=as_json) as display:
         result = run_up(plan._replace(quiet=as_json), should_stop, display)

@@ -187,7 +187,7 @@ _with_task_options(add)
 
 
 def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_json: bool) -> None:
-    """Print what would follow from each task if it came now, without those before it in the file."""
+    """Print the expected effects of each task if it came now, without those before it in the file."""
     from robrain.deploy.tasks.task_files import dry_run_lines
 
     with connect_team(connect, team) as client:
@@ -363,7 +363,7 @@ def watch(
 def why(
     task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
 ) -> None:
-    """Explain the state of a task: what it waits for, what it would cost each robot, what has happened so far."""
+    """Explain the state of a task: its conditions, its cost for each robot, and its history so far."""
     with connect_team(connect, team) as client:
         found = client.why(task_id)
     if as_json:

@@ -1,1 +1,1 @@
-"""Faults of hardware, processes and the wire: what a scenario says of them, and what they do to a run."""
+"""Faults of hardware, processes and the wire: their specification in a scenario, and their effect on a run."""

@@ -25,7 +25,7 @@ class FaultKind(StrEnum):
     CAN_SHORTED = "can_shorted"
     """The CAN bus is shorted: no frame passes, and the controllers go bus off."""
     MOTORS_FAIL = "motors_fail"
-    """The motor controller's power stage fails, and its status says so."""
+    """The motor controller's power stage fails, and its status reports it."""
     LIDAR_FREEZES = "lidar_freezes"
     """The lidar repeats its last turn."""
     BATTERY_LIES = "battery_lies"
@@ -39,7 +39,7 @@ class FaultKind(StrEnum):
     HANG = "hang"
     """The process stands still; its token stays, messages wait, queries are not answered."""
     SLOW = "slow"
-    """The process takes a step only every `period_s`."""
+    """The process runs a step only every `period_s`."""
     CLOCK_SKEW = "clock_skew"
     """The machine's wall clock is `skew_s` ahead; processes that start meanwhile keep that offset."""
     DISK_FULL = "disk_full"
@@ -53,7 +53,7 @@ class FaultKind(StrEnum):
     REORDER = "reorder"
     """Messages and requests are late, each by its own random time, so that later ones overtake earlier ones."""
     PARTITION = "partition"
-    """The component, with those in `side`, and all others do not hear each other."""
+    """The component, with those in `side`, and all others do not receive each other's messages."""
 
 
 HARDWARE = frozenset(
@@ -115,7 +115,7 @@ class FaultSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     on: FaultMoment | None = None
     """Event that it waits for, once."""
     within_s: NotNegative = 0.0
-    """It begins, and ends, later than said by a time from 0 to this, drawn from the run's seed."""
+    """It begins, and ends, later than its time by a delay from 0 to this, drawn from the run's seed."""
     period_s: Annotated[float, Meta(gt=0, le=LATEST_S)] | None = None
     """`slow`: time between two steps."""
     skew_s: Annotated[float, Meta(ge=-SKEW_MAX_S, le=SKEW_MAX_S)] | None = None
@@ -123,7 +123,7 @@ class FaultSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     soc: Share | None = None
     """`drain`: the state of charge that is left, 0 to 1."""
     share: Annotated[float, Meta(gt=0, le=1)] | None = None
-    """`lose`: share of what is lost, above 0 to 1."""
+    """`lose`: share of lost messages, above 0 to 1."""
     late_s: tuple[float, float] | None = None
     """`delay`, `reorder`: least and greatest delay."""
     side: Side = ()

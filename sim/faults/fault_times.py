@@ -46,7 +46,7 @@ class FaultTimes:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing begins or ends any more, unless an event still comes for which a fault waits."""
+        """Whether no fault begins or ends any more, unless a fault still waits for an event."""
         return not self._due
 
     def note(self, moment: FaultMoment, robot: str, now_ns: int) -> None:

@@ -1,11 +1,13 @@
 """An exchange on which messages get lost, come late or out of order, and components are cut off, hang or die.
 
 The runner sets the component that runs its step (`acting`). Declarations, messages and queries of that step belong to
-this component. Which messages are lost or late says `WireFaults`. Without a fault everything passes as on `Exchange`.
+this component. `WireFaults` decides which messages are lost or late. Without a fault everything passes as on
+`Exchange`.
 
 If the request or reply of a query is lost or late, the query fails at once with Zenoh's text for a timeout. A late
 request is still handled when it arrives. On a real wire the sender has given up by then, too. Tokens and queryables of
-those who are cut off disappear after Zenoh's lease; when the link is back the tokens come first, the queryables later.
+disconnected components disappear after Zenoh's lease. When the link is back the tokens come first, the queryables
+later.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,7 +39,7 @@ class Cut(NamedTuple):
 
     @property
     def is_partition(self) -> bool:
-        """Whether nothing crosses it."""
+        """Whether no message crosses it."""
         return self.fault.kind is FaultKind.PARTITION
 
     def crosses(self, one: str, other: str) -> bool:
@@ -116,7 +118,7 @@ NOBODY = ""
 
 
 class _Answerer:
-    """A queryable, whose it is, and in which of the owner's lives it was declared."""
+    """A queryable, its owner, and the life of the owner in which it was declared."""
 
     def __init__(self, exchange: "FaultyExchange", owner: str, life: int, take: Callable[[Asked], None]) -> None:
         self.exchange = exchange
@@ -144,7 +146,7 @@ class FaultyExchange(Exchange):
 
     Args:
         clock: of the run, by which late messages arrive.
-        seed: draws what is lost and how late the rest is.
+        seed: draws losses and delays.
 
     """
 
@@ -162,7 +164,7 @@ class FaultyExchange(Exchange):
         self._owners: WeakKeyDictionary[Inbox, str] = WeakKeyDictionary()
         self._entries: dict[str, list[Entry[Any]]] = {}
         self._dead: set[str] = set()
-        """Components that have died; what is left of them says nothing any more."""
+        """Components that have died; their remaining endpoints publish nothing more."""
         self._lives: dict[str, int] = {}
         self._token_owners: dict[str, str] = {}
         self._late: list[tuple[int, int, Callable[[], object]]] = []
@@ -172,7 +174,7 @@ class FaultyExchange(Exchange):
 
     @classmethod
     def on(cls, session: zenoh.Session, clock: Clock, seed: int) -> "FaultyExchange":
-        """Have the endpoints of a session that nobody else can join use such an exchange from now on."""
+        """Make the endpoints of a session that no other process can join use such an exchange from now on."""
         made = cls(clock, seed)
         cls._of_session[str(session.zid())] = made
         return made
@@ -211,12 +213,12 @@ class FaultyExchange(Exchange):
         self._asleep.setdefault(component, [])
 
     def wake(self, component: str) -> None:
-        """It has woken up, and sees to what has waited."""
+        """The component has woken up, and handles its waiting requests."""
         for do in self._asleep.pop(component, ()):
             do()
 
     def drop(self, component: str) -> None:
-        """A component's process has died: nothing that it declared is there any more, and it says nothing more."""
+        """A component's process has died: all its declarations are gone, and it publishes nothing more."""
         self._dead.add(component)
         self._asleep.pop(component, None)
         self._lives[component] = self.life_of(component) + 1
@@ -232,7 +234,7 @@ class FaultyExchange(Exchange):
         return self._lives.get(component, 0)
 
     def step(self) -> None:
-        """Deliver what has been late until now; call it once a tick, before the components' steps."""
+        """Deliver late messages that are due now; call it once a tick, before the components' steps."""
         now_ns = self._clock.now_ns()
         while self._late and self._late[0][0] <= now_ns:
             heappop(self._late)[2]()
@@ -381,7 +383,7 @@ def _arrival(subscription: Subscription, key: str, payload: bytes) -> Callable[[
 
 
 def _request(answer: _Answerer, selector: str, payload: bytes) -> Callable[[], None]:
-    """A request whose reply reaches nobody; nor does it reach those who have died since."""
+    """A request whose reply reaches no component, including components that have died since."""
 
     def hand_over() -> None:
         if answer.life == answer.exchange.life_of(answer.owner):
@@ -391,8 +393,8 @@ def _request(answer: _Answerer, selector: str, payload: bytes) -> Callable[[], N
 
 
 def _drop(_answer: Answer) -> None:
-    """Nobody waits for it any more."""
+    """No component waits for it any more."""
 
 
 def _ignore() -> None:
-    """Nobody waits for the end."""
+    """No component waits for the end."""

@@ -1,7 +1,7 @@
 """The disk of a coordinator's journal in a run with faults: it outlives the coordinator, and may be full.
 
-The journal itself is the product's, on SQLite in memory; what a killed coordinator had committed is there again for
-the next one.
+The journal is the product's, on SQLite in memory; the next coordinator finds everything that a killed one had
+committed.
 """
 
 import sqlite3
@@ -20,7 +20,7 @@ class JournalDisk:
 
     def __init__(self, name: str = "disk") -> None:
         self.is_full = False
-        """Whether nothing can be written."""
+        """Whether writes fail."""
         self._kept = sqlite3.connect(":memory:")
         self._connection: sqlite3.Connection | None = None
         self._name, self._names = name, 0
@@ -35,7 +35,7 @@ class JournalDisk:
         return Journal(factory=DiskConnection, new_name=self._new_name)
 
     def pull(self) -> None:
-        """The coordinator is killed: what it has committed stays, and nobody writes any more."""
+        """The coordinator is killed: its committed changes stay, and nothing is written any more."""
         if self._connection is not None:
             if self._connection.in_transaction:
                 self._connection.rollback()

@@ -58,7 +58,7 @@ class FaultyWire(Protocol):
         """It ends."""
 
     def step(self) -> None:
-        """Deliver what has been late until now; call it once a tick, before the components' steps."""
+        """Deliver late messages that are due now; call it once a tick, before the components' steps."""
 
     def acting(self, component: str) -> AbstractContextManager[None]:
         """Everything within the block is done by this component."""
@@ -70,7 +70,7 @@ class FaultyWire(Protocol):
         """It has died."""
 
     def sleep(self, component: str, *, is_hung: bool) -> None:
-        """It answers nothing, because it hangs or because it is slow."""
+        """It does not answer, because it hangs or because it is slow."""
 
     def wake(self, component: str) -> None:
         """It answers again."""
@@ -126,7 +126,7 @@ class Process:
         return max((fault.period_s or 0.0 for fault in self._faults.values()), default=0.0)
 
     def start(self) -> None:
-        """Start it, if it is dead and nothing keeps it so; what cannot start is tried again, as by a supervisor."""
+        """Start it, if it is dead and no fault keeps it so; a failed start is repeated, as by a supervisor."""
         if self.component is not None or self._has(FaultKind.KILL):
             return
         self.since_ns = self._true_clock.now_ns()
@@ -160,7 +160,7 @@ class Process:
             self._exchange.wake(self.name)
 
     def step(self, now_ns: int) -> None:
-        """Take its step, if it can and is not too slow."""
+        """Run its step, if it can and is not too slow."""
         if self.component is None and now_ns >= self._start_ns:
             self.start()
         component, exchange = self.component, self._exchange

@@ -1,4 +1,4 @@
-"""A battery that is richer than what robots believe of it: four lithium-ion cells in series.
+"""A battery model with more detail than the robots' model: four lithium-ion cells in series.
 
 - Two wells of charge (KiBaM): Manwell & McGowan, Lead acid battery storage model for hybrid energy systems, Solar
   Energy 50 (1993). Bound charge follows available charge only slowly: high loads get less, a rest restores some.
@@ -39,7 +39,7 @@ KELVIN = 273.15
 ACTIVATION_K = 2500.0
 """Activation energy over the gas constant, for resistance and diffusion: twice the resistance at about 0 °C."""
 CUT_OFF_AFTER_S = 1.0
-"""The protection waits that long below the cut-off voltage, so that no peak of the motors trips it."""
+"""Time below the cut-off voltage before the protection trips, so that no peak of the motors trips it."""
 BACK_AT_SOC = 0.05
 """A battery that has cut off gives power again from this charge on."""
 TAPER = 0.05
@@ -252,12 +252,12 @@ class Gauge:
 
 
 class BatteryManager:
-    """Adds up what the robot draws and reports the battery at 5 Hz; on its own reserve when the battery has cut off.
+    """Adds up the robot's draw and reports the battery at 5 Hz; from a separate reserve when the battery has cut off.
 
     Args:
         bus: the robot's bus.
         battery: what it manages.
-        power: what the robot draws by what it does.
+        power: power draw of the robot by activity.
         mass_kg: of the robot without payload.
         tick_s: how long a tick is.
         rng: of the gauge's errors and of the computer's bursts.
@@ -277,7 +277,7 @@ class BatteryManager:
         self.supply_w = 0.0
         """Current power of a charger."""
         self.lie: Callable[[Reading], Reading] | None = None
-        """A fault of the gauge: what it tells in place of what it reads."""
+        """A fault of the gauge: the value that it reports in place of the measured one."""
         self.load = Load(power, mass_kg, rng)
         """Energy that the robot has drawn since the last status."""
         self._port = frame_port(bus)
@@ -297,7 +297,7 @@ class BatteryManager:
             self.measure()
 
     def measure(self) -> None:
-        """Load the battery with what was drawn in the period that ends now, and send the status."""
+        """Load the battery with the draw of the period that ends now, and send the status."""
         battery, period_s = self.battery, self._period_s
         battery.step(self.load.mean_power_w(period_s), self.supply_w, period_s)
         reading = self._gauge.read(battery.voltage_v, battery.current_a, battery.temperature_c)
@@ -316,7 +316,7 @@ class Load:
     Args:
         power: terms of the robot's power.
         mass_kg: of the robot without payload.
-        rng: says when bursts come.
+        rng: gives the times of bursts.
 
     """
 

@@ -24,7 +24,7 @@ class LineFault(StrEnum):
     CUT = "cut"
     """Nothing passes; the driver gets no error."""
     SHORTED = "shorted"
-    """Nothing passes; every controller goes bus off, and the host's tells its driver so."""
+    """Nothing passes; every controller goes bus off, and the host's controller reports it to its driver."""
 
 
 class FrameStamps:
@@ -117,14 +117,14 @@ class BusLine(can.BusABC):
             self._stamps.record_sent(None)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame; what was sent while the line was broken is lost."""
+        """The next frame; frames sent while the line was broken are lost."""
         frame = self._bus.recv(timeout)
         while frame is not None and self.fault is not LineFault.NONE:
             frame = self._bus.recv(0)
         return frame
 
     def read_frames(self) -> list[Frame]:
-        """All frames that have arrived; what was sent while the line was broken is lost."""
+        """All frames that have arrived; frames sent while the line was broken are lost."""
         frames = self._port.read_frames()
         return frames if self.fault is LineFault.NONE else []
 

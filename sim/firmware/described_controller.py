@@ -195,7 +195,7 @@ OBEYED, UNKNOWN = b"OK\r\n", b"Invalid Command\r\n"
 
 
 class SerialPort(Sized):
-    """The controller's end of the line: what has arrived, and what it sends.
+    """The controller's end of the line: arrived frames, and frames to send.
 
     Args:
         inbox: of the bytes that the robot sends.
@@ -252,7 +252,7 @@ class LineController(DescribedController):
             self._stand(MotorState.WATCHDOG)
 
     def forget(self) -> None:
-        """Drop what has arrived."""
+        """Drop all frames that have arrived."""
         self._line.read()
         self._left = b""
 

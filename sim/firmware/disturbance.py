@@ -51,7 +51,7 @@ class PauseSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class DelaySpec(PauseSpec, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Delays of messages, which stay in order; those that wait during a pause arrive together after it."""
+    """Delays of messages, which stay in order; messages that wait during a pause arrive together after it."""
 
     late_s: tuple[float, float] = (0.0, 0.0)
     """Least and greatest delay of a message outside pauses."""
@@ -80,7 +80,7 @@ class DisturbanceSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     scan: DelaySpec = DelaySpec()
     """Delays of scans; their stamps are the times of measurement."""
     agent: PauseSpec = PauseSpec()
-    """Pauses in which an agent takes no step; lockstep only."""
+    """Pauses in which an agent runs no step; lockstep only."""
 
     @property
     def is_on(self) -> bool:

@@ -34,8 +34,8 @@ class LidarLine:
         protocol: not `WIRE`.
         rate_hz: turns a second.
         tick_s: how long a tick is.
-        measure: ranges (N,) in metres in these directions (N,), radians counter-clockwise in the robot's frame; 0 if
-            nothing came back.
+        measure: ranges (N,) in metres in these directions (N,), radians counter-clockwise in the robot's frame; 0 for
+            no return.
         put: sends bytes on the line.
 
     """

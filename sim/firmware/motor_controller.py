@@ -96,9 +96,9 @@ class MotorController:
 
     Args:
         bus: the robot's bus; other nodes of the same robot may send on it too.
-        base: what its encoders count in.
+        base: description of its encoder counts.
         tick_s: how long a tick is.
-        transmit_errors: tells the error counter of the node's CAN controller; none without it.
+        transmit_errors: gives the error counter of the node's CAN controller; none without it.
 
     """
 
@@ -115,7 +115,7 @@ class MotorController:
         self.due_tick = NEVER
         """When the watchdog bites unless a command comes."""
         self.has_news = True
-        """Whether what the status says has changed since the last one."""
+        """Whether the content of the status has changed since the last one."""
         self._commands = SequenceWatch()
         self._transmit_errors = transmit_errors
         self._worst = BusState.ACTIVE
@@ -139,7 +139,7 @@ class MotorController:
         return self._wanted_rad_s if self.powered else STANDING
 
     def receive(self, tick: int | None = None) -> None:
-        """Take the frames that have arrived; then let the watchdog have its say.
+        """Handle the frames that have arrived; then check the watchdog.
 
         Args:
             tick: number of this tick; by default the one after that of the last call.
@@ -163,7 +163,7 @@ class MotorController:
             self.has_news = True
 
     def report(self, wheel_turns_rad: Sequence[float]) -> None:
-        """Send what is due: encoder counts at 50 Hz, the status at 5 Hz and on change."""
+        """Send due frames: encoder counts at 50 Hz, the status at 5 Hz and on change."""
         if self._reports % self.encoder_period_ticks == 0:
             (data,) = self._encoders.frames(np.array([wheel_turns_rad]))
             self._port.send_data(ENCODER_IDENTIFIER, data)

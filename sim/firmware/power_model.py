@@ -2,9 +2,9 @@
 
 Mei, Lu, Hu, Lee: Energy-Efficient Motion Planning for Mobile Robots, ICRA 2004, fit polynomials to the power of a
 robot's motors over their speed. The power is a loss plus m(a + gμ)v, beside constants for sensing, control and
-computing (A Case Study of Mobile Robot's Energy Consumption and Conservation Techniques, ICAR 2005, same authors). Kept
-here: the constants, the loss, the first order in speed (it grows with the mass), a second order, turning, and the
-energy of speeding up. The values are chosen for a base of 4 kg, not measured on one.
+computing. Source: the same authors, A Case Study of Mobile Robot's Energy Consumption and Conservation Techniques, ICAR
+2005. Kept here: the constants, the loss, the first order in speed (it grows with the mass), a second order, turning,
+and the energy of speeding up. The values are chosen for a base of 4 kg, not measured on one.
 """
 
 import math
@@ -32,9 +32,9 @@ LOAD = np.dtype(
         ("motion_j", "f8"),
     ]
 )
-"""A robot's terms of power, its speed in the last tick, and the energy of its motion since somebody took it away."""
+"""A robot's terms of power, its speed in the last tick, and the energy of its motion since the energy was last read."""
 STANDING = 1e-3
-"""Below a millimetre (milliradian) a second nothing moves."""
+"""Below a millimetre (milliradian) a second the robot counts as standing."""
 
 
 @register_jitable
@@ -106,7 +106,7 @@ class PowerModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
     between_bursts_s: Positive = 12.0
     """Mean time between two bursts."""
     moving_w: NotNegative = 0.3
-    """Motor drivers, while anything moves."""
+    """Power of the motor drivers, while a wheel moves."""
     speed_w_per_m_s: NotNegative = 7.5
     """Rolling, per m/s, without payload."""
     speed2_w_per_m2_s2: NotNegative = 0.0
@@ -119,7 +119,7 @@ class PowerModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Share of the motors' power that becomes kinetic energy on acceleration; none is recovered."""
 
     def standing_w(self, *, bursting: bool) -> float:
-        """Power of doing nothing."""
+        """Power of an idle robot."""
         return self.idle_w + self.compute_w + (self.burst_w if bursting else 0.0)
 
     def motion_w(self, speed_m_s: float, yaw_rate_rad_s: float, mass_kg: float) -> float:

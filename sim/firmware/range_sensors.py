@@ -1,8 +1,9 @@
 """The range sensors and the bump ring: a node on the robot's CAN bus.
 
-A ring of ultrasonic sensors looks outwards from the hull. A sensor hears the nearest thing in its cone, with some
-noise, and now and then nothing. Echoes off slanting walls and from other robots' sensors are left out. No data sheet of
-the Robertino's sensors was found: number, range and cone are chosen in the manner of small ultrasonic rangers.
+A ring of ultrasonic sensors looks outwards from the hull. A sensor receives the echo of the nearest object in its cone,
+with some noise, and now and then no echo. Echoes off slanting walls and from other robots' sensors are left out. No
+data sheet of the Robertino's sensors was found: number, range and cone are chosen in the manner of small ultrasonic
+rangers.
 """
 
 import math
@@ -31,7 +32,7 @@ from robrain.protocol.model.ranges import NotNegative, Positive, Share
 
 BUMP_PERIOD_S = 1.0
 NEAREST_M = 0.02
-"""Nearer than this a transducer still rings from its own pulse: it says this."""
+"""Nearer than this a transducer still rings from its own pulse: it then reports this range."""
 RAYS_A_CONE = 3
 DRAWS = 240
 """Random numbers drawn at a time; a few at a time cost ten times as much."""
@@ -49,21 +50,21 @@ class RangeSensorSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
     noise_m: NotNegative = 0.01
     """Standard deviation of a range."""
     dropout: Share = 0.02
-    """Share of measurements without an echo, whatever is there."""
+    """Share of measurements without an echo, whatever the distance."""
 
 
 class RangeSensors:
-    """Measures all sensors at once and sends them; tells at once when a bump contact changes.
+    """Measures all sensors at once and sends the ranges; reports a change of a bump contact at once.
 
     Args:
         bus: the robot's bus.
-        spec: what the sensors can do.
+        spec: properties of the sensors.
         radius_m: of the hull that they sit on.
-        walls: (H, W) what is solid; writable, as it would be copied otherwise.
+        walls: (H, W) solid cells; writable, as it would be copied otherwise.
         geometry: where `walls` lies in the arena frame.
         rng: draws noise and dropouts.
         tick_s: how long a tick is.
-        phase: ticks by which it measures later than others, so that not all do in the same tick.
+        phase: ticks by which it measures later than others, so that the sensors do not all measure in the same tick.
 
     """
 
@@ -92,7 +93,7 @@ class RangeSensors:
         self.phase = phase % self.period_ticks
         """Measurements and bump contacts are due in ticks that leave this when divided by the period of each."""
         self.told = 0
-        """The contacts that were told last, a bit for each sector."""
+        """The contacts that were reported last, a bit for each sector."""
         self._rings = [codec(f"RangeRing{number}") for number in range(1, math.ceil(sensors / SENSORS_A_FRAME) + 1)]
         self._silence = [NO_ECHO_M] * (len(self._rings) * SENSORS_A_FRAME - sensors)
         """Fills the last frame."""
@@ -136,7 +137,7 @@ class RangeSensors:
         if len(self._draws) < len(spec.angles_rad):
             self._draw()
         rays_m, found_m = ranges_m.tolist(), []
-        # A handful of numbers: plain Python takes half the time of numpy here.
+        # A few numbers: plain Python needs half the time of numpy here.
         for first in range(0, len(rays_m), RAYS_A_CONE):
             nearest_m = min(rays_m[first : first + RAYS_A_CONE]) - self._radius_m
             noise, is_dropped = self._draws.pop()

@@ -45,7 +45,7 @@ class WitImu:
     """Frames of acceleration and angular velocity at a constant rate.
 
     Args:
-        spec: what it is, and how it is mounted.
+        spec: its properties and its mount.
         rng: of the noise.
 
     """

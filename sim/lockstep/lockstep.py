@@ -54,24 +54,24 @@ from robrain.sim.world.world import World, manifest_texts
 
 WATCH_S = 0.2
 OUTSIDE_BYTES = 1_048_576
-"""Of a payload from outside; what is longer is cut off in the recording."""
+"""Size limit of a payload from outside; the recording drops the rest."""
 
 
 class LockstepRun:
     """One run, tick by tick. Use `Scenario.run` unless you want to look between the ticks.
 
     Args:
-        world: what is simulated.
+        world: the simulated scenario.
         record: MCAP file to write, or None.
         scenario: name of the scenario, for the recording.
         scenario_toml: its text, for the recording.
-        team: whose keys are used.
-        listen: loopback endpoint on which other processes, a dashboard say, may join; None keeps to itself.
+        team: team whose keys are used.
+        listen: loopback endpoint on which other processes, such as a dashboard, may join; None opens none.
         session: an open lockstep session to use in place of a new one; others may be on it. It is closed with the run.
         planning: objective and settings of the coordinator's planning.
         rules: by which the coordinator makes tasks.
         should_stop: polled before each robot is set up; True ends the set-up.
-        setup: what it takes to make the run again, for the recording.
+        setup: data that repeats the run, for the recording.
         processes: whether components are processes that a script may kill, also in a world without faults.
 
     Raises:
@@ -226,7 +226,7 @@ class LockstepRun:
         return self._faults
 
     def _apply_faults(self) -> None:
-        """Note who runs."""
+        """Record the running component."""
         assert self._faults is not None
         self.hosts = self._faults.hosts
         coordinator = self._faults.coordinator
@@ -241,7 +241,7 @@ class LockstepRun:
 
     @property
     def explored_fraction(self) -> float:
-        """Share of the reachable floor that the team's maps know."""
+        """Share of the reachable floor that is known in the team's maps."""
         return self.arena.referee.explored_fraction
 
     @property
@@ -257,7 +257,7 @@ class LockstepRun:
         return floor_left(self.world.plan, starts, radius_m, self.arena.referee)
 
     def publish_exploration_left(self) -> ExplorationLeft | None:
-        """Have the coordinator publish what is left to explore, and return it; None if none runs or nothing is known.
+        """Make the coordinator publish the unexplored regions, and return them; None if none runs or nothing is known.
 
         It is part of the recording, so it changes the digest: for the end of a run.
         """
@@ -280,7 +280,7 @@ class LockstepRun:
 
     @property
     def outside(self) -> int:
-        """How many messages and queries of other processes had a say so far; 0 in a run that can be repeated."""
+        """Number of messages and queries of other processes with an influence so far; 0 in a repeatable run."""
         return self._recorder.outside
 
     @property
@@ -295,7 +295,7 @@ class LockstepRun:
 
     @property
     def faults_are_over(self) -> bool:
-        """Whether nothing fails or is mended any more, unless an event still comes for which a fault waits."""
+        """Whether no fault begins or ends any more, unless a fault still waits for an event."""
         return self._faults is None or self._faults.is_over
 
     @property
@@ -304,14 +304,14 @@ class LockstepRun:
         return 0 if self._faults is None else self._faults.wire.lost
 
     def acting(self, party: str) -> AbstractContextManager[None]:
-        """Within the block, faults of the wire treat what a script declares and sends as that party's.
+        """Within the block, faults of the wire treat a script's declarations and messages as those of that party.
 
-        Elsewhere it belongs to no party and is not affected. With `[links]` an endpoint says itself whose it is.
+        Elsewhere it belongs to no party and is not affected. With `[links]` an endpoint names its owner.
         """
         return nullcontext() if self._faults is None else self._faults.wire.acting(party)
 
     def follow(self, on_recorded: OnRecorded) -> None:
-        """Have a function told of the messages that each tick records, and of those at the end."""
+        """Call a function with the messages that each tick records, and with those at the end."""
         self._recorder.follow(on_recorded)
 
     def switch_off(self, robot: str) -> None:
@@ -384,7 +384,7 @@ class LockstepRun:
         self._end_on_defect()
 
     def _end_on_defect(self) -> None:
-        """Raise RunFailed if something stood in for code that failed: what the run measures is not what was asked."""
+        """Raise RunFailed if a substitute replaced code that failed: the run did not measure the requested code."""
         if self.has_coordinator and self._coordinator_wire.refusals.defect:
             raise RunFailed(self._failed(self._coordinator_wire.refusals.defect))
         for host in self.hosts:
@@ -394,7 +394,7 @@ class LockstepRun:
                 self._end_on_fault(host)
 
     def _end_on_fault(self, host: AgentHost) -> None:
-        """The same for plugins of installed distributions, where nothing else makes plugins fault."""
+        """The same for plugins of installed distributions, if no other cause makes plugins fault."""
         for plugin in host.manager.plugins.values():
             is_foreign = any(plugin.manifest.path.is_relative_to(place) for place, _ in self._distributions)
             if is_foreign and plugin.state is PluginState.FAULTED and plugin.raised.where and not plugin.needs:
@@ -411,7 +411,7 @@ class LockstepRun:
         self._apply_faults()
 
     def record_script(self, key: str, request: bytes) -> None:
-        """Record what the script of the run is about to ask."""
+        """Record the script's next query."""
         self._script.put(ScriptInput(key=cut(key, TEXT_MAX), payload=request[:OUTSIDE_BYTES]))
 
     def close(self) -> RecordingSummary | None:
@@ -448,7 +448,7 @@ class LockstepRun:
         for body in self.arena.bodies:
             row, column = plan.cell_of(body.x_m, body.y_m)
             clearance_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
-            # A cell's clearance is that of its middle: half a diagonal may be lost on the way from there.
+            # A cell's clearance is that of its middle: half a diagonal may be lost on the path from there.
             slack_m = 0.71 * plan.resolution_m
             self.wall_overlap_m = max(self.wall_overlap_m, body.radius_m - clearance_m - slack_m)
 

@@ -38,8 +38,8 @@ class Pacer:
 class StopOnInterrupt:
     """Context in which Ctrl-C and SIGTERM ask the run, or its set-up, to stop instead of raising in the middle of it.
 
-    An exception in the middle of a direct Zenoh callback would be swallowed, and with it the interrupt. A second
-    Ctrl-C is let through. Outside of the main thread it does nothing.
+    An exception in the middle of a direct Zenoh callback would be swallowed, and with it the interrupt. A second Ctrl-C
+    is let through. Outside of the main thread it has no effect.
     """
 
     def __init__(self) -> None:

@@ -47,7 +47,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     floor_left: list[FloorLeft] = []
     """Regions of floor that were not seen or cannot be reached, and why: by the true floor plan."""
     exploration_left: ExplorationLeft | None = None
-    """The same as far as the team knows, by its map; None if no coordinator ran at the end or nothing was mapped."""
+    """The same by the team's map; None if no coordinator ran at the end or nothing was mapped."""
     map_accuracy: MapAccuracy | None = None
     """Accuracy of the team's map at the end; None if nothing was mapped."""
     overlap: float = 0.0
@@ -55,7 +55,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     explored_curve: list[tuple[float, float]]
     """Pairs of sim_time_s and explored fraction."""
     explored_percent_s: dict[int, float] = {}
-    """Simulated time at which 50, 90, 95 and 99 % were first explored; without those that the run did not reach."""
+    """Simulated time at which 50, 90, 95 and 99 % were first explored, without shares that the run did not reach."""
     distance_m: float
     energy_j: float
     collisions: int

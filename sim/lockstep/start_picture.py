@@ -18,7 +18,7 @@ WHO = "arena"
 
 
 class StartPicture:
-    """Publishes the picture. Nothing of the run hears it, and it is not recorded, so it changes no digest.
+    """Publishes the picture. No component of the run receives it, and it is not recorded, so it changes no digest.
 
     Args:
         endpoint: where it is published; closed with the picture.

@@ -42,7 +42,7 @@ class ComponentStarts(NamedTuple):
 
 
 class TeamFaults:
-    """The processes of a run, and what fails.
+    """The processes of a run, and their faults.
 
     Args:
         world: with faults.
@@ -63,7 +63,7 @@ class TeamFaults:
             self.exchange, self.wire = radio.exchange, radio.wire
         faults = [fault for fault in world.faults if not fault.is_plain]
         self.times = FaultTimes(faults, world.seed)
-        """When what fails."""
+        """Times of the faults."""
         self._waits = any(fault.on is not None for fault in faults)
         self.disk = JournalDisk()
         """Of the coordinator's journal."""
@@ -107,17 +107,17 @@ class TeamFaults:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing fails or is mended any more, unless an event still comes for which a fault waits."""
+        """Whether no fault begins or ends any more, unless a fault still waits for an event."""
         return self.times.is_over
 
     def begin_tick(self, now_ns: int) -> None:
-        """Have begin and end what is due, and deliver what has been late until now."""
+        """Begin and end the faults that are due, and deliver late messages that are due now."""
         for number, fault, begins in self.times.due(now_ns):
             self.set(number, fault, begins=begins)
         self.wire.step()
 
     def step(self, now_ns: int, is_paused: Callable[[str], bool]) -> None:
-        """Have all agents take their steps, then the coordinator."""
+        """Run the steps of all agents, then the coordinator's."""
         for name in self._names:
             if not is_paused(name):
                 self.processes[name].step(now_ns)

@@ -18,7 +18,7 @@ from robrain.protocol.model.geometry import Point2D
 
 
 class MapError(ValueError):
-    """A map, a drawing or a floor plan that cannot be used, told in one sentence.
+    """A map, a drawing or a floor plan that cannot be used, reported in one sentence.
 
     `path` is the file at fault and `key` the key in it; each is None where there is none.
     """
@@ -49,7 +49,7 @@ MAX_ORIGIN_M = 1e5
 
 @dataclass(frozen=True, eq=False)
 class FloorPlan:
-    """Walls of an arena on a grid; what lies outside the grid is wall.
+    """Walls of an arena on a grid; everything outside the grid is wall.
 
     `occupied` is (H, W) bool, row 0 at the lowest y, kept as a read-only copy; cells of unknown content are occupied.
     `origin_x_m`, `origin_y_m` is the corner of cell (0, 0) with the lowest x and y: metres, arena frame. Raises

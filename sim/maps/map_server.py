@@ -27,7 +27,7 @@ REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "
 OPTIONAL_KEYS = ("mode",)
 MODES = ("trinary", "scale", "raw")
 RESOLUTION_M = (0.001, 1.0)
-"""Least and greatest pitch; anything else is an error of units or not a floor for robots."""
+"""Least and greatest pitch; any other pitch is an error of units or not a floor for robots."""
 YAML_BYTES_MAX = 65536
 PATH_CHARACTERS_MAX = 1000
 SHOWN_CHARACTERS = 80
@@ -112,7 +112,7 @@ class _Settings:
                 text = file.read(YAML_BYTES_MAX + 1)
             if len(text) > YAML_BYTES_MAX:
                 raise MapError(f"{path}: expected at most {YAML_BYTES_MAX} bytes of YAML, got more", path=path)
-            # PyYAML refuses a tab after a colon, which YAML allows. Nothing in a map needs one.
+            # PyYAML refuses a tab after a colon, which YAML allows. No map needs one.
             content: object = yaml.safe_load(text.decode("utf-8-sig").replace("\t", " "))
         except FileNotFoundError as error:
             raise MapError(f"{path}: expected a map_server YAML file, there is none", path=path) from error

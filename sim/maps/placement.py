@@ -150,7 +150,7 @@ def _relaxed(spacing_m: float, resolution_m: float) -> float:
 def _roomiest_region(fitting: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(H, W), the largest connected region of `fitting` cells.
 
-    On every real map that was tried this is the inside of a building, and the way between the rocks of a cave.
+    On every real map that was tried this is the inside of a building, and the path between the rocks of a cave.
     """
     labels, region_count = ndimage.label(fitting)
     area = np.bincount(labels.ravel(), minlength=region_count + 1)[1:]
@@ -182,9 +182,10 @@ def _nearest_cell(plan: FloorPlan, fitting: NDArray[np.bool_], near: Point2D) ->
 def _gather(
     region: NDArray[np.bool_], anchor: tuple[int, int], count: int, spacing_cells: float
 ) -> list[tuple[int, int]]:
-    """Up to `count` cells of the region in order of their way from the anchor, each spacing_cells from the others.
+    """Up to `count` cells of the region by path length from the anchor, each spacing_cells from the others.
 
-    Dijkstra (1959) over 8-neighbours: by way and not by air, so that no team starts on both sides of a wall.
+    Dijkstra (1959) over 8-neighbours: by path length, not straight-line distance, so that no team starts on both sides
+    of a wall.
     """
     rows, cols = region.shape
     waiting = region.copy()

@@ -62,7 +62,7 @@ class MoteGateway:
         wire.subscribe(self._duties, MOTE_DUTY)
 
     def step(self) -> None:
-        """Hear what the base station has received, and forward what is stored."""
+        """Receive the packets of the base station, and forward stored readings."""
         now_ns = self._wire.clock.now_ns()
         self.store.step(now_ns)
         if self._duties.has_some:
@@ -130,7 +130,7 @@ class MoteGateway:
 
 
 def gateway_motes(motes: Sequence[ArenaMote], names: Iterable[str]) -> list[ArenaMote]:
-    """Those of the motes that are named; other names are of robots."""
+    """Addresses of the named motes; other names are of robots."""
     return [mote for mote in motes if mote.name in set(names)]
 
 

@@ -51,7 +51,8 @@ SEEN_DOWN = 16
 """Routed packets that a mote remembers, to pass on each once."""
 
 Hand = Callable[[int, int, Callable[[], bool]], bool]
-"""Sends a packet from a mote to another one, which takes it by the function; returns whether that was acknowledged."""
+"""Sends a packet from a mote to another one, which accepts it by the function; returns whether that was acknowledged.
+"""
 
 
 class DownCounters(msgspec.Struct):
@@ -111,12 +112,12 @@ class RoutedDown:
         self._number = 0
 
     def step(self, tick: int) -> None:
-        """Send what is due."""
+        """Send due packets."""
         while self._due and self._due[0][0] <= tick:
             self._pass_on(heapq.heappop(self._due)[2], tick)
 
     def from_station(self, index: int, payload: bytes, tick: int) -> None:
-        """A mote has heard a routed packet of a base station; one that cannot be is left alone."""
+        """A mote has received a routed packet of a base station; an impossible packet is ignored."""
         try:
             routed = RoutedPayload.unpack(payload)
         except BadPacket:
@@ -124,7 +125,7 @@ class RoutedDown:
         self.counters.taken += self._take(index, routed, tick)
 
     def _take(self, index: int, routed: RoutedPayload, tick: int) -> bool:
-        """A mote hears a packet that it is to pass on; whether it acknowledges it."""
+        """A mote receives a packet that it is to forward; whether it acknowledges it."""
         if self._held.get(index, 0) >= self._spec.queue:
             self.counters.refused += 1
             return False
@@ -186,11 +187,11 @@ TREES = 8
 SEEN = 128
 """Readings that a mote remembers to have passed on."""
 REPEATS_S = 8.0
-"""A reading that is heard again within this time was repeated because its acknowledgement was lost (chosen)."""
+"""A reading that arrives again within this time was repeated because its acknowledgement was lost (chosen)."""
 MILLI = 1e-3
 
 Say = Callable[[int, ActiveMessage], bool]
-"""Sends a mote's packet to the base stations; returns whether one has heard and acknowledged it."""
+"""Sends a mote's packet to the base stations; returns whether one has received and acknowledged it."""
 
 
 class MeshCounters(msgspec.Struct):
@@ -211,7 +212,7 @@ class MeshCounters(msgspec.Struct):
 
 
 class _Packet(msgspec.Struct):
-    """A reading on its way."""
+    """A reading in transit."""
 
     reading: ReadingPayload
     at_tick: int
@@ -240,9 +241,9 @@ class _Station:
         self.paused_tick = 0
         """Until then nothing is sent to the next hop, which has not answered or has no room."""
         self.unsent: deque[int] = deque()
-        """Own readings in its log that it had no way for."""
+        """Own readings in its log for which it had no route."""
         self.seen: dict[tuple[int, int], int] = {}
-        """Readings that it has taken in, and when it heard them last."""
+        """Readings that it has accepted, and the times at which it received them last."""
 
     def has_seen(self, packet: _Packet, tick: int, repeats_ticks: int) -> bool:
         """Whether it has taken this reading in a short while before; it remembers it from now on.
@@ -260,18 +261,18 @@ class _Station:
 
 
 class MoteMesh:
-    """The air between the motes, and what they hold for each other.
+    """The air between the motes, and the packets that they hold for each other.
 
     Args:
         motes: all of them.
         spec: how they pass readings on.
-        radio: what the air is like.
-        energy: what states and packets take from a mote.
+        radio: properties of the air.
+        energy: energy of a mote's states and packets.
         rate_hz: readings a second of each mote.
         seed: seed of the randomness of each pair of motes.
         tick_s: how long a tick is.
         say: sends to base stations.
-        near: motes that a base station hears now, by the mean, at least at a strength in dBm.
+        near: motes whose packets a base station receives now, by the mean, at least at a strength in dBm.
         deliver: gives a mote a packet that has come to it over others.
 
     """
@@ -313,7 +314,7 @@ class MoteMesh:
         """Packets of base stations for motes out of their reach."""
 
     def step(self, tick: int) -> None:
-        """Choose routes if it is time, and send what is due."""
+        """Choose routes if it is time, and send due packets."""
         if tick >= self._routes_tick:
             self._routes_tick = tick + self._routes_ticks
             self._choose()
@@ -371,7 +372,7 @@ class MoteMesh:
         self._wake(index, tick + self._wake_ticks)
 
     def _reach_next(self, index: int, packet: _Packet, tick: int) -> bool:
-        """Whether the next hop has heard a packet that was sent, and its acknowledgement has come back."""
+        """Whether the next hop has received a packet that was sent, and its acknowledgement has come back."""
         hop = self.next_hops[index]
         if hop in (NO_ROUTE, self._sink):
             return False
@@ -386,7 +387,7 @@ class MoteMesh:
         return self._receive(index, hop, take)
 
     def _receive(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
-        """Whether a mote hears a packet that another one sends, takes it, and its acknowledgement comes back."""
+        """Whether a mote receives a packet of another one and accepts it, and its acknowledgement comes back."""
         self._motes[index].battery.spend(MoteState.LISTEN, SHORT_S)
         other = self._motes[hop]
         if other.battery.is_flat or not self._arrives(index, hop):
@@ -398,7 +399,7 @@ class MoteMesh:
         return self._arrives(hop, index)
 
     def _take(self, index: int, sender: int, packet: _Packet, tick: int) -> bool:
-        """A mote hears a neighbour's packet; whether it acknowledges it."""
+        """A mote receives a neighbour's packet; whether it acknowledges it."""
         station = self._stations[index]
         if len(station.queue) >= self._spec.queue:
             self.counters.refused += 1
@@ -438,14 +439,14 @@ class MoteMesh:
             heapq.heappush(self._wakes, (tick, index))
 
     def _keep(self, index: int) -> None:
-        """There is no way for a mote's newest reading: it stays in its log."""
+        """There is no route for a mote's newest reading: it stays in its log."""
         unsent = self._stations[index].unsent
         unsent.append(self._motes[index].newest)
         if len(unsent) > self._motes[index].log.capacity:
             unsent.popleft()
 
     def _catch_up(self, index: int, tick: int) -> None:
-        """There is a way again: an older reading may follow each new one."""
+        """There is a route again: an older reading may follow each new one."""
         station = self._stations[index]
         while station.unsent and len(station.queue) < self._spec.queue:
             reading = self._motes[index].stored(station.unsent.popleft(), tick)
@@ -485,7 +486,7 @@ class MoteMesh:
         return lifetime_routes(graph, left_j, alive, alive, self._energy, self._rate_hz, TREES).trees
 
     def _linked(self, good_dbm: float, content: set[int]) -> list[list[int]]:
-        """Neighbours of each mote by good links; by any for those that are content with less, and between them."""
+        """Neighbours of each mote by good links; by any link for, and between, motes that accept weaker ones."""
         return [
             sorted(
                 other
@@ -518,7 +519,7 @@ def energy_of(radio: RadioModel, duty: float, capacity_mah: float) -> MoteEnergy
 def _strengths_dbm(
     motes: Sequence[SimulatedMote], radio: RadioModel, seed: np.random.SeedSequence
 ) -> list[dict[int, float]]:
-    """Mean strength at which each mote hears others, of those that it hears at all; alike in both directions.
+    """Mean strength at which each mote receives others, of those in reach; alike in both directions.
 
     Shadowing belongs to the places of both ends, as between robots (`RobotAir`).
     """

@@ -47,31 +47,31 @@ class MeshSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """
 
     hops: Annotated[int, Meta(ge=0, le=HOPS_MAX)] = 0
-    """Largest number of motes that pass a reading on; 0: motes do not hear each other."""
+    """Largest number of motes that forward a reading; 0: motes do not receive each other's packets."""
     tries: Annotated[int, Meta(ge=1, le=255)] = 4
     """Packets in a row that a next hop may leave unacknowledged before the mote pauses, each time for longer."""
     queue: Annotated[int, Meta(ge=1, le=QUEUE_MAX)] = 16
     """Readings that a mote holds to pass them on; it acknowledges none while it has no room."""
     duty: Share = 0.01
-    """Share of the time in which a mote listens for its neighbours, at moments that they know."""
+    """Share of the time in which a mote listens for its neighbours, at moments that they have agreed on."""
     wake_s: Positive = 0.5
     """Interval of these moments, which a reading waits at each mote that passes it on."""
     routes_s: Positive = 30.0
-    """Interval at which motes choose their next hops again; each sends a beacon for it and hears its neighbours'."""
+    """Interval at which motes choose their next hops again; each sends a beacon for it and receives its neighbours'."""
 
 
 SENSE_S = 0.02
 LOG_S = 0.001
-"""A page of the flash memory takes some 14 ms and holds ten readings."""
+"""A page of the flash memory needs some 14 ms and holds ten readings."""
 CHECK_S = 0.003
-"""Low-power listening: how long the radio is on for one look whether somebody sends."""
+"""Low-power listening: time for which the radio is on to check whether a sender is active."""
 ANSWER_GAP_S = 0.04
 """Between two stored readings."""
 MAX_ANSWERS = 64
 """Stored readings that wait to be sent; of a request for more the rest is left out."""
 MAX_GATEWAY_READINGS = 10_000_000
 MAX_LOG = 30_000
-"""Less than half of all sequence numbers, so that older and newer can be told apart."""
+"""Less than half of all sequence numbers, so that older and newer are distinguishable."""
 PPM = 1e-6
 
 
@@ -104,7 +104,8 @@ class MoteSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How motes pass on readings of their neighbours; by default they do not."""
     gateways: tuple[str, ...] = ()
     """Motes beside which a gateway stands, with mains power and a radio of the team's network; and robots that are
-    gateways. A gateway stores readings while it does not hear the coordinator."""
+    gateways. A gateway stores readings while the coordinator is out of reach.
+    """
     gateway_readings: Annotated[int, Meta(ge=1, le=MAX_GATEWAY_READINGS)] = 4096
     """Number of readings that a gateway stores. When it is full, the oldest of the mote with the most is dropped."""
 
@@ -128,7 +129,7 @@ class ArenaMote(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class ReadingLog:
-    """Readings in the flash memory that nobody has acknowledged yet; a ring, numbered without wrap."""
+    """Readings in the flash memory that are not acknowledged yet; a ring, numbered without wrap."""
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
@@ -172,9 +173,9 @@ class SimulatedMote:
     """One mote, driven tick by tick by its field.
 
     Args:
-        mote: who and where.
-        spec: what it is.
-        quantity: what it senses.
+        mote: name and place.
+        spec: properties of the mote.
+        quantity: the field that it senses.
         transmit_dbm: power of its radio.
         rng: the mote's own.
         tick_s: how long a tick is.
@@ -221,7 +222,7 @@ class SimulatedMote:
         return self._newest
 
     def stored(self, number: int, tick: int) -> ReadingPayload | None:
-        """A reading in its log, as it would tell it now; None if it has forgotten it."""
+        """A reading in its log, as it would send it now; None if the log has lost it."""
         return self._payload(number, tick) if number in self.log else None
 
     def listens_at(self, tick: int) -> bool:
@@ -229,7 +230,7 @@ class SimulatedMote:
         return not self.battery.is_flat and (self._spec.check_s > 0 or tick <= self._listens_until_tick)
 
     def wake(self, tick: int, field: SimulatedField) -> ActiveMessage:
-        """Do what is due; returns the packet that it sends."""
+        """Do everything that is due; returns the packet that it sends."""
         self._sleep_until(tick)
         if self._answers and self._answer_tick <= tick:
             number = self._answers.popleft()
@@ -247,7 +248,7 @@ class SimulatedMote:
 
     def hear(self, message: ActiveMessage, tick: int) -> None:
         """A packet for it has arrived; one that it does not understand is left alone."""
-        if tick > self._listens_until_tick:  # heard with low-power listening: on the average half of the preamble
+        if tick > self._listens_until_tick:  # received with low-power listening: on the average half of the preamble
             self.battery.spend(MoteState.LISTEN, 0.5 * self._spec.check_s)
         try:
             if message.type == REQUEST_TYPE:
@@ -309,7 +310,7 @@ class SimulatedMote:
         self._drop_answers()
 
     def _drop_answers(self) -> None:
-        """Do not answer with what the log has not any more."""
+        """Do not answer with readings that the log has lost."""
         if self._answers:
             self._answers = deque(number for number in self._answers if number in self.log)
 
@@ -324,11 +325,11 @@ class SimulatedMote:
             self.period_ds = period_ds
             self._due_s = tick * self._tick_s + self._rate * period_ds / DECI
             self._sense_tick = self._tick_of(self._due_s, tick)
-        # The newest reading, once more, tells that the duty was heard.
+        # The newest reading, sent once more, confirms that the duty was received.
         self._queue([self._newest] if self._newest in self.log else [], tick)
 
     def _sleep_until(self, tick: int) -> None:
-        """Count the time since it woke last: what it did then, listening, and sleep."""
+        """Count the time since it last woke: its activity then, listening, and sleep."""
         passed_s = max(0.0, (tick - self._awake_tick) * self._tick_s - self._awake_s)
         listened_s = min(passed_s, self._spec.listen_s) if self._newest >= 0 else 0.0
         slept_s = passed_s - listened_s

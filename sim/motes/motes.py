@@ -1,7 +1,7 @@
 """The mote field: sensor motes on the floor, and the air between them and the robots' base stations.
 
 A robot's packet to all motes also reaches the base stations of other robots in reach. Gateways have base stations as
-well, which stand. Motes pass on each other's readings if `[motes.mesh]` says so (`mesh`).
+well, which stand. Motes forward each other's readings if `[motes.mesh]` says so (`mesh`).
 
 Packets meet path loss, shadowing and noise (`radio`), not each other: collisions on the air are not simulated.
 """
@@ -43,11 +43,11 @@ class MoteField:
     Each mote, and each pair of mote and robot, has its own randomness: more motes or robots do not change the others'.
 
     Args:
-        motes: what lies where; the order decides who gets which randomness.
+        motes: places of all bodies; their order decides the assignment of randomness.
         robots: names of the robots with a base station, in the order in which `step()` gets their bodies.
-        network: what the motes and their radio are.
-        field: what is sensed.
-        endpoint: where packets that are heard are put, and packets of base stations come from.
+        network: properties of the motes and their radio.
+        field: the field that motes sense.
+        endpoint: receiver of the packets that arrive, and source of base stations' packets.
         rng: source of the motes' randomness.
         tick_s: how long a tick is.
         gateways: motes beside which another base station stands, which is called like its mote.
@@ -88,7 +88,7 @@ class MoteField:
         between = np.random.SeedSequence(own_seed.entropy, spawn_key=(*own_seed.spawn_key, BETWEEN_ROBOTS))
         self.between_robots = RobotAir(network.radio, between)
         self.mesh: MoteMesh | None = None
-        """None if motes do not hear each other."""
+        """None if motes do not receive each other's packets."""
         kind = network.motes
         if motes and kind.mesh.hops:
             seed = np.random.SeedSequence(own_seed.entropy, spawn_key=(*own_seed.spawn_key, BETWEEN_MOTES))
@@ -114,7 +114,7 @@ class MoteField:
         heapq.heapify(self._wakes)
 
     def step(self, robots: Sequence[Body]) -> None:
-        """Go on by a tick: base stations' packets reach motes; motes whose time has come sense and send."""
+        """Advance by a tick: base stations' packets reach motes; motes whose time has come sense and send."""
         self._tick += 1
         if self._inbox.has_some:
             self._update_robot_places(robots)
@@ -138,7 +138,7 @@ class MoteField:
             self.mesh.sent(index, message, self._tick, is_heard=is_heard)
 
     def _say(self, index: int, message: ActiveMessage) -> bool:
-        """To each base station that hears it, with its own signal strength; whether there is one."""
+        """To each base station in reach, with its own signal strength; whether there is one."""
         self.counters.sent += 1
         packet = message.pack()
         heard = self._air[index].heard_by(self._xs_m, self._ys_m)
@@ -147,7 +147,7 @@ class MoteField:
         return bool(heard)
 
     def _near_stations(self, least_dbm: float) -> list[int]:
-        """Motes that a base station hears at least at this mean strength."""
+        """Motes whose packets a base station receives at least at this mean strength."""
         return [index for index, air in enumerate(self._air) if air.best_dbm(self._xs_m, self._ys_m) >= least_dbm]
 
     def _from_robot(self, name: str, packet: bytes) -> None:
@@ -176,7 +176,7 @@ class MoteField:
                     self.mesh.down.from_station(index, message.payload, self._tick)
 
     def _deliver(self, index: int, message: ActiveMessage) -> None:
-        """Give a mote a packet that it has heard."""
+        """Give a mote a packet that it has received."""
         mote = self.motes[index]
         before = mote.next_tick
         mote.hear(message, self._tick)
@@ -185,7 +185,7 @@ class MoteField:
 
     def _to_robots(self, sender: int, packet: bytes, *, is_beacon: bool) -> None:
         robots = self._robots
-        if sender >= robots:  # a gateway: robots leave alone what it says
+        if sender >= robots:  # a gateway: robots ignore its messages
             return
         xs_m, ys_m = self._xs_m[:robots], self._ys_m[:robots]
         for robot, rssi_dbm in self.between_robots.heard_by(sender, xs_m, ys_m, self._tick):
@@ -229,7 +229,7 @@ class _Air:
         return strength_dbm >= self._weakest_dbm and self._link(robot).receive_dbm(strength_dbm) is not None
 
     def best_dbm(self, xs_m: Floats, ys_m: Floats) -> float:
-        """Mean strength at which the nearest base station, by what lies between, hears the mote."""
+        """Mean strength at which the nearest base station, by the links between, receives the mote."""
         return float(self._expected_dbm(xs_m, ys_m).max(initial=-np.inf))
 
     def _expected_dbm(self, xs_m: Floats, ys_m: Floats) -> Floats:

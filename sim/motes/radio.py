@@ -7,7 +7,7 @@ Transitional Region in Low Power Wireless Links, IEEE SECON 2004. It is the mode
 FSK, Manchester coded, 19.2 kbit/s in a noise bandwidth of 30 kHz).
 
 The exponent lies between those of Rappaport's table for offices; transmit power and sensitivity are in the range of the
-CC1000. All defaults are chosen, so that a packet is heard some 10 m away.
+CC1000. All defaults are chosen, so that a packet is received some 10 m away.
 """
 
 import math
@@ -40,7 +40,7 @@ SEND_MA = (
     (8.0, 18.3),
     (10.0, 22.4),
 )
-"""The CC1000's power levels, dBm, and what it draws at each."""
+"""The CC1000's power levels, dBm, and the current at each."""
 
 FRESH_V, FLAT_V = 3.1, 2.1
 S_PER_H = 3600.0
@@ -111,7 +111,7 @@ class MoteBattery:
 
     @property
     def is_flat(self) -> bool:
-        """Whether nothing is left."""
+        """Whether no charge remains."""
         return self._used_mas >= self._capacity_mas
 
     @property
@@ -285,7 +285,7 @@ class RobotAir:
     unless both stand in one place. Chosen, for lack of a model of moving pairs that is as simple.
 
     Args:
-        radio: what it is like.
+        radio: its properties.
         seed: seed of the randomness of each pair of sender and receiver.
 
     """

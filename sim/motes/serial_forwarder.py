@@ -16,7 +16,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 
 LOOPBACK = "127.0.0.1"
 MAX_CLIENTS = 16
-"""Of one base station; who comes then is hung up on."""
+"""Clients of one base station; a further client is disconnected."""
 MAX_WAITING_BYTES = 65_536
 """A client that reads so slowly misses packets."""
 CHUNK_BYTES = 4096
@@ -40,8 +40,8 @@ class SerialForwarder:
 
     Args:
         endpoint: where packets come from and go to.
-        robot: whose base station.
-        host: address to listen on; keep to loopback, the protocol knows no passwords.
+        robot: owner of the base station.
+        host: address to listen on; keep to loopback, as the protocol has no passwords.
         port: 0 for a free one.
 
     Raises:
@@ -71,7 +71,7 @@ class SerialForwarder:
         return len(self._clients)
 
     def step(self) -> None:
-        """Take in new clients, hand on what the radio heard, and send what clients want sent."""
+        """Accept new clients, forward packets that the radio received, and send clients' packets."""
         packets = [packet for _, _, packet in self._inbox.drain_raw()] if len(self._inbox) else []
         everybody: list[socket.socket | _Client] = [self._server, *self._clients]
         readable, _, _ = select.select(everybody, (), (), 0.0)

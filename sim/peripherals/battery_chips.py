@@ -30,7 +30,7 @@ class SmartBatteryChip:
         return words[register]
 
     def write(self, register: int, word: int) -> None:
-        """As I2cChip; it takes nothing."""
+        """As I2cChip; it accepts no writes."""
         raise OSError(errno.EREMOTEIO, "Remote I/O error")
 
 
@@ -43,7 +43,7 @@ class InaChip:
         self.restart()
 
     def restart(self) -> None:
-        """Lose power, and have it again: what was configured is lost."""
+        """Lose power, and regain it: the configuration is lost."""
         self.configuration = 0x4127 if self._is_226 else 0x399F
 
     def word(self, register: int) -> int:

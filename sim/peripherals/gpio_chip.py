@@ -13,7 +13,7 @@ Line = int | str
 
 
 class GpioChip:
-    """A chip; `request_lines` takes the place of gpiod's function.
+    """A chip; `request_lines` replaces gpiod's function.
 
     Args:
         names: offset of each line that has a name.

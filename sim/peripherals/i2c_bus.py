@@ -18,7 +18,7 @@ class I2cChip(Protocol):
 
 
 class I2cBus:
-    """A bus; `open` takes the place of the class `SMBus`."""
+    """A bus; `open` replaces the class `SMBus`."""
 
     def __init__(self) -> None:
         self.chips: dict[int, I2cChip] = {}

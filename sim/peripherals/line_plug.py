@@ -40,7 +40,7 @@ class SerialPlug:
             self._far = None
 
     def send(self, data: bytes) -> int:
-        """Send as much as the line takes at once; the number of bytes (OSError if it is not plugged in)."""
+        """Send as many bytes as the line accepts at once; the number of bytes (OSError if it is not plugged in)."""
         if self._far is None:
             raise OSError(f"{self.path} is not plugged in")
         try:
@@ -61,26 +61,26 @@ class LinePlug:
 
     Args:
         endpoint: where the bytes come from.
-        robot: whose hardware.
+        robot: robot whose hardware it is.
         line: its name, such as `lidar`.
         path: by which the line is opened; a link to the pseudo terminal.
 
     Raises:
-        OSError: there are no pseudo terminals, or the path is taken by something else.
+        OSError: there are no pseudo terminals, or the path exists already.
 
     """
 
     def __init__(self, endpoint: Endpoint, robot: str, line: str, path: Path) -> None:
         self.robot, self.line, self.path = robot, line, path
         self.lost_bytes = 0
-        """Bytes that nobody has read in time."""
+        """Bytes that were not read in time."""
         self._inbox = Inbox(capacity=64)
         self._plug = SerialPlug(path)
         endpoint.subscribe(self._inbox, ARENA_SERIAL, robot=robot, line=line)
         self._sent = endpoint.publisher(ARENA_SERIAL_TX, robot=robot, line=line)
 
     def step(self) -> None:
-        """Pass on what has been sent, both ways."""
+        """Forward sent bytes, in both directions."""
         if data := self._plug.receive():
             self._sent.put_bytes(data)
         for _, _, data in self._inbox.drain_raw() if self._inbox.has_some else ():

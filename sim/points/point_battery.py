@@ -1,4 +1,4 @@
-"""Battery of a point: it knows exactly what is left."""
+"""Battery of a point: it has exact knowledge of its charge."""
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external

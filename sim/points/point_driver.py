@@ -110,12 +110,12 @@ class PointDriver(Unit):
         return Motion.STANDING if self._goal is None else Motion.DRIVING
 
     def blocked_s(self) -> float:
-        """Nothing stands in a point's way."""
+        """Nothing obstructs a point."""
         return 0.0
 
     @external
     def blocked_why(self) -> str:
-        """Nothing stands in a point's way."""
+        """Nothing obstructs a point."""
         return ""
 
     def squeezes(self) -> bool:

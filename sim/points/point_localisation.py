@@ -12,7 +12,7 @@ COVARIANCE = (VARIANCE, 0.0, 0.0, 0.0, VARIANCE, 0.0, 0.0, 0.0, VARIANCE)
 
 
 class PointLocalisation(Skill):
-    """Knows where the robot is."""
+    """Localisation with the true pose of the robot."""
 
     Parameters = Localisation.Parameters
     interface = LocalisationInterface

@@ -25,13 +25,13 @@ NO_CIRCLES = np.empty((0, 3))
 
 
 class PointMapper(Skill):
-    """Reveals the floor around the robot, and merges what the others have revealed."""
+    """Reveals the floor around the robot, and merges the areas that the others have revealed."""
 
     class Parameters(Mapper.Parameters, frozen=True, forbid_unknown_fields=True):
         """As those of the stock mapper, whose grid they give."""
 
         known: bool = False
-        """Whether the robot knows the whole floor from the start."""
+        """Whether the robot has the map of the whole floor from the start."""
 
     interface = MapperInterface
     period_s = POINT_TICK_S
@@ -130,7 +130,7 @@ class PointMapper(Skill):
             self._publish(patch)
 
     def _publish(self, patch: PatchCells) -> None:
-        """Merge what the robot has seen, and publish it."""
+        """Merge the area that the robot has seen, and publish it."""
         self._atlas.take((self.env.robot, self._number), patch.row, patch.column, patch.cells, patch.stamp_ms)
         self._patches.put(to_message(self.env.robot, self._own.geometry, patch, self._number))
 

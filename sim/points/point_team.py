@@ -1,7 +1,7 @@
 """Robots that are points: an exact pose on the floor, and a battery that follows the energy model.
 
 They drive along paths at constant speed, through each other if they must, and turn at once. The plugins of this folder
-take the roles of those that need a body, a bus or a sensor.
+replace those that need a body, a bus or a sensor.
 """
 
 import math
@@ -25,7 +25,7 @@ POINT_TICK_S = 0.2
 WATCHDOG_S = 0.5
 """A robot stands this long after its driver's last command."""
 ROLES = {name: f"point_{name}" for name in ("driver", "localisation", "mapper", "battery")}
-"""Plugins of this folder, by the plugin whose place each takes."""
+"""Plugins of this folder, by the plugin that each replaces."""
 PLACE = Path(__file__).parent
 HARDWARE_PLUGINS = ("mocdevice", "scan", "range_sensors", "bm2", "imu")
 """Stock plugins of hardware that points lack."""
@@ -44,7 +44,7 @@ class PointFloor:
     """The true floor.
 
     Args:
-        walls: (H, W) what is solid.
+        walls: (H, W) solid cells.
         geometry: where `walls` lies in the arena frame.
 
     """
@@ -78,7 +78,7 @@ class PointRobot:
     """One robot: its pose, its path and its battery.
 
     Args:
-        spec: what it is built of, and where it starts.
+        spec: its construction, and its start.
         floor: on which it drives.
 
     """
@@ -155,11 +155,11 @@ class PointRobot:
         self.pose = Pose2D(self.x_m, self.y_m, self.yaw_rad)
 
     def carry_to(self, pose: Pose2D) -> None:
-        """Somebody picks the robot up and puts it down here."""
+        """A person picks the robot up and puts it down here."""
         self.x_m, self.y_m, self.yaw_rad, self.pose = pose.x_m, pose.y_m, pose.yaw_rad, pose
 
     def set_fault(self, fault: FaultSpec, *, breaks: bool) -> None:
-        """Break something now; there is nothing to mend."""
+        """Apply a fault now; there is nothing to repair."""
         if fault.kind is FaultKind.CARRIED_OFF:
             assert fault.place_m is not None  # FaultSpec has checked it
             self.carry_to(Pose2D(*fault.place_m, fault.yaw_rad))
@@ -244,10 +244,10 @@ class PointTeam:
             robot.step(self._tick_s)
 
     def report(self, tick: int) -> None:
-        """Points have no sensors that send anything."""
+        """Points have no sensors that send messages."""
 
     def close(self) -> None:
-        """There is nothing to close."""
+        """There are no resources to close."""
 
 
 def robot_of(env: Environment) -> PointRobot:

@@ -25,7 +25,7 @@ STATE = np.dtype(
         ("distance_m", "f8"),
     ]
 )
-"""Pose in the arena frame, displacement of the last tick in the body frame, and the way since the start."""
+"""Pose in the arena frame, displacement of the last tick in the body frame, and the path length since the start."""
 
 WHEELS = np.dtype(
     [
@@ -68,13 +68,13 @@ def wheel_turn_rad(
     forward_m: float,
     left_m: float,
 ) -> float:
-    """Turn of an exact wheel on a base that moves by this; `turning_m` is its way by the base's turn."""
+    """Turn of an exact wheel on a base with this motion; `turning_m` is its path length from the base's turn."""
     return (TANGENTS[wheel][0] * forward_m + TANGENTS[wheel][1] * left_m + turning_m) / radius_m
 
 
 @register_jitable
 def axial_m(wheel: int, forward_m: float, left_m: float) -> float:
-    """Way of a wheel along its axle."""
+    """Path length of a wheel along its axle."""
     return _AXLES[wheel][0] * forward_m + _AXLES[wheel][1] * left_m
 
 
@@ -82,7 +82,7 @@ def axial_m(wheel: int, forward_m: float, left_m: float) -> float:
 def slip_variance_m2(
     slip_m2_per_m: float, lateral_m2_per_m: float, turn_rad: float, radius_m: float, along_axle_m: float
 ) -> float:
-    """Of the slip along the tread: a random walk, whose variance grows with the way."""
+    """Of the slip along the tread: a random walk, whose variance grows with the path length."""
     return slip_m2_per_m * abs(turn_rad) * radius_m + lateral_m2_per_m * abs(along_axle_m)
 
 
@@ -142,7 +142,7 @@ def roll(
     used: NDArray[np.int64],
     refill_at: int,
 ) -> bool:
-    """Follow the bodies after a step of the space: pose, displacement, way and turns of the wheels.
+    """Update the bodies after a step of the space: pose, displacement, path length and turns of the wheels.
 
     Args:
         state: (N,) `STATE`, moved on in place.

@@ -1,4 +1,4 @@
-"""A camera on a simulated robot: what is in view, as a small picture, drawn when somebody asks for it.
+"""A camera on a simulated robot: a small picture of its view, drawn on request.
 
 A pinhole camera that looks ahead, level, from the robot's middle. Walls are found with the rays of the lidar, one a
 column. Floor and ceiling follow from the camera's height. Robots are cylinders in their colours, motes are posts with
@@ -146,7 +146,7 @@ PLATE_LOW_M, PLATE_HIGH_M = 0.2, 0.4
 CELL_M = (PLATE_HIGH_M - PLATE_LOW_M) / 7
 """Of a number's digits, which are five cells high with one above and one below."""
 NEAR_M = 0.12
-"""Nearer than this nothing is drawn but walls."""
+"""Nearer than this only walls are drawn."""
 PNG_LEVEL = 2
 """Of zlib: a tenth larger than its default makes it, in a quarter of the time."""
 FADE_PER_M = 0.07

@@ -23,7 +23,7 @@ ACCELERATION_MAX_M_S2 = 1.5
 """Acceleration that the wheels' grip allows; turning at speed uses its share of it."""
 YAW_ACCELERATION_MAX_RAD_S2 = 6.0
 COLLISION_SLOP_M = 0.001
-"""Overlap that the solver leaves, so that what rests stays in touch. pymunk's own 0.1 is meant for pixels."""
+"""Overlap that the solver leaves, so that resting bodies stay in touch. pymunk's own 0.1 is meant for pixels."""
 OVERLAP_LEFT_PER_TICK = 0.6
 """Share of an overlap that is left after a tick; stiffer than pymunk's 0.9 a sixtieth of a second."""
 APART_S = 0.5
@@ -48,7 +48,7 @@ class Body(Protocol):
     distance_m: float
     """Length of the path since the start."""
     was_carried: bool
-    """Whether somebody carried it in the last tick."""
+    """Whether a person carried it in the last tick."""
 
     @property
     def pose(self) -> Pose2D:
@@ -74,9 +74,9 @@ class RobotBody:
         self.forward_m, self.left_m, self.turned_rad = 0.0, 0.0, 0.0
         """Displacement of the last tick in the body frame, at the yaw halfway."""
         self.contacts_rad: list[float] = []
-        """Where something has touched the hull in the last tick: directions in the arena frame, from the centre."""
+        """Contacts of the hull in the last tick: directions in the arena frame, from the centre."""
         self.distance_m = 0.0
-        """Length of the way since the start."""
+        """Path length since the start."""
         self.was_carried = False
         """Whether `carry_to` was called since the last tick."""
         self.body = pymunk.Body(MASS_KG, pymunk.moment_for_circle(MASS_KG, 0.0, radius_m))
@@ -99,7 +99,7 @@ class RobotBody:
         return x_m, y_m
 
     def carry_to(self, pose: Pose2D) -> None:
-        """Somebody picks the robot up and puts it down here, at rest: its wheels do not turn."""
+        """A person picks the robot up and puts it down here, at rest: its wheels do not turn."""
         self.x_m, self.y_m, self.yaw_rad = pose.x_m, pose.y_m, pose.yaw_rad
         self.body.position = pose.x_m, pose.y_m
         self.body.angle = pose.yaw_rad
@@ -190,7 +190,7 @@ class RobotBodies:
         pymunk.batch.set_space_bodies(self._space, _RATES, self._telling)
 
     def roll(self) -> None:
-        """Follow the bodies after the step of the space: pose, way and wheels."""
+        """Update the bodies after the step of the space: pose, path length and wheels."""
         self._told.clear()
         pymunk.batch.get_space_bodies(self._space, _POSE_AND_RATES, self._told)
         self._motion = np.frombuffer(self._told.float_buf()).reshape(-1, MOTION)

@@ -50,7 +50,7 @@ class RobotHardware(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     wheels: WheelSpec = WheelSpec()
     camera: CameraSpec = CameraSpec()
     imu: ImuSpec | None = None
-    """An inertial measurement unit, whose turn rate the odometry takes; none if absent."""
+    """An inertial measurement unit, whose turn rate the odometry uses; none if absent."""
     consensus: bool = False
     """Whether robots go on without a coordinator, and allocate open tasks among themselves."""
 

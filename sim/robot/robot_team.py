@@ -1,4 +1,4 @@
-"""All robots of an arena, moved on together: arrays for what every robot does in every tick, calls for what is due."""
+"""All robots of an arena, updated together: arrays for the work of every tick, calls for work that is due."""
 
 import math
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ class RobotTeam:
 
     Args:
         plan: the floor.
-        walls: (H, W) what robots and cameras see; writable, doors and people change it.
+        walls: (H, W) cells that robots and cameras see; writable, doors and people change it.
         geometry: where `walls` lies in the arena frame.
         specs: the robots, in this order.
         endpoint: the arena's place on the wire.
@@ -93,7 +93,7 @@ class RobotTeam:
             self._loads[row] = robot.manager.load.row()
         self._encoders = WheelEncoders(np.array([robot.controller.ticks_per_rad for robot in robots]))
         self._hulls = np.zeros((len(robots) + len(circles), 3))
-        """x, y, radius of each robot, arena frame, filled in when somebody scans; then those of the circles."""
+        """x, y, radius of each robot, arena frame, filled in for a scan; then those of the circles."""
         self._hulls[: len(robots), 2] = [robot.body.radius_m for robot in robots]
         self.circles = self._hulls[len(robots) :]
         """(K, 3), kept up to date by their owner."""
@@ -101,7 +101,7 @@ class RobotTeam:
         self._at = self._hulls[: len(robots)]
         turns = math.lcm(*[robot.ranges.period_ticks for robot in robots])
         self._ranging = [[robot for robot in robots if robot.ranges.measures_at(tick)] for tick in range(turns)]
-        """Whose range sensors measure in a tick, by its remainder."""
+        """Robots whose range sensors measure in a tick, by its remainder."""
         self._sweeping = [robot for robot in robots if robot.line is not None]
         self._with_imu = [robot for robot in robots if robot.has_imu]
         self._described = [robot for robot in robots if robot.described is not None]
@@ -119,7 +119,7 @@ class RobotTeam:
         self._collisions.tick = tick
 
     def report(self, tick: int) -> None:
-        """Send what firmware and sensors measure."""
+        """Send the measurements of firmware and sensors."""
         self._report(tick)
         self._sense(tick)
 
@@ -138,7 +138,7 @@ class RobotTeam:
         self.bodies.drive()
 
     def _report(self, tick: int) -> None:
-        """Follow the bodies' motion and tell it on the buses."""
+        """Update the bodies' motion and report it on the buses."""
         bodies = self.bodies
         bodies.roll()
         add_motion(self._loads, bodies.state, self._tick_s)
@@ -177,7 +177,7 @@ class RobotTeam:
                 controller.send_counts()
 
     def _sense(self, tick: int) -> None:
-        """Measure the ranges and scan with the lidars that are due; then pass on what was late."""
+        """Measure the ranges and scan with the lidars that are due; then forward late messages."""
         due = [robot for robot in self.robots if tick % robot.scan_period_ticks == robot.scan_phase]
         ranging = self._ranging[tick % len(self._ranging)]
         if due or ranging or self._sweeping:

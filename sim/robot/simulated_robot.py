@@ -40,7 +40,7 @@ from robrain.sim.robot.wheels import Wheels
 CAN_CHANNEL = "can0"
 STANDARD_MASK = 0x7FF
 LIE_V, LIE_A, LIE_C = 16.7, 0.0, 22.0
-"""A battery that claims to be full and to give nothing, whatever the robot does."""
+"""A battery that reports full charge and no current, whatever the robot does."""
 OBEYED = ("WheelCommand", "Stop")
 """Frames that the robot's nodes listen to; those of a described base listen to its commands."""
 
@@ -59,12 +59,12 @@ class SimulatedRobot:
     `RobotTeam` moves it on together with others.
 
     Args:
-        spec: what it is built of, and where it starts.
+        spec: its construction, and its start.
         space: where its body moves.
-        walls: (H, W) what is solid; writable, as it would be copied otherwise.
+        walls: (H, W) solid cells; writable, as it would be copied otherwise.
         geometry: where `walls` lies in the arena frame.
         endpoint: the arena's place on the wire.
-        index: among the robots; they take turns, so that no tick has all the scans.
+        index: among the robots; they alternate, so that no tick has all the scans.
         tick_s: how long a tick is.
         rng: the source of all its randomness.
         surfaces: glass and mirrors among the walls; None if there are none.
@@ -105,7 +105,7 @@ class SimulatedRobot:
             on_outside=endpoint.record_outside,
         )
         self.pending: Sized = bus.pending
-        """Empty if nothing waits to be received by the motor controller."""
+        """Empty if no frame waits for the motor controller."""
         self.bus = BusLine(bus, late_frames, stamps)
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
         self.body = RobotBody(space, wheels, spec.start, spec.radius_m)
@@ -150,7 +150,7 @@ class SimulatedRobot:
         self.controller.powered = not self.battery.is_cut_off
 
     def drop_commands(self) -> None:
-        """Drop what the robot's computer has sent to its nodes and they have not received."""
+        """Drop all frames that the robot's computer has sent and its nodes have not received."""
         self.bus.read_frames()
         if isinstance(self.described, LineController):
             self.described.forget()
@@ -165,7 +165,7 @@ class SimulatedRobot:
         self.manager.supply_w = supply_w
 
     def set_fault(self, fault: FaultSpec, *, breaks: bool) -> None:
-        """Break something now, or mend it."""
+        """Apply a fault now, or repair it."""
         match fault.kind:
             case FaultKind.CAN_CUT | FaultKind.CAN_SHORTED as kind:
                 broken = LineFault.CUT if kind is FaultKind.CAN_CUT else LineFault.SHORTED
@@ -198,7 +198,7 @@ class SimulatedRobot:
             self.line.turn()
 
     def measure_turning(self) -> None:
-        """Send what the inertial measurement unit has measured in this tick."""
+        """Send the measurement of the inertial measurement unit in this tick."""
         if self._imu is not None and (data := self._imu.run(self.body.turned_rad / self._tick_s, self._tick_s)):
             self._put_imu(data)
 

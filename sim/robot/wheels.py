@@ -36,24 +36,24 @@ class WheelSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     slip: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0
     """Share of each wheel's turn that does not move the robot."""
     slip_sigma_m_per_sqrt_m: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
-    """Random slip along a wheel's tread: standard deviation of its way, in metres, after a metre of it."""
+    """Random slip along a wheel's tread: standard deviation of its path length, in metres, after a metre of it."""
     lateral_slip: Annotated[float, Meta(ge=-0.5, le=0.5)] = 0.0
-    """Way along the tread for each metre along the axle, by friction of the rollers."""
+    """Path along the tread for each metre along the axle, by friction of the rollers."""
     lateral_sigma_m_per_sqrt_m: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
     """Random slip along the tread while the wheel moves along its axle, after a metre of that."""
 
     @property
     def is_exact(self) -> bool:
-        """Whether the wheels are what the robot takes them for, and never slip."""
+        """Whether the wheels equal the robot's model of them, and never slip."""
         return self == WheelSpec()
 
 
 class Wheels:
-    """The true wheels of one robot: what way their turns make, and how far they turn on a way.
+    """The true wheels of one robot: the path of their turns, and their turns on a path.
 
     Args:
-        nominal: what the robot takes the base for.
-        true: what it is.
+        nominal: the robot's model of the base.
+        true: the true base.
         radius_share: true radius of each wheel over that of `true`.
         spec: how they slip.
         rng: draws the slip.
@@ -75,7 +75,7 @@ class Wheels:
         self._rng = rng
         self._normals: deque[float] = deque()
         self.path_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)
-        """Way of each wheel over that of an exact one."""
+        """Path of each wheel over that of an exact one."""
         self.lateral_slip = spec.lateral_slip
         self.slip_m2_per_m = spec.slip_sigma_m_per_sqrt_m**2
         """Variance of the slip along the tread, per metre of it."""
@@ -85,7 +85,7 @@ class Wheels:
 
     @classmethod
     def draw(cls, nominal: OmniBase, spec: WheelSpec, rng: np.random.Generator) -> Self:
-        """The wheels of one robot; takes four normal numbers from `rng`, and later those of the slip."""
+        """The wheels of one robot; draws four normal numbers from `rng`, and later those of the slip."""
         radius_errors = spec.radius_sigma * rng.standard_normal(3)
         distance_m = nominal.wheel_distance_m * (1.0 + spec.base_sigma * float(rng.standard_normal()))
         true = msgspec.structs.replace(nominal, wheel_distance_m=distance_m)

@@ -8,7 +8,7 @@ from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 
 CURVE_STEP_S = 5.0
 MILESTONES_PERCENT = (50, 90, 95, 99)
-"""Explored shares whose times a result tells."""
+"""Explored shares whose times a result reports."""
 
 
 class Progress(NamedTuple):
@@ -27,7 +27,7 @@ def drive(
     pacer: Pacer,
     on_progress: Callable[[Progress], None] | None,
 ) -> tuple[str, list[tuple[float, float]], dict[int, float]]:
-    """Tick a run until `end_reason` says why it ends.
+    """Tick a run until `end_reason` gives a reason to end.
 
     Args:
         run: set up, before its first tick.
@@ -66,7 +66,7 @@ def drive(
 
 
 def end_reason(run: LockstepRun, until_explored: float, time_limit_s: float, *, interrupted: bool) -> str:
-    """Why a run ends now, as in `RunResult.ended`; empty while it goes on.
+    """Reason why a run ends now, as in `RunResult.ended`; empty while it continues.
 
     While a task of the scenario or of a rule is open, only Ctrl-C and the time limit end it. A team that does not
     explore by itself ends with the tasks of its scenario, if that has any.

@@ -81,7 +81,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     starts_known: bool = True
     """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
     idle: bool = False
-    """Whether the team explores only if a task tells it to."""
+    """Whether the team explores only if a task requests it."""
     hardware: RobotHardware = RobotHardware()
     """Hardware of each robot."""
     network: SensorNetwork = SensorNetwork()
@@ -90,7 +90,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     planning: PlanningPolicy = PlanningPolicy()
     """Objective and parameters of the coordinator's plans."""
     rules: tuple[Rule, ...] = ()
-    """Tasks that the coordinator makes when something is sensed."""
+    """Tasks that the coordinator makes when a sensor reports an event."""
     faults: tuple[FaultSpec, ...] = ()
     """Faults and their times."""
     surfaces: SurfaceSpec = SurfaceSpec()
@@ -108,7 +108,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     about: str = ""
     """Purpose of the scenario, in one sentence."""
     links: LinkSpec | None = None
-    """The radio between robots and coordinator; None if everybody hears everybody."""
+    """The radio between robots and coordinator; None if every component receives all messages."""
     fidelity: Fidelity = Fidelity.FULL
     """How exactly robots are simulated."""
     seed: int = 1
@@ -159,7 +159,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             base: folder to which `[map] file` is relative.
 
         Raises:
-            ScenarioError: naming `where`, key and what was expected.
+            ScenarioError: naming `where`, key and expected value.
 
         """
         return cls._from_tables(parse_scenario(text, where), text, base=Path(base))
@@ -320,7 +320,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def _check_points(self) -> None:
-        """Raise ScenarioError for what robots that are points cannot have."""
+        """Raise ScenarioError for features that robots as points cannot have."""
         for fault in self.faults:
             if fault.kind not in POSSIBLE:
                 raise ScenarioError(f'{self.name}: faults: expected no {fault.kind} with fidelity "points"')
@@ -341,11 +341,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             seed: of all random numbers; the scenario's own if None.
             record: MCAP file to write.
             by: name of the client in the records.
-            party: whose radio the script uses, with `[links]`: `coordinator`, or a robot's name; by default it hears
-                and is heard everywhere.
+            party: party whose radio the script uses, with `[links]`: `coordinator`, or a robot's name. By default it is
+                in reach of all.
 
         Raises:
-            RobrainError: the scenario cannot be simulated, or a file not opened; the text says why.
+            RobrainError: the scenario cannot be simulated, or a file not opened; the text gives the reason.
 
         """
         scenario = self if seed is None else self.replace(seed=seed)
@@ -378,11 +378,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             session: an open lockstep session to use in place of a new one; closed with the run.
             on_progress: called with the progress of the run.
             on_open: called with the endpoints on which other processes may join, before the first tick.
-            before_set_up: called with the world when it is made, before anything of the run is set up.
+            before_set_up: called with the new world, before the run is set up.
             before_start: called with the run when it is set up, after `on_open` and before the first tick.
 
         Raises:
-            RobrainError: the scenario cannot be run; the text says why.
+            RobrainError: the scenario cannot be run; the text gives the reason.
 
         """
         until = self.until_explored if until_explored is None else until_explored
@@ -477,7 +477,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             session: an open lockstep session to use in place of a new one; closed with the run.
             should_stop: polled before each robot is set up; True ends the set-up.
             is_script: whether a script runs the team, for the recording.
-            fork: what the recording says of its parent.
+            fork: the recording's entry on its parent.
 
         Raises:
             RobrainError: saying what cannot be opened.

@@ -76,7 +76,7 @@ class TeamTable(Checked, frozen=True, forbid_unknown_fields=True):
     """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
 
     idle: bool = False
-    """Whether the team explores only if a task tells it to; it is then there for tasks, scripts and your hands."""
+    """Whether the team explores only if a task requests it; it is then there for tasks, scripts and manual control."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,11 +90,11 @@ class MotesTable(MoteSpec, frozen=True, kw_only=True, forbid_unknown_fields=True
     count: Annotated[int, Meta(ge=0, le=MAX_MOTES)] = 0
     """Number of motes, named `m1`, `m2` …; at least as many as there are `places_m`."""
     places_m: tuple[tuple[float, float], ...] = ()
-    """Places of the first motes; those of the others are drawn from the seed."""
+    """Places of the first motes; the others' are drawn from the seed."""
 
 
 class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file: either `[floor]`, a drawing, or `[map]`, a map_server file; `[robot]` is what all robots are."""
+    """The whole file: either `[floor]`, a drawing, or `[map]`, a map_server file; `[robot]` describes all robots."""
 
     scenario: ScenarioTable
     floor: FloorDrawing | None = None
@@ -194,7 +194,7 @@ def read_scenario_file(path: Path) -> tuple[ScenarioTables, str]:
     """A scenario file, and its text.
 
     Raises:
-        ScenarioError: naming file, key and what was expected.
+        ScenarioError: naming file, key and expected value.
 
     """
     try:
@@ -210,7 +210,7 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
     """Scenario tables from TOML text; `where` names the file in errors.
 
     Raises:
-        ScenarioError: naming file, key and what was expected.
+        ScenarioError: naming file, key and expected value.
 
     """
     try:

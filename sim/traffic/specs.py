@@ -21,7 +21,7 @@ LONGEST_S = 1e6
 class DoorSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[doors]]`: a door that opens and closes by a timetable: either `open_s` or `period_s`.
 
-    A closed door is a wall for robots, sensors and people. A door that would close on somebody waits until the way is
+    A closed door is a wall for robots, sensors and people. A door that would close on a body waits until its area is
     clear. The floor behind counts as reachable. Raises ValueError for impossible values.
     """
 
@@ -63,20 +63,20 @@ class MoverSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """
 
     via_m: tuple[tuple[float, float], ...]
-    """Points on its way, at least two; it begins at the first."""
+    """Points on its path, at least two; it begins at the first."""
     radius_m: Positive = 0.3
     """Radius of a disc."""
     size_m: tuple[float, float] | None = None
-    """Length along its way and width of a box; a disc if absent."""
+    """Length along its path and width of a box; a disc if absent."""
     speed_m_s: Positive = 0.5
     pause_s: NotNegative = 2.0
     """Stay at each point."""
     at_s: NotNegative = 0.0
     """Simulated time at which it sets out."""
     circles: bool = False
-    """Whether it goes from the last point straight to the first; if not, it goes back the way it came."""
+    """Whether it goes from the last point straight to the first; if not, it returns along its path."""
     stop_m: NotNegative = 0.6
-    """It stands while a robot is in its way and nearer than this; with 0 it stops for nobody."""
+    """It stands while a robot is on its path and nearer than this; with 0 it never stops."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -94,7 +94,7 @@ class MoverSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class PeopleSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[people]]`: people, as discs, who walk between places, each to one drawn at random, and stop for robots.
 
-    They take the shortest way around walls, and wait at closed doors. Raises ValueError for impossible values.
+    They use the shortest path around walls, and wait at closed doors. Raises ValueError for impossible values.
     """
 
     count: Annotated[int, Meta(ge=1, le=MAX_PEOPLE)] = 1
@@ -105,7 +105,7 @@ class PeopleSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
     pause_s: tuple[float, float] = (2.0, 15.0)
     """Shortest and longest stay at a place."""
     stop_m: NotNegative = 0.6
-    """They stand while a robot is in their way and nearer than this; with 0 they stop for nobody."""
+    """They stand while a robot is on their path and nearer than this; with 0 they never stop."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -117,7 +117,7 @@ class PeopleSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class TrafficSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything on a floor that moves and is no robot."""
+    """All moving bodies of a floor that are no robots."""
 
     doors: tuple[DoorSpec, ...] = ()
     movers: tuple[MoverSpec, ...] = ()
@@ -125,5 +125,5 @@ class TrafficSpec(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_on(self) -> bool:
-        """Whether there is anything."""
+        """Whether there are any."""
         return bool(self.doors or self.movers or self.people)

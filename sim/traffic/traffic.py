@@ -27,7 +27,7 @@ from robrain.sim.traffic.walker import Disc, Errands, Rounds, Walker
 PITCH_M = 0.15
 """Distance between neighbouring points of the lattice that ways are found on."""
 STRAIGHT, DIAGONAL = 5, 7
-"""Lengths of its edges: whole numbers, so that the order of equal ways does not depend on rounding."""
+"""Lengths of its edges: whole numbers, so that the order of equal paths does not depend on rounding."""
 _STEPS = (
     (-1, 0, STRAIGHT), (0, -1, STRAIGHT), (0, 1, STRAIGHT), (1, 0, STRAIGHT),
     (-1, -1, DIAGONAL), (-1, 1, DIAGONAL), (1, -1, DIAGONAL), (1, 1, DIAGONAL),
@@ -84,7 +84,7 @@ def box_cells(box: Box, plan: FloorPlan) -> Cells:
 
 
 class WallStamps:
-    """Marks cells of the sensors' walls, and takes the marks away again.
+    """Marks cells of the sensors' walls, and removes the marks again.
 
     Args:
         walls: arrays (H, W) of the sensors, changed in place.
@@ -123,7 +123,7 @@ class Walkways:
         self._free = {(row, column) for row, column in np.argwhere(free).tolist()}
 
     def way(self, start: Point2D, end: Point2D) -> list[Point2D] | None:
-        """Corners of the shortest way, from start to end; None if there is none."""
+        """Corners of the shortest path, from start to end; None if there is none."""
         begin, goal = self._node(start), self._node(end)
         if begin is None or goal is None:
             return None
@@ -142,7 +142,7 @@ class Walkways:
         return self._clear(start, end)
 
     def _search(self, begin: Node, goal: Node) -> list[Node]:
-        """Nodes of a shortest way, by A* (Hart, Nilsson and Raphael 1968); empty if there is none.
+        """Nodes of a shortest path, by A* (Hart, Nilsson and Raphael 1968); empty if there is none.
 
         A diagonal step needs both nodes beside it to be free.
         """
@@ -186,7 +186,7 @@ class Walkways:
         return self._plan.centre_of(row * self._step, column * self._step)
 
     def _pulled(self, points: list[Point2D]) -> list[Point2D]:
-        """The way without the corners that a straight line can leave out."""
+        """The path without the corners that a straight line can skip."""
         pulled, at = [points[0]], 0
         while at < len(points) - 1:
             ahead = len(points) - 1
@@ -209,17 +209,17 @@ class Walkways:
 
 
 def _least(one: Node, other: Node) -> int:
-    """Length of a way between two nodes where there is nothing between them."""
+    """Length of a path between two nodes without an obstacle between them."""
     rows, columns = abs(one[0] - other[0]), abs(one[1] - other[1])
     return STRAIGHT * max(rows, columns) + (DIAGONAL - STRAIGHT) * min(rows, columns)
 
 
 CLEAR_M = 0.5
-"""A door closes if nobody is nearer than this, so that nobody who is about to pass meets it."""
+"""A door closes if no body is nearer than this, so that a body that is about to pass does not meet it."""
 
 
 class Door:
-    """Open or closed, by its timetable and by who stands in it.
+    """Open or closed, by its timetable and by the bodies in it.
 
     Args:
         name: in the arena's truth.
@@ -255,7 +255,7 @@ class Door:
 
         Args:
             now_s: simulated time.
-            discs: everybody who may stand in it.
+            discs: all bodies that may stand in it.
 
         """
         due = self.is_due_open(now_s)
@@ -290,7 +290,7 @@ class TrafficPlan(NamedTuple):
     rounds: tuple[tuple[Point2D, ...], ...]
     """Points of each mover."""
     ways: tuple[dict[tuple[int, int], list[Point2D]], ...]
-    """For each table of people: way from a place to another, by their numbers."""
+    """For each table of people: path from a place to another, by their numbers."""
     places: tuple[tuple[Point2D, ...], ...]
     """For each table of people."""
 
@@ -359,7 +359,7 @@ def _is_apart(place: Point2D, radius_m: float, starts: Sequence[Disc]) -> bool:
 def _places(
     spec: PeopleSpec, key: str, plan: FloorPlan, starts: Sequence[Disc], rng: np.random.Generator
 ) -> tuple[tuple[Point2D, ...], dict[tuple[int, int], list[Point2D]]]:
-    """Places of people, those apart from the robots' starts first, and the ways between them."""
+    """Places of people, those apart from the robots' starts first, and the paths between them."""
     walkways = Walkways(plan, spec.radius_m + WALL_ROOM_M)
     if spec.places_m:
         places = [Point2D(*place) for place in spec.places_m]
@@ -398,12 +398,12 @@ def _places(
 
 
 class Traffic:
-    """Moves everything that is no robot; stepped by the arena before its space.
+    """Moves all bodies that are no robots; stepped by the arena before its space.
 
     Args:
         planned: the traffic.
         plan: the floor.
-        space: where the bodies are added, after those of the robots.
+        space: space to which the bodies are added, after those of the robots.
         walls: of all sensors; closed doors and boxes are marked in them.
         starts: hulls of the robots at the start.
         tick_s: duration of a tick.
@@ -495,7 +495,7 @@ class Traffic:
             self._stamp()
 
     def truth(self) -> list[BodyTruth]:
-        """Where everything is; an open door is left out."""
+        """Places of all bodies; an open door is skipped."""
         found = []
         for door in self._doors:
             if not door.is_open:

@@ -32,13 +32,13 @@ class Rounds:
         return self._points[0]
 
     def next_leg(self) -> Leg:
-        """The way to the next point."""
+        """The path to the next point."""
         self._at = (self._at + 1) % len(self._points)
         wait_s, self._wait_s = self._wait_s, self._pause_s
         return [self._points[self._at]], wait_s
 
     def turns_back(self) -> bool:
-        """A mover keeps to its way, however long it waits."""
+        """A mover keeps to its path, however long it waits."""
         return False
 
 
@@ -47,7 +47,7 @@ class Errands:
 
     Args:
         places: between which it walks.
-        ways: way from a place to another, by their numbers; all have one.
+        ways: path from a place to another, by their numbers; all pairs have one.
         start: number of its first place.
         pause_s: shortest and longest stay.
         rng: draws places and stays.
@@ -73,7 +73,7 @@ class Errands:
         return self._places[self._to]
 
     def next_leg(self) -> Leg:
-        """The way to another place."""
+        """The path to another place."""
         others = [number for number in range(len(self._places)) if number != self._to]
         self._from, self._to = self._to, others[int(self._rng.integers(len(others)))]
         return [*self._ways[self._from, self._to][1:]], float(self._rng.uniform(*self._pause_s))
@@ -85,14 +85,14 @@ class Errands:
 
 
 class Walker:
-    """One body on its way; stepped once a tick.
+    """One body on its path; stepped once a tick.
 
     Args:
         name: in the arena's truth.
         legs: where it goes.
         radius_m: of the disc that it needs.
         speed_m_s: while it moves.
-        stop_m: distance to a robot in its way at which it stands; 0 if it never does.
+        stop_m: distance to a robot on its path at which it stands; 0 if it never does.
 
     """
 
@@ -106,7 +106,7 @@ class Walker:
         self.x_m, self.y_m = begin.x_m, begin.y_m
         """Where it is, arena frame."""
         self.along = (1.0, 0.0)
-        """Direction of its way, a unit vector."""
+        """Direction of its path, a unit vector."""
         self._ahead, self._pause_s = legs.next_leg()
         self._passed = [begin]
         """Points of this leg that it has come by."""
@@ -114,7 +114,7 @@ class Walker:
         self._turn()
 
     def step(self, tick_s: float, robots: Sequence[Disc], blocks: Callable[[float, float, float], bool]) -> None:
-        """Move on by a tick, unless a robot or a closed door is in the way.
+        """Advance by a tick, unless a robot or a closed door is on the path.
 
         Args:
             tick_s: duration of the tick.

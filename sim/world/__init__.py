@@ -1,1 +1,1 @@
-"""The arena: floor, bodies, sensors and chargers, faults, and the referee that knows the truth."""
+"""The arena: floor, bodies, sensors and chargers, faults, and the referee that has the true state."""

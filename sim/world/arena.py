@@ -1,7 +1,7 @@
 """The arena: one tick of a simulated world after another, the same in lockstep and in live.
 
-Robots are driven by frames on their CAN buses and by nothing else. The arena counts ticks; its owner calls `step()`
-once a tick and moves the clock that stamps what is sent.
+Robots are driven only by frames on their CAN buses. The arena counts ticks; its owner calls `step()` once a tick and
+advances the clock that stamps messages.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,14 +43,14 @@ from robrain.sim.world.scenario_tasks import TaskSchedule, TaskSpec
 
 
 class SensorDesk:
-    """Answers with what a robot's board measures at the moment, with the noise of a mote's.
+    """Answers with the current measurements of a robot's board, with the noise of a mote's.
 
-    As with pictures, the noise comes from the time and the robot alone: who asks, and how often, changes nothing.
+    As with pictures, the noise comes from the time and the robot alone: queries do not change it.
 
     Args:
         names: of the robots.
         bodies: where they are, in the same order.
-        field: what is sensed.
+        field: the field that is sensed.
         endpoint: where it is asked.
         rng: source of the noise.
         moment: counts the ticks.
@@ -94,14 +94,14 @@ class SensorDesk:
 
 
 class CameraDesk:
-    """Answers with a PNG of what a robot sees at the moment. Nothing is drawn unless somebody asks.
+    """Answers with a PNG of a robot's current view. A picture is drawn on request only.
 
     Args:
         names: of the robots.
         specs: their cameras.
         bodies: where they are; all three in the same order.
-        motes: what else may be in view.
-        walls: (H, W) what is solid.
+        motes: further objects that may be in view.
+        walls: (H, W) solid cells.
         geometry: where `walls` lies in the arena frame.
         endpoint: where it is asked.
         rng: source of the pictures' noise.
@@ -178,7 +178,7 @@ class FaultSchedule:
         self._noise = ActiveMessage(type=FLOOD_TYPE, payload=bytes(16), source=0).pack()
 
     def step(self, sim_time_s: float) -> None:
-        """Break and mend what is due, and flood."""
+        """Begin and end the faults that are due, and flood."""
         while self._waiting and self._waiting[0][0] <= sim_time_s + 1e-9:
             _, _, fault, breaks = self._waiting.pop(0)
             self.set(fault, breaks=breaks)
@@ -187,7 +187,7 @@ class FaultSchedule:
                 radio.put_bytes(self._noise)
 
     def set(self, fault: FaultSpec, *, breaks: bool) -> None:
-        """Break something now, or mend it."""
+        """Apply a fault now, or repair it."""
         name = fault.robot
         robot = self._robots[name]
         if fault.kind is not FaultKind.MOTE_BASE_FLOODS:
@@ -215,15 +215,15 @@ class Arena:
         plan: the floor and its walls.
         robots: in this order; each starts clear of walls and of the others.
         motes: in this order.
-        endpoint: says everything that the arena says; its owner closes it after the arena.
+        endpoint: publishes all messages of the arena; its owner closes it after the arena.
         rng: the source of all randomness.
         tick_s: how long a tick is.
-        network: what motes and their radio are, and what they sense.
+        network: specification of motes, their radio and the field that they sense.
         chargers: docks on the floor.
-        faults: what hardware breaks, at set times.
+        faults: faults of hardware, at set times.
         surfaces: glass and mirrors among the walls; None if there are none.
         disturbance: delays of frames and scans; None for no delays.
-        tasks: what the scenario asks of the team, and when.
+        tasks: tasks of the scenario, and their times.
         traffic: doors, moving obstacles and people; None if there are none.
         gateway_wire: opens the endpoint of a gateway of this name, which its owner closes; None for the arena's own.
         points: whether robots are points, without hardware (`sim/points/`).
@@ -353,7 +353,7 @@ class Arena:
         )
 
     def step(self) -> None:
-        """One tick: firmware hears its bus, bodies move, firmware and sensors speak."""
+        """One tick: firmware reads its bus, bodies move, firmware and sensors send."""
         if self._faults.is_on:
             self._faults.step(self.sim_time_s)
         tick = self._ticks + 1
@@ -400,7 +400,7 @@ class Arena:
         self._named(robot).lidar.is_frozen = frozen
 
     def fail_motors(self, robot: str, *, failed: bool = True) -> None:
-        """Have a robot's power stage fail, or take the cause away (KeyError: no such robot)."""
+        """Make a robot's power stage fail, or remove the cause (KeyError: no such robot)."""
         self._named(robot).controller.has_failed = failed
 
     def carry_off(self, robot: str, pose: Pose2D) -> None:

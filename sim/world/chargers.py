@@ -28,7 +28,7 @@ class Chargers:
     """All docks of the arena, with the robots at them. A dock charges one robot, the first one.
 
     Args:
-        specs: in this order; a robot within reach of two takes the first that is free.
+        specs: in this order; a robot within reach of two uses the first that is free.
         tick_s: duration of a tick.
 
     """

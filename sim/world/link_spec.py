@@ -1,4 +1,4 @@
-"""The table `[links]` of a scenario: who hears whom on the team's own wire."""
+"""The table `[links]` of a scenario: links between members on the team's own wire."""
 
 import math
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ LOSS_DB_MAX = 200.0
 
 
 class PartitionSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[[links.partitions]]`: a time in which parts of the team do not hear each other.
+    """`[[links.partitions]]`: a time in which parts of the team do not receive each other's messages.
 
     Raises ValueError for a time that ends before it begins, and for a name in two groups.
     """
@@ -28,7 +28,7 @@ class PartitionSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     until_s: float | None = None
     """Simulated time at which it ends; absent for the rest of the run."""
     groups: tuple[tuple[str, ...], ...]
-    """Robots, gateways beside motes and `coordinator` that still hear each other. Those in no group are one more."""
+    """Robots, gateways beside motes and `coordinator` that still reach each other. Those in no group are one more."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,39 +51,39 @@ class PartitionSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class LinkSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[links]`: the radio between robots and coordinator; without the table, everybody hears everybody.
+    """`[links]`: the radio between robots and coordinator; without the table, every component receives all messages.
 
     In lockstep runs only, and only in those that no other process joins. Raises ValueError for impossible values.
     """
 
     range_m: PositiveOrInfinite = math.inf
-    """Distance up to which two radios hear each other with a free line of sight."""
+    """Distance up to which two radios reach each other with a free line of sight."""
     wall_db: Annotated[float, Meta(ge=0, le=LOSS_DB_MAX)] = 0.0
     """Attenuation of each wall between them."""
     walls_block: bool = False
-    """Whether no radio hears another through a wall."""
+    """Whether no radio reaches another through a wall."""
     exponent: Positive = 3.0
     """Path-loss exponent, by which walls shorten the range: to `10 ** (-walls * wall_db / (10 * exponent))` of it."""
     loss: Annotated[float, Meta(ge=0, le=LOSS_MAX)] = 0.0
     """Probability that a hop loses a message."""
     delay_s: Annotated[float, Meta(ge=0, le=DELAY_MAX_S)] = 0.0
-    """Time that each hop takes, besides that of sending."""
+    """Delay of each hop, besides that of sending."""
     bandwidth_bytes_s: PositiveOrInfinite = math.inf
-    """Rate at which each radio sends its own messages and those that it relays, one after the other."""
+    """Rate at which each radio sends its own messages and relayed ones, one after the other."""
     queue_s: Positive = 1.0
     """A message that would wait for its radio for longer than this is dropped."""
     relays: bool | tuple[str, ...] = True
     """Members that forward messages of others: all, none, or those with these names (robots, or `coordinator`)."""
     lost_after_s: NotNegative = 2.0
-    """Time after which a party counts those that it no longer hears as absent, as by Zenoh's lease."""
+    """Time after which a party counts silent members as absent, as by Zenoh's lease."""
     return_after_s: NotNegativeOrInfinite = 10.0
     """Time after which an idle robot drives back to its start, where others may receive its messages again. `inf` keeps
-    it at its place. Robots that do not know where they start stay.
+    it at its place. Robots that do not know their start poses stay.
     """
     coordinator_m: tuple[float, float] | None = None
     """Place of the coordinator's radio, arena frame; that of the first robot's start if absent."""
     partitions: tuple[PartitionSpec, ...] = ()
-    """Times in which parts of the team do not hear each other."""
+    """Times in which parts of the team do not receive each other's messages."""
 
     def check_names(self, robots: Iterable[str], where: str, gateways: Iterable[str] = ()) -> None:
         """Check that there are all robots, and gateways beside motes, that the table names.
@@ -107,7 +107,7 @@ class LinkSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return {"idle": {"home": [start.x_m, start.y_m], "return_after_s": self.return_after_s}}
 
     def reach_m(self, walls: int) -> float:
-        """Distance up to which two radios hear each other with that many walls between them."""
+        """Distance up to which two radios reach each other with this number of walls between them."""
         if walls and self.walls_block:
             return 0.0
         return self.range_m * math.pow(10.0, -walls * self.wall_db / (10.0 * self.exponent))
@@ -118,7 +118,7 @@ class LinkSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def check_alone(links: LinkSpec | None, where: str, *, is_alone: bool) -> None:
-    """Check that no other process joins a run with `[links]`: it would hear, and be heard by, everybody.
+    """Check that no other process joins a run with `[links]`: it would be in reach of every component.
 
     Raises:
         ScenarioError: one may; names `where`.

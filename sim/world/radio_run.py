@@ -87,7 +87,7 @@ class TeamRadio:
         self._standing = dict(standing or {})
         self.parties: Sequence[str] = (COORDINATOR, *robots, *self._standing)
         self.where: Places = lambda: starts_m
-        """Says where the robots are; the starts until it is set."""
+        """Gives the robots' poses; their starts until it is set."""
         own_m = spec.coordinator_m
         self._own_m = (float(starts_m[0, 0]), float(starts_m[0, 1])) if own_m is None else own_m
         self._spec = spec
@@ -123,17 +123,17 @@ class TeamRadio:
         return True
 
     def set_hung(self, party: str, *, is_hung: bool) -> None:
-        """Whether a party's process stands still; if so, it relays nothing."""
+        """Whether a party's process hangs; if so, it relays nothing."""
         if is_hung != (party in self._hung):
             self._hung.symmetric_difference_update({party})
             self._ways.clear()
 
     def hears(self, party: str) -> list[str]:
-        """Those whom a party hears without a relay, in the order of `parties`."""
+        """Parties in direct reach of a party, in the order of `parties`."""
         return self._hears[party]
 
     def hops(self, speaker: str, hearer: str) -> int | None:
-        """Number of hops from one party to another; None if there is no way."""
+        """Number of hops from one party to another; None if there is no route."""
         way = self._shortest_paths(speaker).get(hearer)
         return None if way is None else len(way) - 1
 
@@ -181,7 +181,7 @@ class TeamRadio:
         return total_ns if total_ns <= limit_ns else None
 
     def _along(self, way: list[str], took: dict[str, int | _Dropped], size: int, now_ns: int) -> int | _Dropped:
-        """Send a sample along a way, as far as that was not done for other hearers."""
+        """Send a sample along a route, as far as that was not done for other receivers."""
         for sender, receiver in pairwise(way):
             before = took[sender]
             if isinstance(before, _Dropped):
@@ -193,7 +193,7 @@ class TeamRadio:
         return took[way[-1]]
 
     def _send(self, sender: str, receiver: str, size: int, now_ns: int) -> int | _Dropped:
-        """One hop; returns how long it takes."""
+        """One hop; returns its delay."""
         spec = self._spec
         free_ns = max(now_ns, self._free_ns.get(sender, 0))
         if free_ns - now_ns > to_ns(spec.queue_s):
@@ -273,12 +273,12 @@ class RadioFaults:
 
     @property
     def lost(self) -> int:
-        """See FaultyWire: what was lost on a hop, and may have been sent again."""
+        """See FaultyWire: messages lost on a hop, which may have been sent again."""
         return self._faults.lost
 
     @contextmanager
     def acting(self, component: str) -> Iterator[None]:
-        """See FaultyWire: whose an endpoint is, it says itself."""
+        """See FaultyWire: an endpoint names its owner."""
         yield
 
     def begin(self, number: int, fault: FaultSpec) -> None:
@@ -346,12 +346,12 @@ class RadioRun:
         return self.network.counters
 
     def follow(self, bodies: Sequence[Body], endpoint: Endpoint) -> None:
-        """Measure by where the robots are from now on, and publish who hears whom by an endpoint of the arena."""
+        """Measure by the robots' current poses from now on, and publish the links by an endpoint of the arena."""
         self.network.where = lambda: np.array([(body.x_m, body.y_m) for body in bodies]).reshape(-1, 2)
         self._say = endpoint.publisher(ARENA_LINKS)
 
     def step(self) -> None:
-        """Deliver what has arrived, and say who hears whom if it is time."""
+        """Deliver arrived messages, and publish the links if it is time."""
         self.exchange.step()
         now_ns = self._clock.now_ns()
         if now_ns >= self._publish_ns:

@@ -1,6 +1,6 @@
-"""The referee: how much of the floor that robots can reach the team's maps know.
+"""The referee: the share of the reachable floor that is known in the team's maps.
 
-It hears the same patches that the robots send each other, so its map is what the team could know together.
+It receives the same patches that the robots send each other, so its map is the common knowledge of the team.
 """
 
 import math
@@ -48,15 +48,15 @@ def team_geometry(plan: FloorPlan, resolution_m: float = TEAM_RESOLUTION_M) -> G
 
 
 class Referee:
-    """Merges all robots' patches and tells the explored share.
+    """Merges all robots' patches and reports the explored share.
 
     Args:
         plan: the true floor.
         starts: where the robots start, arena frame.
-        clearance_m: least clearance of the robots, which decides what they can reach
+        clearance_m: least clearance of the robots, which decides their reachable area
             (`algorithms/navigation/clearance.py`).
         geometry: the team's grid; patches for another are refused and counted in `refused_patches`.
-        endpoint: where the patches are heard.
+        endpoint: endpoint on which the patches arrive.
 
     """
 
@@ -96,7 +96,7 @@ class Referee:
         return np.where(self.grid.known(), 0.0, self._weights * self._cell_m2)
 
     def step(self) -> None:
-        """Merge what has arrived."""
+        """Merge the patches that have arrived."""
         for received in self._inbox.drain():
             try:
                 merge_message(self._atlas, in_own_time(received.message, self._clock.now_ns()))
@@ -174,7 +174,7 @@ class AccuracyWatch:
         """Stamp, and x, y, yaw of each robot; the yaw is not wrapped."""
         self._inbox = Inbox(STATES + len(robots))
         self.at_task = [False] * len(bodies)
-        """Whether each robot had a task in the last state that was heard, in the order of `bodies`."""
+        """Whether each robot had a task in its last received state, in the order of `bodies`."""
         self._steps = 0
         self._map_version = -1
         self._map_accuracy: MapAccuracy | None = None
@@ -282,7 +282,7 @@ class NotSeen(msgspec.Struct, frozen=True, kw_only=True, tag_field="code", tag="
 
 
 class GapTooNarrow(msgspec.Struct, frozen=True, kw_only=True, tag_field="code", tag="gap_too_narrow"):
-    """Even the widest way there has a gap too narrow for the robots; the referee does not count this floor."""
+    """Even the widest path there has a gap too narrow for the robots; the referee does not count this floor."""
 
     gap_m: float
     """Width of the gap, to within half a cell of the plan."""
@@ -315,7 +315,7 @@ def floor_left(plan: FloorPlan, starts: list[Point2D], radius_m: float, referee:
         plan: the true floor.
         starts: where the robots started, arena frame.
         radius_m: radius of the robots.
-        referee: holds what they have seen.
+        referee: holds their observations.
 
     """
     found = [*_not_seen(referee), *_sealed(plan, starts, least_clearance_m(radius_m))]

@@ -22,7 +22,7 @@ from robrain.sim.robot.robot_hardware import RobotHardware
 
 ROBOT_SPACING_M = 0.7
 LIDAR_PLUGIN, BASE_PLUGIN, IMU_PLUGIN = "scan", "mocdevice", "imu"
-"""Their names also where other plugins take their places."""
+"""Their names also where other plugins replace them."""
 
 
 class RobotType(StrEnum):
@@ -109,7 +109,7 @@ class RobotSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     near_m: tuple[float, float] | None = None
     """It starts as near to this point as there is room, instead of at a `place_m`."""
     without: tuple[str, ...] = ()
-    """Plugins that it lacks, such as `camera`; those that require them are left out as well."""
+    """Plugins that it lacks, such as `camera`; plugins that require them are omitted as well."""
     hardware: dict[str, Any] = {}
     """Keys of `[robot]` that are different for it, such as `radius_m` or `lidar = { rays = 90 }`."""
     plugins: dict[str, dict[str, Any]] = {}
@@ -134,7 +134,7 @@ class RobotSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """Its hardware.
 
         Args:
-            team: what `[robot]` says.
+            team: values of `[robot]`.
 
         Raises:
             ValueError: naming the wrong key of `hardware`.
@@ -178,7 +178,7 @@ def with_all(without: Iterable[str], *, free: Iterable[str] = ()) -> list[str]:
 
     Args:
         without: plugins that are missing.
-        free: plugins that others take the place of, which require nothing.
+        free: plugins that others replace, which require nothing.
 
     """
     known, missing = _requirements() | {name: set[str]() for name in free}, set(without)

@@ -29,7 +29,7 @@ ABOUT_ITSELF = frozenset({"kind", "name", "at_s", "place_m", "parameters", "earl
 class TaskSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[tasks]]`: a task that the scenario submits. Raises ValueError for fields that its kind does not have.
 
-    The coordinator may refuse it, as it refuses those of clients; the run's result then says why.
+    The coordinator may refuse it, as it refuses those of clients; the run's result then gives the reason.
     """
 
     kind: str
@@ -107,7 +107,7 @@ class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def check_tasks(tasks: Sequence[TaskSpec]) -> None:
-    """Check the names of tasks and what comes after what.
+    """Check the names of tasks and their dependencies.
 
     Raises:
         ValueError: two have the same name, a task comes after one that there is not, or two after each other.
@@ -124,7 +124,7 @@ def check_tasks(tasks: Sequence[TaskSpec]) -> None:
 
 
 class TaskSchedule:
-    """Submits tasks when they are due, and follows what becomes of them.
+    """Submits tasks when they are due, and records their outcomes.
 
     A task that comes after others is submitted at its time as well, but not before them.
 
@@ -162,7 +162,7 @@ class TaskSchedule:
         return not self._open
 
     def step(self, sim_time_s: float) -> None:
-        """Submit what is due; hear answers and news."""
+        """Submit due tasks; receive answers and events."""
         while self._waiting and self._waiting[0][0] <= sim_time_s + 1e-9:
             _, _, submission = self._waiting.pop(0)
             self._asked.append((submission, self._endpoint.ask_later(TASK_SUBMIT, submission)))
@@ -221,7 +221,7 @@ def _names(tasks: Sequence[TaskSpec]) -> list[str]:
 
 
 def _in_order(tasks: Sequence[TaskSpec], names: Sequence[str]) -> list[tuple[float, str]]:
-    """Time and name of each task in the order in which they are submitted; none before those it comes after."""
+    """Time and name of each task in the order in which they are submitted; none before its dependencies."""
     at_s = {name: task.at_s for name, task in zip(names, tasks, strict=True)}
     after = {name: task.after for name, task in zip(names, tasks, strict=True)}
     order: list[tuple[float, str]] = []

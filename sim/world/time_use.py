@@ -1,4 +1,4 @@
-"""Where the robots' time goes: driving, turning, waiting on the way, or standing without a task."""
+"""The robots' use of time: driving, turning, waiting on the path, or standing without a task."""
 
 from collections.abc import Sequence
 
