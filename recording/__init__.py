@@ -1,1 +1,1 @@
-"""Recording: runs written to MCAP files with all it takes to make them again, read and replayed."""
+"""Recording: runs written to MCAP files with all data that repeat them, read and replayed."""

@@ -12,7 +12,7 @@ from robrain.protocol.errors import RobrainError
 
 
 class RecordingError(RobrainError):
-    """A recording cannot be used; the text names the file and says what to do."""
+    """A recording cannot be used; the text names the file and the remedy."""
 
     def __init__(self, path: Path, message: str) -> None:
         super().__init__(message)
@@ -21,7 +21,7 @@ class RecordingError(RobrainError):
 
 @contextmanager
 def writing(path: Path, hint: str = "") -> Iterator[None]:
-    """Turns what goes wrong with a file, while the block writes it, into RecordingError; `hint` ends its text."""
+    """Turns errors of a file, while the block writes it, into RecordingError; `hint` ends its text."""
     try:
         yield
     except FileExistsError as error:

@@ -1,6 +1,6 @@
-"""Where a recording comes from: what it takes to make the same run again.
+"""Origin of a recording: the data that repeat its run.
 
-Nothing in it tells the time of day or the machine's folders, so equal runs leave equal files.
+It has neither the time of day nor the machine's folders, so equal runs leave equal files.
 """
 
 import base64
@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 import msgspec
 
 PACKAGES = ("robrain", "eclipse-zenoh", "pymunk", "numpy", "mcap")
-"""Distributions whose version can change what a run does."""
+"""Distributions whose version can change a run."""
 
 RUN_METADATA = "robrain.run"
 VERSIONS_METADATA = "robrain.versions"
@@ -30,7 +30,7 @@ SETUP_ATTACHMENT = "setup.toml"
 MAP_YAML_ATTACHMENT = "map.yaml"
 """Scale and origin of `map.png`, where the floor came from a map file."""
 FORK_METADATA = "robrain.fork"
-"""Of a fork: its parent, and what was changed."""
+"""Of a fork: its parent, and the changes."""
 MANIFESTS_METADATA = "robrain.manifests"
 """All manifests in one record, deflated: there are dozens, much alike, and each part of a recording has them."""
 
@@ -90,11 +90,11 @@ class Provenance(msgspec.Struct, frozen=True):
         manifests: Mapping[str, str] | None = None,
         fork: Mapping[str, str] | None = None,
     ) -> "Provenance":
-        """Put together again what a file holds.
+        """Restore the content of a file from its parts.
 
         Raises:
             KeyError: a part is missing.
-            ValueError: a part is not what robrain writes.
+            ValueError: a part was not written by robrain.
         """
         return cls(
             scenario=run["scenario"],
@@ -124,7 +124,7 @@ def unpacked(manifests: Mapping[str, str]) -> dict[str, str]:
 
     Raises:
         KeyError: a part is missing.
-        ValueError: it is not what robrain packs.
+        ValueError: it was not packed by robrain.
     """
     inflater = zlib.decompressobj()
     try:
@@ -135,7 +135,7 @@ def unpacked(manifests: Mapping[str, str]) -> dict[str, str]:
 
 
 def software_versions(more: Sequence[str] = ()) -> dict[str, str]:
-    """Version of Python, of each of `PACKAGES` and of `more`; those that are not installed are left out."""
+    """Version of Python, of each of `PACKAGES` and of `more`; packages that are not installed are skipped."""
     versions = {"python": platform.python_version()}
     for package in (*PACKAGES, *more):
         try:
@@ -146,7 +146,7 @@ def software_versions(more: Sequence[str] = ()) -> dict[str, str]:
 
 
 def host_description() -> dict[str, str]:
-    """The machine that records: what its figures depend on, and no name of it."""
+    """The machine that records: the properties on which its figures depend, and no name of it."""
     return {
         "system": platform.system(),
         "release": platform.release(),

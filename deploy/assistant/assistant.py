@@ -85,7 +85,7 @@ class Confirmations(Generic[T]):
         Args:
             who: the client that gives it; another cannot confirm it.
             order: the tool and all of its arguments, in one canonical form.
-            plan: function that is called after the confirmation.
+            plan: action to carry out after the confirmation.
 
         Returns:
             The token.

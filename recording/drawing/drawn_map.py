@@ -96,7 +96,7 @@ class ComposedMap:
 
     @property
     def known_area_m2(self) -> float:
-        """Area of the cells about which anything is known, walls included."""
+        """Area of the known cells, walls included."""
         return 0.0 if self.grid is None else self.grid.known_count * self.grid.geometry.resolution_m**2
 
     @property
@@ -105,7 +105,7 @@ class ComposedMap:
         return 0.0 if self.grid is None else max(self.grid.geometry.shape) * self.grid.geometry.resolution_m
 
     def merge(self, patch: MapPatch) -> None:
-        """Take a patch over, later statements winning.
+        """Merge a patch; later statements replace earlier ones.
 
         Raises:
             ValueError: the patch does not fit its own description or the grid of the patches before. Also: its grid is
@@ -140,7 +140,7 @@ class ComposedMap:
         return np.empty((0, 4), np.float32) if floor is None else floor.wall_boxes()
 
     def known_bounds_m(self) -> tuple[float, float, float, float] | None:
-        """x_min, y_min, x_max, y_max of what is known, metres, arena frame; None before the first patch."""
+        """x_min, y_min, x_max, y_max of the known area, metres, arena frame; None before the first patch."""
         if self.grid is None:
             return None
         known = self.grid.known()

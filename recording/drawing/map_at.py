@@ -1,4 +1,4 @@
-"""The map of a recording: at any time of it, with copies kept at intervals, and as far as it has been told.
+"""The map of a recording: at any time of it, with copies kept at intervals, and as far as it is recorded.
 
 Patches contain only changes, so the map at a time needs all patches before it. They are composed as in a run, so the
 result is the map that a component of that run had.
@@ -64,7 +64,7 @@ class MapAt:
         self._kept.append(_Kept(place, geometry, submaps))
 
     def builder(self) -> "MapBuilder":
-        """Takes all patches once, in order, and keeps copies for later."""
+        """Reads all patches once, in order, and keeps copies for later."""
         return MapBuilder(self, self._between)
 
     def atlas_at(self, place: Place) -> SubmapAtlas | None:

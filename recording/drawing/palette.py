@@ -1,7 +1,7 @@
-"""Colours and shapes of what is drawn, told apart by colour-blind eyes too.
+"""Colours and shapes of drawings, distinguishable by colour-blind eyes too.
 
-Robots wear the colours of Okabe and Ito, *Color Universal Design* (2008), without black, which is lost on a dark
-page. A robot's shape in the table changes after each round of colours, so that no two of the first 40 look alike.
+Robots wear the colours of Okabe and Ito, *Color Universal Design* (2008), without black, which is lost on a dark page.
+A robot's shape in the table changes after each round of colours, so that no two of the first 40 are alike.
 """
 
 from typing import NamedTuple
@@ -70,14 +70,14 @@ def battery_class(soc: float) -> str:
 
 
 def mote_class(voltage_v: float | None) -> int:
-    """How a mote's supply is: 0 good, 1 low, 2 nearly empty, 3 never heard; its shape follows from it."""
+    """State of a mote's supply: 0 good, 1 low, 2 nearly empty, 3 never received; its shape follows from it."""
     if voltage_v is None:
         return 3
     return 0 if voltage_v >= 2.7 else 1 if voltage_v >= 2.4 else 2
 
 
 def mote_color(voltage_v: float | None) -> Rgb:
-    """Colour of a mote's supply: two AA cells, whose radio fails below 2.1 V; None is a mote never heard."""
+    """Colour of a mote's supply: two AA cells, whose radio fails below 2.1 V; None is a mote never received."""
     return MOTE_COLORS[mote_class(voltage_v)]
 
 

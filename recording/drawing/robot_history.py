@@ -1,4 +1,4 @@
-"""A robot's last minutes in figures: what its charts show."""
+"""A robot's last minutes in figures: the data of its charts."""
 
 import math
 from collections import deque
@@ -22,7 +22,7 @@ NAN = float("nan")
 
 
 class HistorySample(NamedTuple):
-    """One line of the history; what is not known is nan."""
+    """One line of the history; unknown values are nan."""
 
     time_s: float
     soc_percent: float
@@ -34,7 +34,7 @@ class HistorySample(NamedTuple):
     predicted_j: float
     """The same by the model."""
     error_m: float
-    """How far it is from where it says to be, where an arena tells."""
+    """Distance between its true and its estimated place, if an arena publishes the true one."""
     sigma_m: float
     """How far that may be by its own covariance: the longer half-axis of the 1-sigma ellipse."""
 
@@ -49,7 +49,7 @@ class RobotHistory:
         self._measured_j = self._predicted_j = 0.0
 
     def handle(self, state: RobotState, truth: RobotTruth | None) -> None:
-        """Take in a state, and where the arena says that the robot is."""
+        """Add a state, and the robot's pose by the arena."""
         before, self._before = self._before, state
         if self._first_ns is None:
             self._first_ns = state.stamp_ns

@@ -29,13 +29,13 @@ def export_tables(
 ) -> dict[str, Path]:
     """Write each topic of a recording to `folder/TOPIC.csv` or `folder/TOPIC.parquet`; returns the files by topic.
 
-    Messages that are not what their topic says, or of no topic of ours, are left out.
+    Messages that do not fit their topic, or have an unknown topic, are skipped.
 
     Args:
         recording: an MCAP file.
         folder: made if it is not there; files of these names in it are not overwritten.
         form: `csv` or `parquet`.
-        on_progress: told the share that is done, 0 to 1.
+        on_progress: called with the share that is done, 0 to 1.
 
     Raises:
         RecordingError: the recording cannot be read, or a file exists already or cannot be written.
@@ -65,7 +65,7 @@ def export_tables(
 
 
 class CsvSheet:
-    """A CSV file, UTF-8; what is missing is empty, and text that a spreadsheet would take for a formula is quoted.
+    """A CSV file, UTF-8; missing values are empty, and text that a spreadsheet would read as a formula is quoted.
 
     A text that begins with `=`, `+`, `-`, `@`, a tab or a return gets an apostrophe in front (OWASP, *CSV Injection*).
     """
@@ -90,7 +90,7 @@ class CsvSheet:
 
 
 class ParquetSheet:
-    """A Parquet file, zstd, with a type for each column; what is missing is null."""
+    """A Parquet file, zstd, with a type for each column; missing values are null."""
 
     def __init__(self, path: Path, table: Table) -> None:
         import pyarrow as pa
@@ -111,7 +111,7 @@ class ParquetSheet:
         self._rows: list[Row] = []
 
     def add(self, row: Row) -> None:
-        """Take a row; they are written some thousands at a time."""
+        """Add a row; they are written some thousands at a time."""
         self._rows.append(row)
         if len(self._rows) >= ROWS_A_GROUP:
             self._write()
@@ -132,7 +132,7 @@ class ParquetSheet:
 
 @contextmanager
 def _undone(files: dict[str, Path]) -> Iterator[None]:
-    """Leaves none of the files behind when the block fails, and tells in words when a disk does."""
+    """Leaves none of the files behind when the block fails, and reports a disk error in words."""
     try:
         yield
     except BaseException as error:  # also Ctrl-C: half a table must not look like a whole one

@@ -24,7 +24,7 @@ def write_grid(grid: OccupancyGrid, path: Path) -> list[Path]:
         path: the YAML file, which does not exist yet; the picture has its name with `.pgm`.
 
     Raises:
-        OSError: a file exists or cannot be written; then none is left of those that were begun.
+        OSError: a file exists or cannot be written; then none of the new files remains.
 
     """
     picture = path.with_suffix(".pgm")

@@ -35,16 +35,16 @@ class LoadedMessage(NamedTuple):
     names: dict[str, str]
     """Names in its key, such as `robot`, and its team under `team`."""
     message: Any
-    """Decoded as its topic says: a `RobotState`, a `TaskEvent`; bytes for pictures."""
+    """Decoded as the type of its topic: a `RobotState`, a `TaskEvent`; bytes for pictures."""
 
 
 class Recording:
-    """One recorded run. Nothing is kept open, and nothing is read before it is asked for.
+    """One recorded run. No file is kept open, and data are read on request only.
 
     Topics are named as in the table of topics (`docs/reference/topics.md`): `robot_state`, `task_event`.
 
     Args:
-        path: an MCAP file, also one whose end is missing.
+        path: an MCAP file, also one without its end.
 
     Raises:
         RecordingError: there is no such file, or it is no recording.
@@ -68,7 +68,7 @@ class Recording:
 
         Args:
             topic: name of the topic.
-            names: only those whose key has these, as `robot="r1"`.
+            names: only messages whose key has these, as `robot="r1"`.
 
         Raises:
             RecordingError: there is no topic of that name, or the file is damaged.

@@ -42,7 +42,7 @@ KEY = Column("wire_key", Cell.TEXT, ())
 PAYLOAD_BYTES = Column("payload_bytes", Cell.INT, ())
 Row = list[Any]
 INT_MAX = 2**63 - 1
-"""A whole number beyond what a table can hold is left out; only a hostile sender has any."""
+"""A whole number beyond a table's range is skipped; only a hostile sender has any."""
 
 
 class Table:
@@ -63,14 +63,14 @@ class Table:
         self.columns: list[Column] = [TIME, KEY, *names, *(fields or [PAYLOAD_BYTES])]
 
     def row(self, message: RecordedMessage) -> Row | None:
-        """The message as a row, or None if it is not what its topic says."""
+        """The message as a row, or None if it does not fit its topic."""
         names = self.topic.parse(message.topic_key) or {}
         row: Row = [to_seconds(message.log_time_ns - self._start_ns), message.topic_key]
         row += [names.get(name) for name in self._names]
         if self.topic.message is None:
             return [*row, len(message.payload)]
         try:
-            # Decoded as its type, so that what is missing in an older recording has its default.
+            # Decoded as its type, so that a field missing in an older recording has its default.
             decoded = msgspec.to_builtins(self.topic.payloads.read(message.payload))
         except BadPayload:
             return None

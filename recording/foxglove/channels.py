@@ -1,4 +1,4 @@
-"""Channels for Foxglove, Lichtblick and Rerun, derived from the recorded topics and from nothing else.
+"""Channels for Foxglove, Lichtblick and Rerun, derived from the recorded topics alone.
 
 `handle` is given each recorded message, and only keeps it; `due` makes messages at rates that keep files small, of the
 latest that was kept. The same messages in the same order give the same channels, at the recording or later.
@@ -74,7 +74,7 @@ TEXT: Rgb = (235, 238, 242)
 
 
 def scene_update(entities: Iterable[SceneEntity], stamp_ns: int) -> SceneUpdate:
-    """A message that takes the place of all before it on its channel."""
+    """A message that replaces all before it on its channel."""
     return SceneUpdate(
         deletions=[SceneEntityDeletion(timestamp=timestamp(stamp_ns), type=SceneEntityDeletion.ALL)], entities=entities
     )
@@ -168,7 +168,7 @@ def walls_entity(boxes: NDArray[float32], stamp_ns: int) -> SceneEntity:
 
 
 def robots_scene(states: Mapping[str, RobotState], indices: Mapping[str, int], stamp_ns: int) -> SceneUpdate:
-    """All robots that know where they are."""
+    """All robots that know their poses."""
     entities = (
         robot_entity(state, indices[robot], stamp_ns) for robot, state in states.items() if state.pose is not None
     )
@@ -251,7 +251,7 @@ class FoxgloveChannels:
         self._reported = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
 
     def handle(self, topic: Topic[Any], key: str, payload: bytes) -> None:
-        """The next recorded message; those of topics that are not drawn are left alone."""
+        """The next recorded message; topics that are not drawn are ignored."""
         keep = self._keep.get(topic.name)
         if keep is not None:
             keep(key, payload)
@@ -259,7 +259,7 @@ class FoxgloveChannels:
             self._lines.append((topic, payload))
 
     def restart(self) -> None:
-        """Say all at the next `due`: a new file begins, which is to be drawn without the one before."""
+        """Publish all at the next `due`: a new file begins, which is to be drawn without the one before."""
         self._due_ns.clear()
         self._map_shown = self._walls_shown = 0
         self._tasks_changed = bool(self._open_tasks)

@@ -41,7 +41,7 @@ LEVELS = {"debug": Log.DEBUG, "info": Log.INFO, "warning": Log.WARNING, "error":
 
 
 def timestamp(stamp_ns: int) -> Timestamp:
-    """Nanoseconds of the run's clock; what protobuf cannot hold becomes the nearest that it can."""
+    """Nanoseconds of the run's clock; a value out of protobuf's range becomes the nearest one in it."""
     stamp = Timestamp()
     stamp.FromNanoseconds(min(max(stamp_ns, 0), LAST_STAMP_NS))
     return stamp
@@ -92,7 +92,7 @@ def poses_in_frame(points: Sequence[Point2D], stamp_ns: int, z_m: float = 0.02) 
 
 
 def laser_scan(scan: Scan, stamp_ns: int) -> LaserScan:
-    """A scan in its robot's frame; what did not come back is beyond the range, as infinity."""
+    """A scan in its robot's frame; a beam without a return is beyond the range, as infinity."""
     ranges_m = np.array(scan.ranges_mm, np.float64) / 1000
     ranges_m[ranges_m == 0] = np.inf
     beams = len(ranges_m)
@@ -109,7 +109,7 @@ def laser_scan(scan: Scan, stamp_ns: int) -> LaserScan:
 def scan_points(scan: Scan, stamp_ns: int) -> PointCloud:
     """The hits of a scan as points in the robot's frame, for viewers that do not draw scans."""
     ranges_m = np.array(scan.ranges_mm, np.float32) / 1000
-    with np.errstate(over="ignore", invalid="ignore"):  # of a lidar that makes no sense nothing is drawn
+    with np.errstate(over="ignore", invalid="ignore"):  # an invalid lidar is not drawn
         angles_rad = scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(ranges_m), dtype=np.float32)
     hits = (ranges_m > 0) & np.isfinite(angles_rad)
     points = np.full((int(hits.sum()), 3), 0.1, np.float32)
@@ -145,7 +145,7 @@ def point_cloud(points: NDArray[np.float32], frame: str, stamp_ns: int) -> Point
 
 
 def map_grid(grid: OccupancyGrid, stamp_ns: int) -> Grid:
-    """The known map as colours; what is unknown cannot be seen."""
+    """The known map as colours; unknown cells are transparent."""
     geometry = grid.geometry
     # Classes are −1, 0 and 100; as unsigned bytes 255, 0 and 100.
     colors = np.zeros((256, 4), np.uint8)

@@ -1,4 +1,4 @@
-"""JSON Schemas in the plain form that Foxglove and Lichtblick take: they refuse a channel that has any other.
+"""JSON Schemas in the plain form that Foxglove and Lichtblick accept: they refuse a channel that has any other.
 
 There each schema is an object whose properties have one `type` each; references, alternatives and lists in lists make
 the whole channel unreadable.

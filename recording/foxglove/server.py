@@ -22,7 +22,7 @@ from robrain.recording.foxglove.channels import FoxgloveChannels, VisualMessage
 
 DRAWN = (ROBOT_STATE, ROBOT_MAP, ROBOT_PATH, ROBOT_LOG, MOTE_READING, TASK_EVENT, ARENA_SCAN, HALT)
 AGAIN_NS = to_ns(5.0)
-"""How often all is said again, for viewers that have come meanwhile."""
+"""Period at which all channels are published again, for viewers that have come meanwhile."""
 INBOX_CAPACITY = 16384
 
 
@@ -32,7 +32,7 @@ class FoxgloveServer:
     Args:
         wire: where to listen; its owner closes it, after the server.
         host: address to listen on.
-        port: 0 takes a free one.
+        port: 0 uses a free one.
 
     Raises:
         WireError: the port cannot be listened on.
@@ -58,7 +58,7 @@ class FoxgloveServer:
             wire.subscribe(self._inbox, topic)
 
     def step(self) -> None:
-        """Serve what has become due."""
+        """Serve all messages that are due."""
         now_ns = self._clock.now_ns()
         for topic, key, payload in self._inbox.drain_raw():
             if isinstance(topic, Topic):
@@ -76,7 +76,7 @@ class FoxgloveServer:
         self._server.stop()
 
     def _ask_map(self, key: str) -> None:
-        """Patches tell changes only: a robot that is new is asked for what it knows already."""
+        """Patches have changes only: a new robot is asked for its whole map."""
         if key not in self._asked:
             self._asked.add(key)
             names = ROBOT_STATE.parse(key) or {}

@@ -1,7 +1,6 @@
-"""Names of the channels that a recording has beside those of the wire: what Foxglove, Lichtblick and Rerun draw.
+"""Names of a recording's channels beside those of the wire, for Foxglove, Lichtblick and Rerun.
 
-They are derived from what was recorded and can be made again at any time, so replay, digest and comparison leave them
-out.
+They are derived from recorded messages and can be made again at any time, so replay, digest and comparison skip them.
 """
 
 PREFIX = "/visual/"

@@ -1,1 +1,1 @@
-"""Invariants of a run: what must hold in every run, judged from its messages."""
+"""Invariants of a run: rules that hold in every run, judged from its messages."""

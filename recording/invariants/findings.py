@@ -1,6 +1,6 @@
 """Findings of invariants, as values and as sentences: breaches, and why an invariant could not be judged.
 
-Nothing decides by the sentences. Stamps and times are seconds since the run's first message.
+No decision depends on the sentences. Stamps and times are seconds since the run's first message.
 """
 
 from enum import StrEnum
@@ -28,7 +28,7 @@ class Invariant(StrEnum):
     HALTS = "halts"
     """Halts are obeyed."""
     ENERGY = "energy"
-    """Energy balances: what is delivered never falls, and charge rises at chargers only."""
+    """Energy balances: delivered energy never falls, and charge rises at chargers only."""
 
 
 class InvariantState(StrEnum):
@@ -40,7 +40,7 @@ class InvariantState(StrEnum):
 
 
 class MissingEvidence(StrEnum):
-    """Why an invariant could not be judged: what the messages lack."""
+    """Reason why an invariant could not be judged: missing data in the messages."""
 
     BATTERIES = "batteries"
     """No robot reports a battery, and there is no ground truth."""
@@ -74,7 +74,7 @@ class TasksForgotten(Violation, frozen=True, kw_only=True, tag="tasks_forgotten"
     missing: int
     """How many fewer."""
     tasks: tuple[str, ...]
-    """Those that may be meant: the open ones that changed last; at most 5."""
+    """Possible tasks: the open ones that changed last; at most 5."""
     of: int
     """How many may be meant."""
 
@@ -132,7 +132,7 @@ class StillAtDone(Violation, frozen=True, kw_only=True, tag="still_at_done"):
 
 
 class OutOfEnergy(Violation, frozen=True, kw_only=True, tag="out_of_energy"):
-    """A robot's battery gives nothing, and no charger is there."""
+    """A robot's battery delivers nothing, and no charger is there."""
 
     robot: str
     place: Point2D | None
@@ -142,7 +142,7 @@ class OutOfEnergy(Violation, frozen=True, kw_only=True, tag="out_of_energy"):
     soc: float | None
     """State of charge by the robot's estimate, 0 to 1; None if it reports none."""
     is_true: bool
-    """Whether the ground truth says so, and not only the robot's estimate."""
+    """Whether the ground truth shows it, and not only the robot's estimate."""
 
 
 class InWall(Violation, frozen=True, kw_only=True, tag="in_wall"):
@@ -155,14 +155,14 @@ class InWall(Violation, frozen=True, kw_only=True, tag="in_wall"):
 
 
 class MovedHalted(Violation, frozen=True, kw_only=True, tag="moved_halted"):
-    """A robot that says to be halted moves."""
+    """A robot that reports to be halted moves."""
 
     robot: str
     moved_m: float
     since_s: float
-    """When it said so first."""
+    """Time of its first report."""
     is_true: bool
-    """Whether the ground truth says so, and not the robot's own pose."""
+    """Whether the ground truth shows it, and not the robot's own pose."""
 
 
 class HaltIgnored(Violation, frozen=True, kw_only=True, tag="halt_ignored"):

@@ -1,4 +1,4 @@
-"""Halts are obeyed: who is halted stands, and who is in contact with a team that is halted is halted.
+"""Halts are obeyed: a halted robot stands, and a robot in contact with a halted team is halted.
 
 While a robot is halted its own pose does not change. Without ground truth, the pose at the halt is therefore compared
 with the first pose after it.
@@ -21,9 +21,9 @@ STOPPED_NS = to_ns(1.0)
 MOVED_M = 0.05
 """A robot that stands is moved no farther than this, by the ground truth (chosen)."""
 OWN_MOVED_M = 0.5
-"""The same by its own pose: its way to a stop, and corrections of the pose (chosen), besides three deviations."""
+"""The same by its own pose: its path to a stop, and corrections of the pose (chosen), besides three deviations."""
 HEEDED_NS = to_ns(2.0)
-"""A robot in contact hears of a halt within this, from the coordinator's summary at the latest (chosen)."""
+"""A robot in contact receives a halt within this, from the coordinator's summary at the latest (chosen)."""
 SILENT_NS = to_ns(1.0)
 """Older messages of a robot do not count."""
 GOES_ON_NS = to_ns(0.25)
@@ -31,7 +31,7 @@ GOES_ON_NS = to_ns(0.25)
 CARRIED_M_S = 3.0
 """No robot drives that fast: it was carried."""
 CARRIED_M_S2 = 4.0
-"""A standing robot that accelerates faster was carried a short way (a base accelerates at 0.8 m/s²)."""
+"""A standing robot that accelerates faster was carried a short distance (a base accelerates at 0.8 m/s²)."""
 STANDING_M = 0.01
 SHORT_NS = to_ns(0.1)
 """Accelerations are not computed over shorter intervals."""
@@ -43,7 +43,7 @@ class _Robot:
     def __init__(self) -> None:
         self.heard_ns = 0
         self.halted_ns: int | None = None
-        """Since when it says to be halted."""
+        """Time since which it reports to be halted."""
         self.resumed_ns: int | None = None
         self.is_reported = False
         self.own: tuple[Point2D, float] | None = None
@@ -51,7 +51,7 @@ class _Robot:
         self.obeys = False
         """Whether it was halted since the team is."""
         self.in_contact_ns: int | None = None
-        """Since when the team has been halted and the coordinator hears it."""
+        """Time since which the team has been halted and the coordinator receives it."""
         self.anchor: RobotTruth | None = None
         self.last: tuple[RobotTruth, int] | None = None
         self.was_standing = False
@@ -99,7 +99,7 @@ class Halts(InvariantJudge):
     def _handle_summary(self, summary: TeamState, time_ns: int) -> None:
         was_away = self._summary_ns is not None and time_ns - self._summary_ns > SILENT_NS
         self._summary_ns = time_ns
-        if was_away:  # until now it could not tell the robots
+        if was_away:  # until now it could not reach the robots
             self._restart()
         status = summary.halt
         if status is None or not status.halted:
@@ -125,7 +125,7 @@ class Halts(InvariantJudge):
         if since_ns is None or robot.obeys or time_ns - robot.heard_ns > SILENT_NS:
             return
         if time_ns - since_ns > HEEDED_NS:
-            robot.obeys = True  # told once for each halt
+            robot.obeys = True  # reported once for each halt
             for_s = round(to_seconds(time_ns - since_ns), 3)
             self.break_(time_ns, HaltIgnored(robot=name, by=by, for_s=for_s))
 
@@ -186,7 +186,7 @@ class Halts(InvariantJudge):
         robot.was_standing = last is not None and now.pose.distance_m(last[0].pose) < STANDING_M
         is_carried = last is not None and _was_carried(now, *last, time_ns, was_standing=was_standing)
         if anchor is None or last is None or now.collisions > anchor.collisions or is_carried:
-            robot.anchor = now  # who is pushed or carried does not move by itself
+            robot.anchor = now  # a robot that is pushed or carried does not move by itself
             return
         moved_m = now.pose.distance_m(anchor.pose)
         if moved_m > MOVED_M and not robot.is_reported:

@@ -20,7 +20,7 @@ KEPT_BREACHES = 10
 """Breaches of an invariant that are kept one by one; the rest is counted."""
 
 Handler = Callable[[Any, int], None]
-"""Takes a message and the time at which it was recorded, in ns."""
+"""Receives a message and the time at which it was recorded, in ns."""
 
 
 class FloorCharger(NamedTuple):
@@ -52,7 +52,7 @@ class Surroundings(NamedTuple):
 
 
 NOWHERE = Surroundings()
-"""Nothing is known of the place."""
+"""The place is unknown."""
 
 
 class InvariantJudge:

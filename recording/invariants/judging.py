@@ -40,7 +40,7 @@ from robrain.recording.invariants.invariant_judge import NOWHERE, Handler, Invar
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskChanges, TaskOnce
 
 FORGOTTEN_AFTER_NS = to_ns(1.0)
-"""A count that is too small for this long is no change on its way (chosen: two summaries)."""
+"""A count that is too small for this long is not a change in transit (chosen: two summaries)."""
 ABANDONED_AFTER_NS = to_ns(10.0)
 """A coordinator gives a task back after 2 s at the latest (chosen: five times that)."""
 AWAY_AFTER_NS = to_ns(2.0)
@@ -71,7 +71,7 @@ class _RobotEnergy:
         self.place: Point2D | None = None
         self.doubted_ns: int | None = None
         self.begin: tuple[BatteryState, float] | None = None
-        """Estimate, and what was delivered, at the start of the stretch since the last charge."""
+        """Estimate, and delivered energy, at the start of the time since the last charge."""
         self.least_high_j = 0.0
         """The least upper end of the interval in this stretch."""
         self.is_reported = self.is_balance_reported = False
@@ -110,7 +110,7 @@ class EnergyBalance(InvariantJudge):
             before_j = robot.delivered_j
             if before_j is not None and now.energy_j < before_j - FELL_J:
                 self.break_(time_ns, DeliveredFell(robot=now.robot, before_j=before_j, now_j=now.energy_j))
-                robot.begin = None  # what follows is counted from here
+                robot.begin = None  # later values are counted from here
             robot.delivered_j, robot.place = now.energy_j, Point2D(now.pose.x_m, now.pose.y_m)
 
     def _handle_state(self, state: RobotState, time_ns: int) -> None:
@@ -120,7 +120,7 @@ class EnergyBalance(InvariantJudge):
         robot = self._robot(state.robot)
         if battery.implausible:
             robot.doubted_ns = time_ns
-        if state.halted:  # its plugins stand still: it tells what it knew when it was halted
+        if state.halted:  # its plugins stand still: it reports its state at the halt
             robot.away_ns = None
         elif battery.charging:
             robot.begin = None
@@ -135,7 +135,7 @@ class EnergyBalance(InvariantJudge):
         elif robot.begin is None:
             robot.begin, robot.least_high_j = (battery, robot.delivered_j or 0.0), battery.remaining_high_j
             robot.is_reported = robot.is_balance_reported = False
-        elif battery.remaining_high_j > 0:  # a robot that tells no interval has nothing to judge
+        elif battery.remaining_high_j > 0:  # a robot without an interval cannot be judged
             self._judge_rise(name, robot, battery, time_ns)
             self._judge_balance(name, robot, battery, time_ns)
             robot.least_high_j = min(robot.least_high_j, battery.remaining_high_j)
@@ -219,7 +219,7 @@ class TaskKept(InvariantJudge):
 
     def _handle_event(self, event: TaskEvent, time_ns: int) -> None:
         self._changes.handle(event, time_ns)
-        self._may_lack = False  # the number of this one tells
+        self._may_lack = False  # the number of this one shows it
         self.cases = self._changes.tasks
         self._changed_ns[event.task.id] = time_ns
         if event.state.ended:
@@ -241,10 +241,10 @@ class TaskKept(InvariantJudge):
         self._summary_ns = time_ns
         self._may_lack |= self._summary_seq is not None and summary.seq not in (self._summary_seq + 1, 0)
         self._summary_seq = summary.seq
-        if self._changes.has_gap or self._may_lack:  # what is open, and at whom, is not known
+        if self._changes.has_gap or self._may_lack:  # open tasks, and their robots, are unknown
             self._since_ns.clear()
             return
-        if summary.unwritable:  # it may change nothing that it cannot write
+        if summary.unwritable:  # it must not change tasks that it cannot write
             self._since_ns.clear()
         if self._is_complete:
             self._compare_counts(summary, time_ns)
@@ -284,7 +284,7 @@ class TaskKept(InvariantJudge):
             since[given] = self._since_ns.get(given, time_ns)
             silent_ns = time_ns - self._received_ns.get(robot, self._start_ns)
             if robot in up and silent_ns > to_ns(LOST_AFTER_S):
-                since[given] = time_ns  # the coordinator hears a robot that is not heard here
+                since[given] = time_ns  # the coordinator receives a robot whose messages are missing here
             elif time_ns - since[given] > ABANDONED_AFTER_NS and given not in self._reported:
                 self._reported.add(given)
                 for_s = round(to_seconds(time_ns - since[given]), 3)
@@ -296,7 +296,7 @@ class TaskKept(InvariantJudge):
 EMPTY_AFTER_S = 2.0
 """A battery that has delivered nothing for this long has cut off (chosen: ten periods of the battery manager)."""
 EMPTY_SOC = 0.001
-"""State of charge below which a robot says that it is empty."""
+"""State of charge below which a robot reports that it is empty."""
 CHARGES_NS = to_ns(5.0)
 """A robot that reported to be charged no longer ago is at a charger."""
 SLACK_M = 0.1
@@ -309,17 +309,17 @@ class _Robot:
     def __init__(self) -> None:
         self.state: RobotState | None = None
         self.charged_ns: int | None = None
-        """When it last said that it is charged."""
+        """Time of its last report that it is charged."""
         self.energy_j: float | None = None
         self.since_s = 0.0
         """Since when the truth has had the same `energy_j`."""
         self.empty_ns: int | None = None
-        """Since when it has said that it is empty."""
+        """Time since which it reports that it is empty."""
         self.is_reported = False
 
 
 class NotStranded(InvariantJudge):
-    """Looks for robots whose batteries give nothing."""
+    """Detects robots whose batteries deliver nothing."""
 
     invariant = Invariant.NOT_STRANDED
 
@@ -391,9 +391,9 @@ def _battery_of(robot: _Robot) -> BatteryState | None:
 
 
 DEPTH_M = 0.03
-"""Least depth that is a breach: what a solver leaves of an overlap, and the raster of the floor (chosen)."""
+"""Least depth of a violation: a solver's remaining overlap, and the raster of the floor (chosen)."""
 CARRIED_M_S = 3.0
-"""Nobody drives that fast: the robot was carried, and what is in between is not judged."""
+"""No robot drives that fast: the robot was carried, and the motion in between is not judged."""
 
 
 class Walls(InvariantJudge):
@@ -449,7 +449,7 @@ class Walls(InvariantJudge):
             self.break_(time_ns, InWall(robot=robot, place=place, depth_m=round(depth_m, 4)))
 
     def _way(self, robot: str, radius_m: float, pose: Pose2D, time_ns: int) -> list[Point2D]:
-        """The place, and before it those on the way there that are a radius apart: no wall fits between them."""
+        """The place, and before it the points on the path there that are a radius apart: no wall fits between them."""
         end = Point2D(pose.x_m, pose.y_m)
         last = self._last.get(robot)
         if last is None:
@@ -472,7 +472,7 @@ class Judging:
     """Judges the messages of one run, in the order in which they were recorded.
 
     Args:
-        surroundings: what the messages do not tell; what needs it is not judged without.
+        surroundings: data that the messages do not have; invariants that need them are not judged without.
         start_ns: the run's clock at its start, from which the times of findings count.
         judges: of the invariants that are judged.
 

@@ -32,7 +32,7 @@ class ChangeKind(Enum):
     AFTER_END = auto()
     """A change of a task that had ended."""
     REPEAT = auto()
-    """A change that was told before, or one before it."""
+    """A change that was reported before, or one before it."""
 
 
 class TaskChanges:
@@ -48,9 +48,9 @@ class TaskChanges:
         self.ended: dict[str, tuple[TaskEvent, int]] = {}
         """How tasks ended first, and when that was recorded, ns; the oldest are forgotten."""
         self.is_from_start = False
-        """Whether the first change of all was heard."""
+        """Whether the first change of all was received."""
         self.has_gap = False
-        """Whether changes in between were not heard."""
+        """Whether changes in between are missing."""
         self._last_change = 0
         self._tasks = 0
 
@@ -108,7 +108,7 @@ def _is_later(event: TaskEvent, known: TaskEvent) -> bool:
 
 
 STILL_AT_NS = to_ns(FREE_AFTER_S)
-"""For as long a robot may go on with a task that was done: until it hears of it, or its lease ends."""
+"""A robot may continue with a task that was done for this long: until it learns of it, or its lease ends."""
 SILENT_NS = to_ns(1.0)
 
 
@@ -124,7 +124,7 @@ class _StillAt:
 
 
 class TaskOnce(InvariantJudge):
-    """Counts the ends of tasks, by the numbers of the changes, and follows what robots do after."""
+    """Counts the ends of tasks, by the numbers of the changes, and judges robots' work after them."""
 
     invariant = Invariant.TASK_ONCE
 
@@ -183,7 +183,7 @@ class TaskOnce(InvariantJudge):
 BOTH_NS = to_ns(FREE_AFTER_S)
 """For as long two robots may be at a task: the lease and its guard time."""
 SILENT_NS = to_ns(1.0)
-"""A robot that says nothing for this long is not counted as being at its task; its time starts again."""
+"""A robot that is silent for this long is not counted as being at its task; its time starts again."""
 
 
 class _At:

@@ -1,4 +1,4 @@
-"""Whether a recording is what it should be: messages that decode, stamps that grow, numbers without holes.
+"""Checks of a recording: messages that decode, stamps that grow, numbers without holes.
 
 With that, whether the run kept its invariants (`recording/invariants/`).
 """
@@ -31,7 +31,7 @@ class Severity(StrEnum):
     """How much a finding matters."""
 
     PROBLEM = "problem"
-    """The recording is not what it should be."""
+    """The recording fails a check."""
     NOTE = "note"
     """Worth knowing, and may be right."""
 
@@ -45,7 +45,7 @@ class CheckKind(StrEnum):
 
     TRUNCATED = "truncated"
     MALFORMED = "malformed"
-    """A payload that is not what its topic says."""
+    """A payload that does not fit its topic."""
     STAMP_BACK = "stamp_back"
     """A sender's stamp before the one before."""
     TIME_BACK = "time_back"
@@ -59,11 +59,11 @@ class CheckKind(StrEnum):
     COUNT = "count"
     """The file's own counts differ from its content."""
     LOST = "lost"
-    """The recorder says that it could not write everything."""
+    """The recorder reports that it could not write everything."""
     UNKNOWN_KEY = "unknown_key"
     """A key that is of no recorded topic."""
     PROVENANCE = "provenance"
-    """It does not say what it is of."""
+    """It has no description of its run."""
 
 
 class RecordingFinding(msgspec.Struct, frozen=True, kw_only=True):
@@ -73,7 +73,7 @@ class RecordingFinding(msgspec.Struct, frozen=True, kw_only=True):
     kind: CheckKind
     key: str
     time_s: float
-    """Since the first message; 0 for what is of the whole file."""
+    """Since the first message; 0 for a finding of the whole file."""
     text: str
 
 
@@ -87,13 +87,13 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     findings: list[RecordingFinding]
     """The first few of each kind and key, in order."""
     more: dict[str, int]
-    """How many of each kind were not told one by one."""
+    """Number of further findings of each kind that are not listed."""
     invariants: list[Ruling] = []
     """How each invariant of the run stands."""
 
     @property
     def good(self) -> bool:
-        """Whether nothing is wrong and no invariant is broken; notes are not wrong."""
+        """Whether no check failed and no invariant is broken; notes are not failures."""
         return self.problems == 0 and not broken(self.invariants)
 
 
@@ -106,7 +106,7 @@ def check_recording(
 
     Args:
         path: an MCAP file.
-        on_progress: told now and then the share of the file that has been read, 0 to 1.
+        on_progress: called now and then with the share of the file that has been read, 0 to 1.
         surroundings: data on the place of the run that the recording does not have.
 
     Raises:
@@ -180,7 +180,7 @@ class _Check:
         decoded = self._decode(topic, message)
         self.judging.handle(decoded, now_ns)
         if isinstance(decoded, MapPatch) and decoded.parts and not message.sequence:
-            return  # the answer to one who asked for a whole map: it is recorded in between, without a number
+            return  # the answer to a query for a whole map: it is recorded in between, without a number
         sender = f"{key} {_sender_of(decoded)}" if several_senders(topic) else key
         before = self._last.get(sender)
         self._last[sender] = message

@@ -1,4 +1,4 @@
-"""A recording as a list of chunks, any of which can be read on its own: what seeking stands on."""
+"""A recording as a list of chunks, each readable separately, for seeking."""
 
 import os
 import struct
@@ -25,12 +25,12 @@ from robrain.recording.reader.reading import (
 )
 
 CHUNKS_AT_HAND = 32
-"""Chunks kept in memory after they were read: those around the place that is looked at."""
+"""Chunks kept in memory after they were read: those around the current place."""
 RECORD_HEADER = struct.Struct("<BQ")
 
 
 class ChunkPlace(NamedTuple):
-    """Where a chunk is and what is in it."""
+    """Place and content of a chunk."""
 
     offset: int
     start_ns: int
@@ -40,7 +40,7 @@ class ChunkPlace(NamedTuple):
 
 
 class ChunkedFile:
-    """Reads a recording here and there; a file whose end is missing is read through once first.
+    """Reads any place of a recording; a file without its end is read through once first.
 
     Args:
         path: an MCAP file.
@@ -57,7 +57,7 @@ class ChunkedFile:
         self.counts: dict[int, int] = {}
         """Messages of each channel id."""
         self.chunks: list[ChunkPlace] = []
-        """In the order of the file, without those that hold no message."""
+        """In the order of the file, without chunks that hold no message."""
         self.truncated = is_truncated(path)
         self._at_hand: OrderedDict[int, list[RecordedMessage]] = OrderedDict()
         with describing_damage(path), path.open("rb") as stream:
@@ -147,7 +147,7 @@ class ChunkedFile:
 
     def _read(self, number: int) -> list[RecordedMessage]:
         with describing_damage(self.path):
-            # Opened for each chunk, which costs little beside it: nobody has to close a file that is looked at.
+            # Opened for each chunk, which costs little beside it: no caller has to close a file that is read.
             with self.path.open("rb") as stream:
                 stream.seek(self.chunks[number].offset + RECORD_HEADER.size)
                 chunk = Chunk.read(ReadDataStream(stream))

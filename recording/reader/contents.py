@@ -32,7 +32,7 @@ class KeyContents(msgspec.Struct, frozen=True, kw_only=True):
 
     key: str
     topic: str
-    """Name in the table of topics; empty for what is not of the wire."""
+    """Name in the table of topics; empty for channels that are not of the wire."""
     messages: int
     bytes: int
     """Of their payloads."""
@@ -46,7 +46,7 @@ class KeyContents(msgspec.Struct, frozen=True, kw_only=True):
     gaps: int
     """Silences between two messages of more than a second and five mean periods."""
     missing: int
-    """Messages that by the sender's numbers were sent and are not there; not told where several speak under a key."""
+    """Messages that are missing by the sender's numbers; unknown if a key has several senders."""
 
 
 class RecordingContents(msgspec.Struct, frozen=True, kw_only=True):
@@ -69,7 +69,7 @@ class RecordingContents(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_contents(path: Path, on_progress: OnProgress | None = None) -> RecordingContents:
-    """Read a recording and say what is in it.
+    """Read a recording and list its contents.
 
     Raises:
         RecordingError: there is no such file, it is no recording, or it is damaged.
@@ -121,7 +121,7 @@ class _Tally:
         topic = topic_named_by(key)
         times_s = (np.array(self.times_ns, np.uint64).astype(np.float64) - float(start_ns)) / NS_PER_S
         sequences = np.array(self.sequences, np.int64)
-        # A sender that begins again at 0 was restarted; nothing is missing then.
+        # A sender that begins again at 0 was restarted; no message is missing then.
         missing = np.where(sequences[1:] > 0, np.diff(sequences) - 1, 0)
         # The wall's clock may have been set back in between.
         span_s = float(times_s.max() - times_s.min())

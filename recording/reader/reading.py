@@ -1,4 +1,4 @@
-"""Reading recordings, also those whose end is missing because their recorder was killed."""
+"""Reading recordings, also recordings without an end because their recorder was killed."""
 
 import os
 import struct
@@ -61,7 +61,7 @@ class RecordedMessage(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def topic_named_by(key: str) -> Topic[Any] | None:
-    """The topic of a key; None for what is not of the wire."""
+    """The topic of a key; None for a key that is not of the wire."""
     found = topic_of(key)
     return None if found is None else found[0]
 
@@ -80,7 +80,7 @@ class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
     path: Path
     size_bytes: int
     messages: int
-    """Those of the wire; what was derived from them to be drawn is not counted here."""
+    """Messages of the wire; derived channels for viewers are not counted here."""
     start_ns: int
     """The run's clock at the first message; 0 when there is none."""
     duration_s: float
@@ -88,7 +88,7 @@ class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
     counts: dict[str, int]
     """Messages of each key."""
     truncated: bool
-    """The end is missing; what is there can be read."""
+    """The end is missing; the rest can be read."""
     versions: dict[str, str]
     """Versions of the software that made it; empty when it was not robrain."""
     digest: str
@@ -100,14 +100,14 @@ class RecordingInfo(msgspec.Struct, frozen=True, kw_only=True):
 def read_messages(path: Path, on_progress: Callable[[float], None] | None = None) -> Iterator[RecordedMessage]:
     """The messages of a recording in the order in which they were recorded.
 
-    A file that ends in the middle gives what is there.
+    A file that ends in the middle gives its messages up to there.
 
     Args:
         path: an MCAP file.
-        on_progress: told now and then the share of the file that has been read, 0 to 1.
+        on_progress: called now and then with the share of the file that has been read, 0 to 1.
 
     Raises:
-        RecordingError: there is no such file or it is no recording (at once), or it is damaged (on the way).
+        RecordingError: there is no such file or it is no recording (at once), or it is damaged (while it is read).
     """
     check_readable(path)
     return _messages(path, on_progress)
@@ -130,7 +130,7 @@ def read_provenance(path: Path) -> Provenance:
 
 
 def recording_info(path: Path) -> RecordingInfo:
-    """How long a recording is and what is in it; quick, unless its end is missing and it must be read through.
+    """Duration and contents of a recording; quick, unless its end is missing and it must be read through.
 
     Raises:
         RecordingError: there is no such file, it is no recording, or it is damaged.
@@ -238,7 +238,7 @@ def whole_reads(stream: BufferedReader) -> IO[bytes]:
 
 
 class _WholeReads:
-    """Reads all that is asked for or nothing: mcap takes a record that was cut short for a whole one."""
+    """Reads all requested bytes or none: mcap would read a truncated record as a whole one."""
 
     def __init__(self, stream: BufferedReader) -> None:
         self._stream = stream
@@ -250,14 +250,14 @@ class _WholeReads:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[BufferedReader]:
-    """The file, with what is wrong with it or its bytes turned into RecordingError."""
+    """The file; its errors become RecordingError."""
     with describing_damage(path), path.open("rb") as stream:
         yield stream
 
 
 @contextmanager
 def describing_damage(path: Path) -> Iterator[None]:
-    """Turns what is wrong with the file or its bytes, while the block reads it, into RecordingError."""
+    """Turns errors of the file or its bytes, while the block reads it, into RecordingError."""
     try:
         yield
     except FileNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Making a whole file of one whose end is missing or that is damaged, and adding what others draw to one without."""
+"""Recovery of a file that is damaged or lacks its end, and derived channels for a file without them."""
 
 import os
 from collections.abc import Callable
@@ -43,9 +43,9 @@ def copy_recording(
     Args:
         source: an MCAP file.
         path: a file that does not exist yet.
-        visual: derives channels to add; those that the source has are left out then.
+        visual: derives channels to add; the source's own are then skipped.
         metadata: name and values of a record about the copy, asked at its end.
-        on_progress: told the share of the source that has been read, 0 to 1.
+        on_progress: called with the share of the source that has been read, 0 to 1.
 
     Raises:
         RecordingError: the source is no recording, or the new file exists or cannot be written; none is left then.
@@ -84,7 +84,7 @@ def _copy_all(
         try:
             record = next(records, None)
         except (EndOfFile, *DAMAGE):
-            break  # what comes after a record whose length is wrong cannot be told apart
+            break  # records after one whose length is wrong cannot be found
         except OSError as error:
             raise RecordingError(source, f"cannot read {source}: {error.strerror or error}") from error
         if record is None:
@@ -119,10 +119,10 @@ class RecordingCopy:
         self._now_ns: int | None = None
 
     def learn(self, stream: BufferedReader) -> None:
-        """Take the descriptions of channels from the summary of a source that has one."""
+        """Read the descriptions of channels from the summary of a source that has one."""
         try:
             summary = make_reader(stream).get_summary()
-        except (EndOfFile, *DAMAGE):  # the index is damaged; what stands before it may be whole
+        except (EndOfFile, *DAMAGE):  # the index is damaged; the records before it may be whole
             summary = None
         if summary is not None:
             self._schemas, self._channels = dict(summary.schemas), dict(summary.channels)
@@ -188,7 +188,7 @@ class RecordingCopy:
         self.messages += 1
 
     def _watch(self, channel: Channel, message: Message) -> None:
-        """Hand a message to the deriver, as the recorder does: all of one time first, then what is due at that time."""
+        """Give a message to the deriver, as the recorder does: all of one time first, then all that are due then."""
         if self._visual is None:
             return
         if self._now_ns is not None and message.log_time != self._now_ns:
@@ -242,12 +242,12 @@ class Recovery(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def recover(source: Path, path: Path, on_progress: Callable[[float], None] | None = None) -> Recovery:
-    """Write all that can be read of `source` to a new file with index and summary; what was lost is in its metadata.
+    """Write all readable messages of `source` to a new file with index and summary; its metadata lists the losses.
 
     Args:
         source: an MCAP file.
         path: a file that does not exist yet.
-        on_progress: told the share of the source that has been read, 0 to 1.
+        on_progress: called with the share of the source that has been read, 0 to 1.
 
     Raises:
         RecordingError: the source is no recording, or the new file exists or cannot be written; none is left then.
@@ -266,14 +266,14 @@ def recover(source: Path, path: Path, on_progress: Callable[[float], None] | Non
 
 
 def with_visual(source: Path, path: Path, on_progress: Callable[[float], None] | None = None) -> int:
-    """Write a copy of a recording with what Foxglove, Lichtblick and Rerun draw; returns how many messages that adds.
+    """Write a copy of a recording with channels for viewers such as Foxglove; returns the number of added messages.
 
     Channels of that kind which the source has are made again.
 
     Args:
         source: an MCAP file.
         path: a file that does not exist yet.
-        on_progress: told the share of the source that has been read, 0 to 1.
+        on_progress: called with the share of the source that has been read, 0 to 1.
 
     Raises:
         RecordingError: the source is no recording, or the new file exists or cannot be written; none is left then.

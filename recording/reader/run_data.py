@@ -30,13 +30,13 @@ from robrain.recording.reader.contents import RecordingContents, read_contents
 from robrain.recording.reader.reading import read_front, read_messages, topic_named_by
 
 SILENT_S = 3.0
-"""A robot that says nothing for longer than this is silent; its state comes ten times a second."""
+"""A robot that publishes nothing for longer than this is silent; its state comes ten times a second."""
 HAPPENINGS_MAX = 5000
 BAD_LEVELS = ("error", "critical")
 
 
 class Happening(msgspec.Struct, kw_only=True):
-    """Something that went wrong. All texts are of the wire: not escaped."""
+    """A fault of a run. All texts are of the wire: not escaped."""
 
     kind: str
     """halted, faulted, astray, silent, distrusted, task, log or team halt."""
@@ -44,7 +44,7 @@ class Happening(msgspec.Struct, kw_only=True):
     text: str
     start_s: float
     end_s: float | None = None
-    """When it was well again; None if it was not, or for what has no duration."""
+    """Time of its recovery; None without one, or for a fault without a duration."""
     lasts: bool = True
     """Whether it has a duration."""
 
@@ -72,7 +72,7 @@ class Happenings:
             self._point("log", f"{message.robot} {message.source}", message.text, t_s)
 
     def finish(self, end_s: float) -> list[Happening]:
-        """All of them, by their beginnings; robots that said nothing until the end included."""
+        """All of them, by their beginnings; robots that were silent until the end included."""
         for robot, heard_s in self._received_s.items():
             if end_s - heard_s > SILENT_S:
                 self._begin("silent", robot, "", "said nothing until the end", heard_s)
@@ -138,7 +138,7 @@ class RobotRun:
     measured_j: "array[float]" = field(default_factory=lambda: array("d"))
     """Since the beginning, at the battery's terminals."""
     predicted_j: "array[float]" = field(default_factory=lambda: array("d"))
-    """The same by the robot's own model of what its motion takes."""
+    """The same by the robot's own model of its motion's energy."""
     agreement: "array[float]" = field(default_factory=lambda: array("d"))
     """Share of its beams that agree with its map, 0 to 1; nan where not reported."""
     accuracy: PoseAccuracy | None = None
@@ -149,7 +149,7 @@ class RobotRun:
     is_silently_off: "array[int]" = field(default_factory=lambda: array("b"))
     """Whether it diverged silently at these times, 0 or 1."""
     distance_m: float | None = None
-    """As the arena tells, the next two as well; None without one."""
+    """By the arena, as the next two; None without one."""
     energy_j: float | None = None
     collisions: int | None = None
     before: RobotState | None = None
@@ -172,7 +172,7 @@ class TaskRun:
     measured_j: float | None = None
     """Energy that it took, as that robot reported."""
     spans: list[tuple[str, float, float | None]] = field(default_factory=list)
-    """Robot, beginning and end of each time that somebody was at it."""
+    """Robot, beginning and end of each time that a robot was at it."""
 
 
 @dataclass
@@ -197,11 +197,11 @@ class RunData:
     contents: RecordingContents
     duration_s: float
     explored: list[tuple[float, float]] = field(default_factory=list)
-    """Time and explored share, 0 to 1, as the arena tells."""
+    """Time and explored share, 0 to 1, by the arena."""
     known_m2: list[tuple[float, float]] = field(default_factory=list)
-    """Time and known area, as the coordinator tells."""
+    """Time and known area, by the coordinator."""
     mote_field: MoteFieldState | None = None
-    """How the motes were doing at the end, as the coordinator told; None if it did nothing for them by itself."""
+    """Status of the motes at the end, by the coordinator; None if it did no work for them on its own initiative."""
     left: ExplorationLeft | None = None
     """Regions that exploration left, as last published by the coordinator; None if it never did."""
     map_accuracy: list[tuple[float, MapAccuracy]] = field(default_factory=list)
@@ -298,7 +298,7 @@ class _Gather:
                 measured_j += before.battery.voltage_v * before.battery.current_a * passed_s
             if before.energy is not None:
                 predicted_j += model_power_w(before.energy, before.velocity) * passed_s
-            elif before.battery is not None:  # before it has a model, nothing is predicted and nothing compared
+            elif before.battery is not None:  # before it has a model, there is no prediction and no comparison
                 predicted_j = measured_j
         nan = float("nan")
         robot.t_s.append(t_s)

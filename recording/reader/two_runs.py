@@ -1,4 +1,4 @@
-"""Two recorded runs: their first difference, and what came out of each beside the other."""
+"""Two recorded runs: their first difference, and their outcomes beside each other."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -26,7 +26,7 @@ class ComparedTask(msgspec.Struct, frozen=True, kw_only=True):
     task: str
     kind: str
     state: str
-    """The last one: `done`, `failed`, `cancelled`, or what it was when the run ended."""
+    """The last one: `done`, `failed`, `cancelled`, or its state when the run ended."""
     robot: str
     """The robot that did it, or worked on it last; empty if none did."""
     started_s: float | None
@@ -39,7 +39,7 @@ class RobotOutcome(msgspec.Struct, frozen=True, kw_only=True):
 
     robot: str
     distance_m: float | None
-    """As the arena tells, the next two as well; None without one."""
+    """By the arena, as the next two; None without one."""
     energy_j: float | None
     collisions: int | None
     frontiers: int
@@ -58,7 +58,7 @@ class ComparedRun(msgspec.Struct, frozen=True, kw_only=True):
     explored_at_s: dict[str, float]
     """Time at which each share of the floor was explored, by its percentage, `50%`; without those not reached."""
     done: int
-    """Tasks done, those of the coordinator's own left out; the next one as well."""
+    """Tasks done, without the coordinator's own; the next one as well."""
     failed: int
     robots: list[RobotOutcome]
     tasks: list[ComparedTask]
@@ -101,12 +101,12 @@ class ComparedRow(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_equal(self) -> bool:
-        """Whether there is nothing to tell apart."""
+        """Whether the runs are equal."""
         return self.first == self.second
 
 
 class TwoRuns(msgspec.Struct, frozen=True, kw_only=True):
-    """Two runs to be told beside each other."""
+    """Two runs for a comparison."""
 
     first: ComparedRun
     second: ComparedRun
@@ -260,12 +260,12 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
     """The first message in which two runs differ, seen from the first run; values as JSON, cut where long."""
 
     number: int
-    """Of the message among those of the wire, counted from 0."""
+    """Index of the message among those of the wire, counted from 0."""
     time_s: float
     """Since the first message of the run."""
     key: str
     topic: str
-    """Name in the table of topics; empty for what is not ours."""
+    """Name in the table of topics; empty for other keys."""
     what: str
     """`key`, `time`, `field`, `payload`, or `end` when one run ends before the other."""
     path: str
@@ -279,8 +279,8 @@ def first_difference(
 ) -> tuple[Difference | None, int]:
     """The first message in which two runs differ, or None; and how many are the same before it.
 
-    Compared are key, time of recording since the first message, and payload of what went over the wire. Sequence
-    numbers and stamps are in the payload.
+    Compared are key, time of recording since the first message, and payload of messages of the wire. Sequence numbers
+    and stamps are in the payload.
 
     Raises:
         RecordingError: a file cannot be read.

@@ -1,12 +1,12 @@
-"""The player: a recording that can be looked at anywhere. This is what a replay page stands on.
+"""The player: a recording that can be looked at anywhere. A replay page is built on it.
 
     player = Player(path)
     player.prepare()
-    for message in player.seek(90.0):        # initial state for a new viewer: the run after 90 s
+    for message in player.seek(90.0):        # state at 90 s
         ...
     player.play(speed=4.0)
     while playing:
-        for message in player.step(clock.now_ns()):     # what has become due since the last step
+        for message in player.step(clock.now_ns()):     # due
             ...
     player.close()
 
@@ -42,10 +42,10 @@ HELD_BYTES_MAX = 64 * 1024 * 1024
 class Player:
     """A recording with a position in it, which starts at the beginning and does not move until `play`.
 
-    Times called `t_s` are seconds since the first message; those before it and after the last are taken as these.
+    Times called `t_s` are seconds since the first message; times outside the recording are moved to its ends.
 
     Args:
-        path: an MCAP file, also one whose end is missing.
+        path: an MCAP file, also one without its end.
 
     Raises:
         RecordingError: there is no such file, it is no recording, or it is damaged.
@@ -58,7 +58,7 @@ class Player:
         self.keys = sorted({channel.topic for channel in file.channels.values() if file.counts.get(channel.id)})
         """Keys that have a message."""
         self._map_keys = {key for key in self.keys if (found := topic_of(key)) is not None and found[0] is ROBOT_MAP}
-        # The wall's clock may have been set back in between; no message is due before those that stand before it.
+        # The wall clock may have been set back in between; no message is due before earlier ones.
         self._ends_ns = list(accumulate((chunk.end_ns for chunk in file.chunks), max))
         self._key_chunks: dict[str, list[int]] = {key: [] for key in self.keys}
         for number, chunk in enumerate(file.chunks):
@@ -76,7 +76,7 @@ class Player:
         """The caller's clock and the position at the start of playing; None when it stands or has not stepped yet."""
         self.playing = False
 
-    # -- what it is of --------------------------------------------------------------------------------------
+    # -- description ---------------------------------------------------------------------------------------
 
     @property
     def start_ns(self) -> int:
@@ -90,14 +90,14 @@ class Player:
 
     @property
     def truncated(self) -> bool:
-        """The end is missing; what is there can be played."""
+        """The end is missing; the rest can be played."""
         return self._file.truncated
 
     def prepare(self, on_progress: Callable[[float], None] | None = None) -> None:
-        """Read the file once, so that every `seek` after it is quick, as it is not in a long recording before.
+        """Read the file once, so that every later `seek` is quick; without it, `seek` is slow in a long recording.
 
         Args:
-            on_progress: told the share that has been read, 0 to 1.
+            on_progress: called with the share that has been read, 0 to 1.
 
         Raises:
             RecordingError: the file is damaged.
@@ -120,7 +120,7 @@ class Player:
                 elif key in held:
                     held[key].append(((number, index), message))
                     held_bytes += len(message.payload)
-                    if held_bytes > HELD_BYTES_MAX:  # pictures maybe: drop what takes most
+                    if held_bytes > HELD_BYTES_MAX:  # maybe pictures: drop the largest messages
                         largest = max(held, key=lambda key: sum(len(kept.payload) for _, kept in held[key]))
                         held_bytes -= sum(len(kept.payload) for _, kept in held.pop(largest))
             if on_progress is not None:
@@ -152,7 +152,7 @@ class Player:
         return self._place[0] >= len(self._file.chunks)
 
     def seek(self, t_s: float) -> list[RecordedMessage]:
-        """Go to `t_s`; it goes on playing if it was.
+        """Go to `t_s`; it continues playing if it was.
 
         Returns the run as it was then: the last message of each key until then, and the map, in the order of the file.
 
@@ -165,7 +165,7 @@ class Player:
         return self._state_before(self._place, self._position_ns)
 
     def rewind(self) -> None:
-        """Go back to before the first message; it goes on playing if it was."""
+        """Go back to before the first message; it continues playing if it was."""
         self._place = (0, 0)
         self._position_ns = self._file.start_ns
         self._played_from = None
@@ -197,7 +197,7 @@ class Player:
         return list(self.steps(now_ns))
 
     def steps(self, now_ns: int) -> Iterator[RecordedMessage]:
-        """The same, one by one: what stands before a damage comes before its RecordingError."""
+        """The same, one by one: messages before a damage come before its RecordingError."""
         if self.playing:
             if self._played_from is None:
                 self._played_from = (now_ns, self._position_ns)
@@ -207,7 +207,7 @@ class Player:
             yield from self._advance_to(min(due_ns, self._file.end_ns))
 
     def step_by(self, duration_s: float) -> list[RecordedMessage]:
-        """Move on by a recorded duration, playing or not, and return what was said meanwhile."""
+        """Advance by a recorded duration, playing or not, and return the messages of that time."""
         if duration_s < 0:
             raise ValueError(f"expected duration_s >= 0, got {duration_s:g}; seek goes back")
         self._played_from = None
@@ -233,7 +233,7 @@ class Player:
         return (number, next((i for i, message in enumerate(messages) if message.log_time_ns > at_ns), 0))
 
     def _pass_over_gap(self, now_ns: int) -> None:
-        """Go to the next message if nothing is recorded for long before it, or the clock was set back by much."""
+        """Go to the next message if there is a long gap before it, or the clock was set back by much."""
         number, index = self._place
         messages = self._file.read(number) if number < len(self._file.chunks) else []
         gap_ns = messages[index].log_time_ns - self._position_ns if index < len(messages) else 0

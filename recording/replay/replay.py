@@ -1,4 +1,4 @@
-"""Replay: says a recorded run again, under the same keys, at any pace, from any place."""
+"""Replay: publishes a recorded run again, under the same keys, at any pace, from any place."""
 
 import math
 from collections.abc import Iterable
@@ -40,7 +40,7 @@ class Replay:
         self._loop = loop
         self._closed = False
         self.player = Player(path)
-        """Where it is. Pause and go on with it; seek with `seek`, which also says how things were there."""
+        """Where it is. Pause and continue with it; seek with `seek`, which also publishes the state at that place."""
         self.player.play(speed)
         self._publishers = _publishers(endpoint, list(self.info.counts))
         endpoint.answer(REPLAY_CONTROL, self._control, serve=Serve.IN_STEP)
@@ -48,7 +48,7 @@ class Replay:
 
     @property
     def done(self) -> bool:
-        """Whether all has been said; never, in a loop, unless there is nothing to say."""
+        """Whether all messages have been published; never, in a loop, unless there are none."""
         return self._closed or (self.player.done and not (self._loop and self.info.messages))
 
     @property
@@ -78,7 +78,7 @@ class Replay:
         return put
 
     def seek(self, t_s: float) -> int:
-        """Go to `t_s`, say how everything was then, the map too, and return how many messages that took.
+        """Go to `t_s`, publish the state at that time, the map too, and return the number of its messages.
 
         Raises:
             RecordingError: the file is damaged there.
@@ -126,7 +126,7 @@ class Replay:
 
 
 def _publishers(endpoint: Endpoint, keys: list[str]) -> dict[str, Publisher]:
-    """A publisher for each recorded key that is of a topic of ours, and tokens for who spoke there."""
+    """A publisher for each recorded key of a known topic, and tokens for its senders."""
     publishers: dict[str, Publisher] = {}
     robots: set[str] = set()
     coordinator = False

@@ -1,4 +1,4 @@
-"""The recorder: writes all that a team says on its recorded topics, and keeps a digest of it."""
+"""The recorder: writes all messages of a team's recorded topics, and keeps a digest of them."""
 
 import logging
 import re
@@ -34,7 +34,7 @@ import struct
 from itertools import islice
 
 AT_ONCE = 64
-"""Messages put together for the digest: few enough that what is put together stays in the processor's cache."""
+"""Messages joined for the digest: few enough that the joined bytes stay in the processor's cache."""
 
 _STAMP_AND_PAYLOAD_LENGTH = struct.Struct("<QQ")
 
@@ -50,7 +50,7 @@ class RunDigest:
         self._key_prefixes: dict[str, bytes] = {}
 
     def add(self, told: Sequence[DigestedMessage]) -> None:
-        """Take messages in."""
+        """Accept messages."""
         for start in range(0, len(told), AT_ONCE):
             self._digest.update(self._digested(islice(told, start, start + AT_ONCE)))
 
@@ -75,22 +75,22 @@ logger = logging.getLogger(__name__)
 
 
 STATE_NS = to_ns(1.0)
-"""How often a live recorder tells how it does."""
+"""Period at which a live recorder publishes its state."""
 SLOW_S = 1.0
 """A step that takes longer than this is reported."""
 SLOW = "as the disk or the machine is too slow"
 
 
 class RecorderReports:
-    """Says how a recorder does.
+    """Publishes the state of a recorder.
 
     In live operation a hanging disk is reported while it hangs, from a separate thread. In lockstep, where the run
     waits for the disk, it is reported afterwards.
 
     Args:
-        states: where it is said.
+        states: endpoint that publishes it.
         clock: the recorder's.
-        look: tells how the recorder is just now, from any thread.
+        look: gives the recorder's current state, from any thread.
         live: whether others go on while the recorder waits.
     """
 
@@ -127,7 +127,7 @@ class RecorderReports:
             self._say(f"writing took {duration_s:.1f} s, {SLOW}" if slow else "")
 
     def close(self) -> None:
-        """Say the last."""
+        """Publish the last state."""
         if self._watch is not None:
             self._watch.close()
         self._say("")
@@ -168,7 +168,7 @@ class SlowStepTimer:
         self._began_s = None
 
     def close(self) -> None:
-        """Stop watching; calling it again does nothing."""
+        """Stop watching; a second call has no effect."""
         self._ended.set()
         self._thread.join()
 
@@ -181,7 +181,7 @@ class SlowStepTimer:
 
 
 REFUSED_KINDS = 200
-"""Told in its state: it hears every topic."""
+"""Published in its state: it receives every topic."""
 INBOX_CAPACITY = 65536
 INBOX_BYTES = 256 * 1024 * 1024
 SEQUENCE_MASK = 0xFFFF_FFFF
@@ -189,14 +189,15 @@ SEQUENCE_MASK = 0xFFFF_FFFF
 
 
 OnRecorded = Callable[[Sequence[tuple[Topic[Any], str, bytes, int, int]], int], None]
-"""Takes topic, key, payload, stamp and number of each message, and the run's clock when they were recorded, in ns."""
+"""Receives topic, key, payload, stamp and number of each message, and the run's clock when they were recorded, in ns.
+"""
 
 
 class RecordingSummary(msgspec.Struct, frozen=True):
     """The result of a recording."""
 
     messages: int
-    """Messages heard, all of them in the digest."""
+    """Received messages, all of them in the digest."""
     bytes: int
     """Size of the file; 0 without one."""
     digest: str
@@ -206,32 +207,32 @@ class RecordingSummary(msgspec.Struct, frozen=True):
     """Messages that came faster than they were written, and are in neither file nor digest."""
     path: Path | None
     lost: int = 0
-    """Messages in the digest that the disk did not take."""
+    """Messages in the digest that the disk did not accept."""
     lost_by_topic: dict[str, int] = {}
     """Both together, by the topic's name."""
     paths: list[Path] = []
-    """Every file, where the recording is split; those that were removed meanwhile are left out."""
+    """Every file, where the recording is split; removed files are skipped."""
     removed: int = 0
     """Older files that made room."""
 
 
 class Recorder:
-    """Hears every recorded topic of a team, in order of arrival, and writes each message as it was on the wire.
+    """Receives every recorded topic of a team, in order of arrival, and writes each message as it was on the wire.
 
-    Two runs that said the same, in the same order, have the same `digest`; with a file or without. A disk that is full,
-    slow or hangs is reported in the log and on the wire (`recorder/R/state`). Lost messages are counted by topic; no
-    other component waits for the recorder.
+    Two runs with the same messages, in the same order, have the same `digest`; with a file or without. A disk that is
+    full, slow or hangs is reported in the log and on the wire (`recorder/R/state`). Lost messages are counted by topic;
+    no other component waits for the recorder.
 
     Args:
         endpoint: where to listen; its owner closes it, after the recorder.
         path: an MCAP file to write, or None for the digest alone.
-        provenance: what the run was started with.
+        provenance: setup of the run.
         split: when to go on in a next file; never, if not given.
-        visual: write what Foxglove and its like draw beside it, derived from what is recorded.
+        visual: write channels for Foxglove and similar viewers beside it, derived from the recorded messages.
         rotation: removes older recordings, in live.
 
     Raises:
-        RecordingError: the file cannot be written; nothing is declared then, and nothing left on the disk.
+        RecordingError: the file cannot be written; then there is no declaration, and no file on the disk.
     """
 
     def __init__(
@@ -282,7 +283,7 @@ class Recorder:
 
     @property
     def outside(self) -> int:
-        """Messages and queries of other processes that had a say in a lockstep run."""
+        """Messages and queries of other processes with an influence on a lockstep run."""
         return self._inbox.outside + self._outside_queries
 
     @property
@@ -304,7 +305,7 @@ class Recorder:
     def digest(self) -> str:
         """SHA-256 over key, stamp and payload of every message in order, as hex.
 
-        When other processes had a say in a lockstep run, `+outside:N` follows: N messages came from them.
+        When other processes had an influence on a lockstep run, `+outside:N` follows: N messages came from them.
         """
         outside = self.outside
         return self._digest.hexdigest() + (f"+outside:{outside}" if outside else "")
@@ -314,15 +315,15 @@ class Recorder:
         self._listener = on_recorded
 
     def ask_maps(self, endpoint: Endpoint, robots: Iterable[str]) -> None:
-        """Have robots tell all that they know of the map, for a recording that begins in mid-run.
+        """Make robots publish their whole map, for a recording that begins in mid-run.
 
-        The answers are recorded as if they had been said under `robot/R/map`: patches tell changes only.
+        The answers are recorded as if they had been published under `robot/R/map`: patches have changes only.
         """
         for robot in robots:
             endpoint.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot)
 
     def step(self) -> None:
-        """Record what has arrived since the last step. After `close` it does nothing."""
+        """Record the messages that have arrived since the last step. After `close` it has no effect."""
         if self._summary is not None:
             return
         if self._reports is None:
@@ -335,7 +336,7 @@ class Recorder:
             self._reports.end(self.lost)
 
     def close(self) -> RecordingSummary:
-        """Record what is left, finish the file and return what was done; calling it again returns the same."""
+        """Record the remaining messages, finish the file and return the summary; a second call returns the same."""
         if self._summary is None:
             self._record()
             if self._file is not None:
@@ -385,7 +386,7 @@ class Recorder:
                 self._rotation.step(now_ns, file.paths[-1])
 
     def _record_whole_map(self, file: RecordingFiles, now_ns: int) -> None:
-        """Have a new file begin with the whole map, so that it can be looked at alone."""
+        """Make a new file begin with the whole map, so that it can be viewed alone."""
         key = ROBOT_MAP.key(self._team, robot=self._name)
         for patch in self._known_map.patches(self._name, now_ns):
             file.write_beside(ROBOT_MAP, key, msgspec.json.encode(patch), now_ns)
@@ -461,7 +462,7 @@ class Recorder:
         """Messages that pass the border, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
         reported = []
-        topic: Any  # a Topic: it subscribes to nothing else
+        topic: Any  # a Topic: it subscribes to no other type
         for topic, key, payload, shared in samples:
             received = shared[0] if shared else read(topic, key, payload)
             if received is None:
@@ -494,7 +495,7 @@ class RecorderInbox(Inbox):
         self._bytes = 0
 
     def take(self, sample: Sample) -> bool:
-        """Take a message in, or count it as refused or dropped."""
+        """Accept a message, or count it as refused or dropped."""
         topic, key, payload, _ = sample
         self.received += 1
         if len(payload) > topic.payloads.max_bytes and not self.border.admits(topic, key, payload):
@@ -511,9 +512,9 @@ class RecorderInbox(Inbox):
         return True
 
     def drain_samples(self) -> list[Sample]:
-        """Take everything out, in order of arrival."""
+        """Return all messages, in order of arrival, and clear the inbox."""
         samples = super().drain_samples()
-        taken = 0  # summed first: what comes while it is reckoned counts as well
+        taken = 0  # summed first: messages that arrive during the sum count as well
         for sample in samples:
             taken += len(sample[2])
         self._bytes -= taken

@@ -49,8 +49,9 @@ SUFFIX = ".mcap"
 FLUSH_PERIOD_NS = to_ns(0.5)
 CHUNK_BYTES = 1024 * 1024
 EXACT_SCHEMA = "json_schema"
-"""Key in a channel's metadata: the JSON Schema that each of its messages is valid against. The schema beside it is the
-plain form of it that Foxglove takes, which knows no alternatives such as null."""
+"""Key in a channel's metadata: the JSON Schema that each of its messages is valid against. The schema beside it is its
+plain form for Foxglove, which has no alternatives such as null.
+"""
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
 
@@ -67,10 +68,10 @@ class RecordingFile:
         path: file to write; an older recording of that name is replaced.
         provenance: goes to the front of the file.
         now_ns: the run's clock at opening.
-        part: what is said of a file that is one of several; None if it is not.
+        part: description of a file that is one of several; None if it is not.
 
     Raises:
-        RecordingError: the file cannot be written; nothing is left behind then.
+        RecordingError: the file cannot be written; then no file remains.
     """
 
     def __init__(self, path: Path, provenance: Provenance, now_ns: int, part: Mapping[str, str] | None = None) -> None:
@@ -139,20 +140,20 @@ class RecordingFile:
             self._add(channel_id, now_ns, payload, now_ns)
 
     def write_visual(self, visual: "VisualMessage", log_time_ns: int) -> None:
-        """Add a derived message; nothing is lost with it that could not be derived again."""
+        """Add a derived message; if it is lost, it can be derived again."""
         channel_id = 0 if self._failed else self._channels.get(visual.channel) or self._add_visual(visual)
         if channel_id:
             self._add(channel_id, log_time_ns, visual.data(), visual.stamp_ns)
 
     def flush_if_due(self, now_ns: int) -> None:
-        """Hand what is held to the operating system when half a second of the run's clock has passed."""
+        """Give buffered messages to the operating system when half a second of the run's clock has passed."""
         # A wall clock that was set back must not put the flush off until it has caught up.
         if not 0 <= now_ns - self._flushed_ns < FLUSH_PERIOD_NS:
             self._flushed_ns = now_ns
             self._write_out()
 
     def close(self, summary: Mapping[str, str]) -> None:
-        """Write what is held, the summary of the run and the file's index, and close it."""
+        """Write buffered messages, the summary of the run and the file's index, and close it."""
         self._write_out()
         if self._failed:
             return
@@ -252,7 +253,7 @@ class RecordingFile:
 
 
 class _Stream:
-    """A file without a buffer: what was written is with the operating system, also after a kill -9."""
+    """A file without a buffer: written data are with the operating system, also after a kill -9."""
 
     def __init__(self, file: FileIO) -> None:
         self._file = file
@@ -261,7 +262,7 @@ class _Stream:
     def write(self, data: bytes) -> int:
         rest = memoryview(data)
         while rest:
-            # A disk that is nearly full takes a part of it first.
+            # A disk that is nearly full accepts a part of it first.
             written = self._file.write(rest)
             self.size_bytes += written
             rest = rest[written:]
@@ -293,7 +294,7 @@ def exact_schema(topic: Topic[Any]) -> str:
 
 
 def object_schema(topic: Topic[Any]) -> bytes:
-    """JSON Schema of a topic's message in the form that Foxglove and Lichtblick take."""
+    """JSON Schema of a topic's message in the form that Foxglove and Lichtblick accept."""
     return msgspec.json.encode(plain_schema(topic.json_schema()))
 
 

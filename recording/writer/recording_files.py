@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 RETRY_NS = to_ns(5.0)
-"""A recording whose disk failed tries to go on in its next file this often."""
+"""A recording whose disk failed tries to continue in its next file this often."""
 ROOM_BYTES = 4 * 1024 * 1024
-"""It does not try with less room than this: a file that ends after a moment helps nobody."""
+"""It does not try with less room than this: a file that ends after a moment is useless."""
 
 
 class SplitAt(msgspec.Struct, frozen=True, kw_only=True):
-    """When a recording goes on in its next file; never, unless something is given."""
+    """Limits at which a recording continues in its next file; none by default."""
 
     size_bytes: int | None = None
     duration_s: float | None = None
@@ -53,21 +53,21 @@ def part_path(path: Path, number: int) -> Path:
 
 
 OpenFile = Callable[[Path, int, Mapping[str, str] | None], "RecordingFile"]
-"""Opens one file: its path, the run's clock, and what is said of it if there are several."""
+"""Opens one file: its path, the run's clock, and its description if there are several."""
 
 
 class RecordingFiles:
     """Writes a recording to its file or files. Each file has the metadata, keys and schemas of the whole recording.
 
     Args:
-        path: of the file, or what the names of the files are made of.
+        path: path of the file, or the base of the files' names.
         open_file: opens one.
         now_ns: the run's clock.
         split: when to go on in the next file.
-        summary: what to write at the end of a file; asked when it is closed.
+        summary: gives the data at the end of a file; called when it is closed.
 
     Raises:
-        RecordingError: the first file cannot be written; nothing is left behind then.
+        RecordingError: the first file cannot be written; then no file remains.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class RecordingFiles:
 
     @property
     def why(self) -> str:
-        """Why nothing is written now; empty while messages are written."""
+        """Reason why no messages are written now; empty while messages are written."""
         return self._file.why
 
     def write(self, told: Iterable["StampedMessage"], log_time_ns: int) -> None:
@@ -145,7 +145,7 @@ class RecordingFiles:
         before = self._file
         if before.why and shutil.disk_usage(self._path.parent).free < ROOM_BYTES:
             return False
-        # One that failed before it held anything is of no use, and gives its number to the next.
+        # A file that failed before its first message is useless, and gives its number to the next.
         useless = bool(before.why) and not before.has_messages and self._parts > 1
         number = self._parts if useless else self._free_number(max(self._parts, 1) + 1)
         if useless and before.path in self.paths:
@@ -153,7 +153,7 @@ class RecordingFiles:
         try:
             following = self._open_part(number, now_ns)
         except RecordingError as error:
-            if not before.why:  # the old one goes on; a disk that is full will be told by it
+            if not before.why:  # the old one continues; a full disk reports itself by it
                 logger.warning("%s", error)
             return False
         if not before.why:
@@ -169,7 +169,7 @@ class RecordingFiles:
         return True
 
     def _free_number(self, number: int) -> int:
-        """The first number from `number` on that no file has: nothing is overwritten."""
+        """The first number from `number` on that no file has: existing files are never overwritten."""
         while part_path(self._path, number).exists():
             number += 1
         return number

@@ -18,7 +18,7 @@ LOOK_NS = to_ns(10.0)
 YOUNG_S = 60.0
 """A file that changed so lately is never removed: another recorder may be writing it."""
 FREE_BYTES = 500_000_000
-"""Room that rotation keeps on the disk, whatever else it may keep (chosen)."""
+"""Room that rotation keeps on the disk, whatever its other limits (chosen)."""
 
 
 class KeepFiles(msgspec.Struct, frozen=True, kw_only=True):
@@ -55,9 +55,9 @@ class Rotation:
 
     Args:
         folder: of the recordings.
-        pattern: matches the whole names of those that may be removed; all other files are left alone.
+        pattern: matches the whole names of files that may be removed; other files stay.
         keep: the limits.
-        free_bytes: tells how much room is on the folder's disk.
+        free_bytes: gives the free room on the folder's disk.
 
     """
 
@@ -76,7 +76,7 @@ class Rotation:
         self.removed_bytes = 0
 
     def step(self, now_ns: int, writing: Path) -> None:
-        """Remove what is too old or too much, every 10 s.
+        """Remove recordings that are too old or too large together, every 10 s.
 
         Args:
             now_ns: time of day, as stamps of files are.
@@ -88,7 +88,7 @@ class Rotation:
         self._check_ns = now_ns
         try:
             self._rotate(now_ns, writing)
-        except OSError as error:  # a recording goes on without rotation; its disk tells for itself
+        except OSError as error:  # a recording continues without rotation; its disk reports its own errors
             self._warn(f"old recordings in {self._folder} cannot be removed: {error}")
 
     def _rotate(self, now_ns: int, writing: Path) -> None:
