@@ -8,4 +8,4 @@ from robrain.protocol.errors import RobrainError
 
 
 class BadTask(RobrainError):
-    """An invalid task; the text names the field and what was expected."""
+    """An invalid task; the text names the field and the expected value."""

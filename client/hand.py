@@ -10,16 +10,16 @@ CALL_TIMEOUT_S = 0.5
 
 
 class Hand:
-    """Drives one robot by hand; use it in a `with` block, at whose end the robot is given back.
+    """Drives one robot by hand; use it in a `with` block, at whose end the robot is released.
 
     The robot stands within 0.3 s after the script ends, hangs or loses its link. It stops before obstacles by itself.
-    Paths that it is given meanwhile wait; what it drives by itself is not affected by the lease.
+    Paths that it is given meanwhile wait; its own actions are not affected by the lease.
 
     with robrain.Hand(team, "r1") as hand:
         hand.drive(2.0, forward_m_s=0.3)
 
     Args:
-        team: whose robot it is; its `by` names the holder.
+        team: robot to drive; its `by` names the holder.
         robot: name of the robot.
 
     """
@@ -33,7 +33,7 @@ class Hand:
         """Ask for a velocity, body frame, which holds for 0.1 s by default; zero gives the robot back.
 
         Raises:
-            CallError: somebody else drives the robot by hand (`busy`), or it is halted.
+            CallError: another client drives the robot by hand (`busy`), or it is halted.
             NobodyThere: the robot is absent.
 
         """

@@ -22,7 +22,7 @@ ROBOT_TIMEOUT_S = 10.0
 """Minimum time limit for a robot's answer; its host may be busy."""
 AGAIN_S = 0.25
 KEPT_S = 5.0
-"""How long to wait until more than half of the team has a task; robots tell each other five times a second."""
+"""Time limit until more than half of the team has a task; robots exchange ballots five times a second."""
 SHOWN_WHYS = 3
 _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 
@@ -76,7 +76,7 @@ class Requests:
             transport.pass_time(AGAIN_S)
 
     def submit(self, asked: TaskSubmission) -> TaskRecord:
-        """Submit a task to the coordinator, or to a robot if there is none and robots go on without.
+        """Submit a task to the coordinator, or to a robot if there is none and robots continue without.
 
         Raises:
             CallError: it is refused.
@@ -99,7 +99,7 @@ class Requests:
         return self._first_robot(ask, TASK_SUBMIT, asked, no_coordinator)
 
     def cancel(self, asked: TaskRequest) -> TaskRecord:
-        """Cancel a task at the coordinator, or at a robot if there is none and robots go on without.
+        """Cancel a task at the coordinator, or at a robot if there is none and robots continue without.
 
         Raises:
             CallError: it is refused.
@@ -128,7 +128,7 @@ class Requests:
                 return ask(robot)
             except (CallError, NobodyThere) as error:
                 reason.append(f"{robot}: {error}")
-        try:  # a coordinator may have started since, and have what a robot accepted
+        try:  # a coordinator may have started since, and have a task that a robot accepted
             return self._wire.ask(topic, asked, timeout_s=ASK_TIMEOUT_S)
         except NobodyThere:
             raise NobodyThere("; ".join([str(no_coordinator), *reason[:SHOWN_WHYS]])) from None

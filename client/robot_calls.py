@@ -114,7 +114,7 @@ class RobotCalls:
             The result, as decoded JSON.
 
         Raises:
-            CallError: the call is refused, or the plugin fails; the text says why.
+            CallError: the call is refused, or the plugin fails; the text gives the reason.
             NobodyThere: the robot is absent; the text lists the present ones.
             ValueError: arguments are given by position and by name.
 
@@ -149,7 +149,7 @@ class RobotCalls:
             moved the robot; `by` then names the plugin, such as `explore`.
 
         Raises:
-            CallError: the call is refused, or the plugin fails; the text says why.
+            CallError: the call is refused, or the plugin fails; the text gives the reason.
             NobodyThere: the robot is absent, or has gone.
             TimeoutError: the action has not ended in time.
 
@@ -194,7 +194,7 @@ class RobotCalls:
     def log(self, robot: str, *, follow: bool = False) -> Iterator[LogRecord]:
         """Yield the last lines of a robot's log, and each further one without end if `follow`.
 
-        They are what its plugins print and log, faults, and halts.
+        They are the output and log of its plugins, faults, and halts.
 
         Raises:
             NobodyThere: the robot is absent; the text lists the present ones.
@@ -223,7 +223,7 @@ class RobotCalls:
                 absolute path. A `Path` on this machine works if the robot is on the same.
 
         Raises:
-            CallError: it cannot be loaded; the text says why.
+            CallError: it cannot be loaded; the text gives the reason.
 
         """
         if isinstance(plugin, Path):

@@ -73,7 +73,7 @@ class CoordinatorAnswers:
     _requests: Requests
 
     def dry_run(self, task: str | Task, **fields: Unpack[TaskFields]) -> TaskDryRun:
-        """Return what would follow if `submit` were called with these arguments. Nothing is submitted.
+        """Return the result of `submit` if it were called with these arguments. Nothing is submitted.
 
         Raises:
             BadTask: a field is missing or invalid.
@@ -85,20 +85,20 @@ class CoordinatorAnswers:
         return self._requests.coordinator(TASK_DRY_RUN, asked)
 
     def left(self) -> ExplorationLeft | None:
-        """Return what exploration has left so far, by the coordinator's map; None before anything is known."""
+        """Return the regions that exploration has not covered, by the coordinator's map; None without a map."""
         return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
 
     def lead(self, *, by: str | None = None) -> list[str]:
         """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.
 
         A coordinator offers no task while most of its robots may be allocating tasks among themselves. A candidate does
-        not lead while most witnesses are silent, or refuse it because its journal may lack what was acknowledged.
+        not lead while most witnesses are silent, or refuse it because its journal may lack acknowledged changes.
 
         Args:
-            by: who says so, in place of the team's `by`.
+            by: name of the sender, in place of the team's `by`.
 
         Returns:
-            Names of the silent robots that do not count until they are heard again.
+            Names of the silent robots that do not count until their next message.
 
         """
         return self._requests.coordinator(COORDINATOR_LEAD, LeadRequest(by=self.by if by is None else by)).left_out
@@ -136,7 +136,7 @@ class FreshIds:
         Args:
             kind: of the task.
             submit: submits the task under an id.
-            by: who submits it.
+            by: name of the requester.
 
         Raises:
             CallError: the task is refused for another reason.
@@ -244,7 +244,7 @@ class Team(CoordinatorAnswers, RobotCalls):
         self.by = by
         self._listening = Listening(transport)
         self._wire = self._listening.open()
-        if self._wire.member is not None:  # then the certificate says who this is
+        if self._wire.member is not None:  # then the certificate names the client
             self.by = str(self._wire.member)
         self._requests = Requests(transport, self._wire)
         self._halts = self._wire.publisher(HALT)  # a halt then need not wait for its declaration
@@ -324,7 +324,7 @@ class Team(CoordinatorAnswers, RobotCalls):
 
         Raises:
             BadTask: a field is missing or invalid.
-            CallError: the task is refused, for example because no robot does its kind; the text says why.
+            CallError: the task is refused, for example because no robot does its kind; the text gives the reason.
             NobodyThere: no coordinator answers, and no robot accepts the task.
 
         """

@@ -49,7 +49,7 @@ class Transport(Protocol):
 
     @property
     def party(self) -> str:
-        """Whose radio the client uses, where a lockstep run simulates radios; see `Endpoint`."""
+        """Party whose radio the client uses, where a lockstep run simulates radios; see `Endpoint`."""
 
     @property
     def patience_s(self) -> float:
@@ -69,7 +69,7 @@ class Transport(Protocol):
         """Let a robot that runs in this process load plugins from a folder; others have that in their own file."""
 
     def record_query(self, key: str, request: bytes) -> None:
-        """Told of each query that may change something; in lockstep it is recorded, so that the run can be repeated."""
+        """Called with each query that may change a run; in lockstep it is recorded, so that the run is repeatable."""
 
     def close(self) -> None:
         """Leave the team; in lockstep, end the run. May be called again."""
@@ -110,10 +110,10 @@ class LiveTransport:
         time.sleep(seconds)
 
     def open_folder(self, robot: str, folder: Path) -> None:
-        """Does nothing: `loadable` in the robot's own file says where it may load from."""
+        """Does nothing: `loadable` in the robot's own file lists the permitted places."""
 
     def record_query(self, key: str, request: bytes) -> None:
-        """Does nothing: what is asked of a live team is not repeated."""
+        """Does nothing: requests to a live team are not repeated."""
 
     def close(self) -> None:
         """Close the session."""

@@ -1,1 +1,1 @@
-"""The team's side: who is there, what is known, who does what; recordings and the dashboard."""
+"""The team's side: presence, knowledge and allocation; recordings and the dashboard."""

@@ -41,7 +41,7 @@ class Backups(CoordinatorPart):
         core.wire.answer(COORDINATOR_BACKUP, self._back_up, serve=Serve.SHARED)
 
     def close(self) -> None:
-        """End the backup that is being written, whose part is removed, and begin no other."""
+        """End the backup in progress, remove its part, and begin no other."""
         self._is_closing = True
         if self._writing.acquire(timeout=CLOSE_TIMEOUT_S):
             self._writing.release()

@@ -25,7 +25,7 @@ SUMMARY_PERIOD_NS = to_ns(0.5)
 CHECK_PERIOD_NS = to_ns(0.1)
 """Robots publish their states at this period; in between, only messages and requests lead to a check of tasks."""
 PAUSE_NS = to_ns(FREE_AFTER_S)
-"""A longer gap between two steps is no silence of the robots: the coordinator stood still, or its clock was set."""
+"""A longer gap between two steps is no silence of the robots: the coordinator was paused, or its clock was set."""
 REPUBLISHED_TASKS = 256
 """Tasks whose last change is published again when a coordinator starts."""
 
@@ -37,9 +37,10 @@ class Coordinator:
 
     Args:
         wire: the coordinator's place on the wire; its owner closes it.
-        journal: stores its tasks, and what it continues from; its owner closes it. None keeps them in memory.
+        journal: stores its tasks, and the state from which it continues; its owner closes it. None keeps them in
+            memory.
         policy: parameters of planning.
-        rules: by which it makes tasks from what is sensed.
+        rules: by which it makes tasks from readings and events.
         elected: the election that it has won; None if it is alone.
 
     """
@@ -68,7 +69,7 @@ class Coordinator:
 
     @property
     def end_reason(self) -> str:
-        """Why it must end, in words; empty if it may go on."""
+        """Why it must end, as text; empty if it may continue."""
         return self.core.parts.end_reason
 
     def part(self, kind: type[P]) -> P:
@@ -93,7 +94,7 @@ class Coordinator:
         self._publish(now_ns)
 
     def close(self) -> None:
-        """End what runs beside `step`; the wire and the journal are their owners' to close."""
+        """End all activity beside `step`; the owners of the wire and the journal close them."""
         self.core.close()
 
     def _receive(self, now_ns: int) -> bool:

@@ -1,4 +1,4 @@
-"""Which robots explore, where they are sent, why others get no frontier, and what exploration leaves."""
+"""Exploration: the robots that explore, their goals, the reasons of the others, and the remaining regions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -82,7 +82,7 @@ class Exploration(CoordinatorPart):
         return replace(state, frontiers=frontiers, all_explored=self._is_reported)
 
     def reported(self, now_ns: int) -> None:
-        """Publish what is left, once the summary says that exploration has ended."""
+        """Publish the remaining regions, once the summary reports that exploration has ended."""
         if self._is_reported:
             self.remaining.step(now_ns)
 
@@ -130,7 +130,7 @@ class Exploration(CoordinatorPart):
         busy = [Busy(self._place_of(record), record.task.place) for record in bound]
         choices = self.explorer.choose(scouts, busy, now_ns) if scouts else []
         is_busy = bool(choices or paused or bound or under_way) or self.explorer.has_failures
-        # A team whose robots are all lost has not explored what it cannot get to.
+        # A team whose robots are all lost has not explored the regions that it cannot reach.
         is_lost = all(robot.state is None or robot.state.lost for robot in up)
         if is_busy or is_lost or not self._team_map.version:
             self._busy_ns = now_ns
@@ -197,7 +197,7 @@ CHANGED_M2, CHANGED_SHARE = 0.5, 0.1
 
 
 class RemainingRegions:
-    """Looks at the team's map for what is left to explore.
+    """Searches the team's map for regions that remain to explore.
 
     Args:
         wire: the coordinator's Zenoh endpoint.
@@ -214,12 +214,12 @@ class RemainingRegions:
         self._publisher = wire.publisher(COORDINATOR_LEFT)
         self._published: ExplorationLeft | None = None
         self._version = 0
-        """Of the map that was last looked at."""
+        """Of the map that was last checked."""
         self._due_ns = 0
         wire.answer(COORDINATOR_LEFT_NOW, self._answer, serve=Serve.IN_STEP)
 
     def step(self, now_ns: int) -> None:
-        """While exploration has ended: publish what is left, and again whenever that has changed much."""
+        """While exploration has ended: publish the remaining regions, and again whenever they have changed much."""
         if self._map.version != self._version and now_ns >= self._due_ns:
             self._due_ns = now_ns + REMAINING_PERIOD_NS
             self._version = self._map.version
@@ -228,7 +228,7 @@ class RemainingRegions:
                 self._publish(left)
 
     def publish(self) -> ExplorationLeft | None:
-        """Publish what is left now unless that was published last; returns it, None before anything is known."""
+        """Publish the remaining regions if they have changed; returns them, None before anything is known."""
         left = self._look()
         if left is not None and left != self._published:
             self._publish(left)

@@ -14,7 +14,7 @@ from robrain.protocol.answers.collector import CalmCollector
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.02
-"""Between two steps at the most; what arrives is attended to sooner."""
+"""Longest time between two steps; messages are handled sooner."""
 REST = 3.0
 """A step is followed by a rest of at least this many times its own time, and of `LEAST_REST_S`. With many robots
 messages arrive all the time, and batches are cheaper."""
@@ -31,10 +31,10 @@ def run_coordinator(
     rules: Sequence[Rule] = (),
     elected: Elected | None = None,
 ) -> str:
-    """Coordinate a team until `should_stop()`, or until another coordinator was elected; returns who leads then.
+    """Coordinate a team until `should_stop()`, or until another coordinator was elected; returns the name of that one.
 
-    The team hears of its coordinator first: what makes plans starts after that, and what the map needs is loaded beside
-    the loop. Until it is there, the robots' patches wait.
+    The team receives its coordinator first: plan processes start after that, and the libraries of the map are loaded
+    beside the loop. Until it is there, the robots' patches wait.
     """
     arrived = threading.Event()
     wire.on_receive = wire.on_waiting = arrived.set

@@ -29,8 +29,7 @@ class PluginRegistry(RobotContext):
 
     Args:
         foreign: plugins in separate processes, in live.
-        robot, clock, desk, make_environment, parameters,
-        has_one_thread, starters: see RobotContext.
+        robot, clock, desk, make_environment, parameters, has_one_thread, starters: see RobotContext.
 
     """
 

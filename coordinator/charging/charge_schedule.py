@@ -1,7 +1,7 @@
 """The schedule of chargers: which robot charges where, from when until when.
 
 List scheduling (Graham: Bounds on Multiprocessing Timing Anomalies, SIAM J. Applied Mathematics 17(2), 1969): in turn
-each robot gets the charger at which it can begin first. First come the robots at chargers, then those on the way to
+each robot gets the charger at which it can begin first. First come the robots at chargers, then those that drive to
 one, then the others, lowest charge first. Every robot that knows a charger gets a turn, and no robot waits while a
 charger that it could use is free.
 

@@ -319,7 +319,7 @@ def _is_the_same(said: tuple[PlannedCharge, ...], now: tuple[PlannedCharge, ...]
 AGAIN_NS = to_ns(30.0)
 """Pause after a robot refused to charge, or failed at it (chosen)."""
 EARLY_S = 5.0
-"""A robot sets out this much early, because it may have to stop on its way (chosen)."""
+"""A robot sets out this much early, because it may have to stop on its path (chosen)."""
 
 
 class Charging(CoordinatorPart):

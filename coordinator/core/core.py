@@ -53,7 +53,7 @@ class CoordinatorPart:
     inbox_max: ClassVar[int] = 1024
     """Messages that wait for a step at most; of more the oldest are dropped."""
     end_reason = ""
-    """Why the coordinator must end, in words; empty if it may go on."""
+    """Why the coordinator must end, as text; empty if it may continue."""
 
     def __init__(self, core: "Core") -> None:
         self.core = core
@@ -104,7 +104,7 @@ class CoordinatorPart:
         """The summary has been published."""
 
     def publish(self, now_ns: int) -> None:
-        """Publish what the step has changed."""
+        """Publish the changes of the step."""
 
     def close(self) -> None:
         """The coordinator ends."""
@@ -136,7 +136,7 @@ class CoordinatorPart:
         return {}
 
     def mote_quantities(self) -> Mapping[str, str]:
-        """Motes that were ever heard, each with the quantity that it senses."""
+        """All known motes, each with the quantity that it senses."""
         return {}
 
     # -- events ---------------------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ class Parts:
 
     @property
     def end_reason(self) -> str:
-        """Why the coordinator must end, in words; empty if it may go on."""
+        """Why the coordinator must end, as text; empty if it may continue."""
         return next((part.end_reason for part in self.all if part.end_reason), "")
 
     def may_act(self, now_ns: int) -> bool:
@@ -220,7 +220,7 @@ class Parts:
         return {name: why for part in self.overriding["idle_reasons"] for name, why in part.idle_reasons().items()}
 
     def mote_quantities(self) -> dict[str, str]:
-        """Motes that were ever heard, each with the quantity that it senses."""
+        """All known motes, each with the quantity that it senses."""
         return {
             mote: what for part in self.overriding["mote_quantities"] for mote, what in part.mote_quantities().items()
         }
@@ -266,7 +266,7 @@ class Core:
         wire: its Zenoh endpoint.
         journal: stores its tasks; None keeps them in memory.
         policy: parameters of planning.
-        parts: what features add, in the order in which they are called.
+        parts: parts that features add, in the order in which they are called.
 
     """
 
@@ -369,7 +369,7 @@ class Core:
         self.lifecycle.offer(task.id, robot, now_ns)
 
     def close(self) -> None:
-        """End what runs beside the coordinator's loop."""
+        """End all activity beside the coordinator's loop."""
         self.planning.close()
         self.parts.close()
 

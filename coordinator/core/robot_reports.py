@@ -1,4 +1,4 @@
-"""Reads what robots publish: presence, states, maps, and what they did without a coordinator."""
+"""Reads the messages of robots: presence, states, maps, and their actions without a coordinator."""
 
 from robrain.coordinator.core.core import Core
 from robrain.coordinator.tasks.team_intake import take_in
@@ -14,7 +14,7 @@ from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_BALLOT, ROBOT_MAP, 
 
 
 class RobotReports:
-    """Brings the team, its map and its tasks up to date with what robots publish.
+    """Brings the team, its map and its tasks up to date with the messages of robots.
 
     Args:
         core: the team.
@@ -35,7 +35,7 @@ class RobotReports:
         return self._inbox.received
 
     def receive(self, now_ns: int) -> bool:
-        """Handle what has arrived; returns whether there were messages."""
+        """Handle new messages; returns whether there were any."""
         self._now_ns = now_ns
         if self._presence.arrived:
             self._follow_presence(now_ns)

@@ -1,4 +1,4 @@
-"""Alarms: what a rule has made a task for, as the journal keeps it."""
+"""Alarms: the sources for which a rule has made a task, as the journal stores them."""
 
 from typing import NamedTuple
 

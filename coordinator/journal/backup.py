@@ -37,7 +37,7 @@ class Restored(msgspec.Struct, frozen=True, kw_only=True):
     contents: JournalContents
     """Its contents now."""
     told: list[str]
-    """Where what it held before is, in words."""
+    """Place of its previous contents, as text."""
 
 
 def backup_folder(journal: Path) -> Path:
@@ -58,14 +58,14 @@ def write_backup(
         database: the journal's connection.
         journal: its file, for its size and for error texts.
         target: the file, which must not exist; its folder is made.
-        on_pages: called after each few pages; what it raises ends the backup.
+        on_pages: called after each few pages; an error that it raises ends the backup.
 
     Returns:
-        What is in it.
+        Its contents.
 
     Raises:
         JournalError: it cannot be written, or there would be too little room left; there is no such file then.
-        BadBackup: what was written does not pass the check; there is no such file then.
+        BadBackup: the written file does not pass the check; there is no such file then.
 
     """
     part = target.with_name(target.name + PART)
@@ -108,7 +108,7 @@ def back_up_closed(journal: Path, target: Path) -> JournalContents:
 
 
 def restore_backup(backup: Path, journal: Path) -> Restored:
-    """Make a journal hold what a backup holds.
+    """Restore a journal from a backup.
 
     The journal is locked meanwhile, and changed in one transaction: an end of the process at any instant leaves the one
     or the other. Its previous contents are kept beside it as `FILE.before-N`, or as `FILE.damaged-N`. Epochs never go

@@ -13,7 +13,7 @@ from robrain.protocol.errors import RobrainError
 
 
 class JournalError(RobrainError):
-    """A journal cannot be used; the text names the file and says what to do. `path` is None in memory."""
+    """A journal cannot be used; the text names the file and the remedy. `path` is None in memory."""
 
     def __init__(self, path: Path | None, message: str) -> None:
         super().__init__(f"{path if path is not None else 'the journal in memory'}: {message}")

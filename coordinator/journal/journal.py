@@ -67,11 +67,11 @@ Sync = Callable[[int], None]
 
 
 class DiskSync:
-    """Puts what was written to a file on the disk. Whatever waits when a sync begins is done with that one.
+    """Syncs the writes to a file to the disk. Whatever waits when a sync begins is done with that one.
 
     Args:
         path: of the file; it must exist when `after` is called.
-        sync: waits until what was written to a file descriptor is on the disk (OSError if it cannot be).
+        sync: waits until all writes to a file descriptor are on the disk (OSError if that fails).
 
     """
 
@@ -86,7 +86,7 @@ class DiskSync:
         self._thread: threading.Thread | None = None
 
     def after(self, tell: Told) -> None:
-        """Call `tell` on this object's thread, once all that the file holds now is on the disk, or cannot be."""
+        """Call `tell` on this object's thread, once all current contents of the file are on the disk, or cannot be."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="journal-sync", daemon=True)
             self._thread.start()
@@ -131,7 +131,7 @@ class DiskSync:
 
 
 class Journal(JournalReading):
-    """Where a coordinator writes down what must not be lost.
+    """Store of a coordinator for data that must not be lost.
 
     Args:
         path: of the file, made if there is none; None keeps the journal in memory, for lockstep.
@@ -174,12 +174,12 @@ class Journal(JournalReading):
     # -- writing --------------------------------------------------------------------------------------------
 
     def accept(self, record: TaskRecord, asked: bytes = b"", alarm: Alarm | None = None) -> TaskRecord:
-        """A new task; on the disk once `when_on_disk` says so.
+        """A new task; on the disk once `when_on_disk` confirms it.
 
         Args:
             record: as it begins.
-            asked: what was asked for, word by word.
-            alarm: what a rule has made it for; kept if and only if the task is.
+            asked: the request, word by word.
+            alarm: source for which a rule has made it; kept if and only if the task is.
 
         Returns:
             The record with the number of its change.
@@ -205,7 +205,7 @@ class Journal(JournalReading):
         return written
 
     def change(self, record: TaskRecord) -> TaskRecord:
-        """A task is from now on as `record` says; returns it with the number of the change.
+        """Store the new state of a task, `record`; returns it with the number of the change.
 
         Raises:
             JournalUnwritable: it is not in the journal, the task is as it was.
@@ -226,7 +226,7 @@ class Journal(JournalReading):
         return written
 
     def record_alarm(self, alarm: Alarm) -> None:
-        """A rule's source is from now on as `alarm` says.
+        """Store the new state of a rule's source, `alarm`.
 
         Raises:
             JournalUnwritable: it is as it was.
@@ -297,7 +297,7 @@ class Journal(JournalReading):
 
     @property
     def robots(self) -> dict[str, KnownRobot]:
-        """The robots of the team as they were last heard; empty if unreadable."""
+        """The robots of the team, as last received; empty if unreadable."""
         text = self._db.execute("SELECT robots FROM standing").fetchone()[0]
         try:
             return msgspec.json.decode(str(text), type=dict[str, KnownRobot])
@@ -313,7 +313,7 @@ class Journal(JournalReading):
             self.on_written(JournalEntry(seq=0, robots=dict(robots)))
 
     def when_on_disk(self, tell: Callable[[JournalUnwritable | None], None]) -> None:
-        """Call `tell` once all changes so far are on the disk, or with the reason why they may not be.
+        """Call `tell` once all changes up to now are on the disk, or with the reason why they may not be.
 
         On a thread of the journal's own; at once if the journal is in memory, or cannot be written after a failed sync.
         """
@@ -333,7 +333,7 @@ class Journal(JournalReading):
         self._disk.after(told)
 
     def close(self) -> None:
-        """Leave the file, once everybody who waits for the disk has been told."""
+        """Leave the file, once all callbacks that wait for the disk have been called."""
         if self._disk is not None:
             self._disk.close()
         self._db.close()
@@ -395,7 +395,7 @@ class Journal(JournalReading):
                 self._db.execute("UPDATE copy SET state = 'whole'")
 
     def follow(self, entries: Iterable[JournalEntry]) -> None:
-        """Write what the copied journal has written since, all or nothing (JournalUnwritable)."""
+        """Write all later changes of the copied journal, all or nothing (JournalUnwritable)."""
         if self._disk is not None and self._disk.has_failed:
             self._put_all_on_disk(self._disk)
         with self._transaction():
@@ -451,7 +451,7 @@ class Journal(JournalReading):
             raise
 
     def _put_all_on_disk(self, disk: DiskSync) -> None:
-        """Write all changes to the main file, because after a failed sync nobody knows what the other one has kept."""
+        """Write all changes to the main file, because after a failed sync the contents of the other one are unknown."""
         try:
             self._db.execute("PRAGMA synchronous = FULL")
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()

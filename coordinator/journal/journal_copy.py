@@ -1,4 +1,4 @@
-"""A copy of a journal to look at: SQLite may change what it opens."""
+"""A copy of a journal for inspection: SQLite may change a file that it opens."""
 
 import shutil
 import tempfile
@@ -10,7 +10,7 @@ from robrain.coordinator.journal.errors import JournalError
 
 COPIED = ("", "-wal")
 LEFT_BYTES = 64_000_000
-"""A copy leaves so much room to others; where it would not, another disk is tried (chosen)."""
+"""A copy leaves this much room to others; where it would not, another disk is tried (chosen)."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Reads pages of a journal for a copy, and writes what another coordinator's journal says. Rows keep their numbers."""
+"""Reads pages of a journal for a copy, and writes entries of another journal. Rows keep their numbers."""
 
 import sqlite3
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ def alarm_rows(alarms: list[Alarm]) -> list[JournalAlarm]:
 
 
 def put_entry(database: sqlite3.Connection, entry: JournalEntry) -> None:
-    """Write what an entry says; within a transaction. An entry that is there already changes nothing."""
+    """Write the changes of an entry; within a transaction. An entry that is there already changes nothing."""
     if entry.task is not None:
         put_task(database, entry.task)
     if entry.only_alarms:
@@ -75,7 +75,7 @@ def _put_last_change(database: sqlite3.Connection, record: TaskRecord) -> None:
 
 
 def put_aside(database: sqlite3.Connection, path: Path) -> str:
-    """Write what a journal holds to `FILE.before-N` beside it, and say so (sqlite3.OperationalError)."""
+    """Write the contents of a journal to `FILE.before-N` beside it, and report it (sqlite3.OperationalError)."""
     number = 1
     while (aside := path.with_name(f"{path.name}.before-{number}")).exists():
         number += 1

@@ -1,4 +1,4 @@
-"""A damaged journal: it is put aside under another name, and what can be read of it is read, row by row."""
+"""A damaged journal: it is set aside under another name, and its readable parts are read, row by row."""
 
 import logging
 import sqlite3
@@ -77,7 +77,7 @@ def move_aside(path: Path) -> Path:
 
 
 def replace_journal(path: Path) -> None:
-    """There is no journal at `path`: put there what was salvaged of it, if anything was.
+    """There is no journal at `path`: write the salvaged rows there, if there are any.
 
     Comes after `move_aside`, and after an end of the process at whatever instant between the two.
     """
@@ -196,7 +196,7 @@ def _rows(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[
 
 
 def write_new_journal(salvaged: Salvaged, path: Path) -> None:
-    """A new journal with what was salvaged, whole and closed, so that it may take the place of the old one."""
+    """A new journal with the salvaged rows, whole and closed, so that it may replace the old one."""
     path.unlink(missing_ok=True)
     connection = sqlite3.connect(path, isolation_level=None)
     try:

@@ -52,7 +52,7 @@ MIGRATIONS: tuple[str, ...] = (
     """,
     # 3: reasons as values, in JSON, beside their words; of older changes only the words are known.
     "ALTER TABLE change ADD COLUMN reason TEXT NOT NULL DEFAULT 'null';",
-    # 4: what rules have made tasks for, so that a coordinator that starts again does not make them again.
+    # 4: sources for which rules have made tasks, so that a coordinator that starts again does not make them again.
     """
     CREATE TABLE alarm (
         rule TEXT NOT NULL,
@@ -77,11 +77,11 @@ MIGRATIONS: tuple[str, ...] = (
     );
     INSERT INTO standing (only_row) VALUES (1);
     """,
-    # 7: the robots that go on without a coordinator, and when each was heard last, as JSON.
+    # 7: the robots that continue without a coordinator, and the time of each one's last message, as JSON.
     "ALTER TABLE standing ADD COLUMN on_their_own TEXT NOT NULL DEFAULT '{}';",
     # 8: the journal's own name, by which witnesses remember that it has all that was acknowledged. No pairings.
     "ALTER TABLE standing DROP COLUMN pairing; ALTER TABLE standing ADD COLUMN name TEXT NOT NULL DEFAULT '';",
-    # 9: all robots of the team as they were last heard, as JSON, in place of those that go on without a coordinator.
+    # 9: all robots of the team as last received, as JSON, in place of those that continue without a coordinator.
     """
     ALTER TABLE standing RENAME COLUMN on_their_own TO robots;
     UPDATE standing SET robots = (

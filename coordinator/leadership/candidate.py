@@ -3,7 +3,8 @@
 It asks for the whole journal page by page, then follows the changes. A change with a number that does not follow is
 dropped, and sent again. A coordinator with another term, or that no longer has the changes, is copied again.
 
-While it hears no coordinator that leads, it asks the witnesses for their votes. This also applies to a journal that is
+While it receives no coordinator that leads, it asks the witnesses for their votes. This also applies to a journal that
+is
 no copy: the witnesses know whether it is complete. While it asks, it follows no changes, so that no change is
 acknowledged because of a copy that may already be in use.
 """
@@ -52,10 +53,10 @@ class Following(StrEnum):
     """State of the copy."""
 
     NOTHING = "nothing"
-    """No coordinator has been heard."""
+    """No message of a coordinator has arrived."""
     COPYING = "copying"
     BEHIND = "behind"
-    """The copy is whole, and the coordinator does not wait for it: it may lack what was acknowledged."""
+    """The copy is whole, and the coordinator does not wait for it: it may lack acknowledged changes."""
     IN_STEP = "in_step"
     """Nothing is acknowledged that is not in the copy."""
 
@@ -75,7 +76,7 @@ class Candidate:
         self.elected: Elected | None = None
         """The election that it has won; after that, `step` does nothing."""
         self.unlike = ""
-        """Why it neither follows the coordinator that it hears nor asks for votes, in words; empty if it may."""
+        """Why it neither follows the coordinator that it receives nor asks for votes, as text; empty if it may."""
         self.election = election
         self._wire, self._journal, self._process = wire, journal, process
         self._stepped_ns = self._quiet_since_ns = wire.clock.now_ns()
@@ -89,7 +90,7 @@ class Candidate:
         self._led: Led | UnsetType = UNSET
         self._kept_by = ""
         self._heard_ns: int | None = None
-        """When any coordinator was heard last."""
+        """Time of the last message of any coordinator."""
         self._has_followed = False
         self._report_ns = 0
         self._trouble = ""
@@ -100,7 +101,7 @@ class Candidate:
 
     @property
     def following(self) -> Following:
-        """State of the copy when the coordinator was heard last."""
+        """State of the copy at the coordinator's last message."""
         if not self._has_followed:
             return Following.NOTHING
         if self._copying_term:
@@ -108,7 +109,7 @@ class Candidate:
         return Following.IN_STEP if self._kept_by == self._process and not self._trouble else Following.BEHIND
 
     def step(self) -> None:
-        """Read and write what has changed, report progress, and ask for votes if needed."""
+        """Read and write changes, report progress, and ask for votes if needed."""
         now_ns = self._wire.clock.now_ns()
         if self.elected is not None:
             return
@@ -124,7 +125,7 @@ class Candidate:
                 self._copy()
             if self._written != self._on_disk and not self._disk_waits:
                 if self._trouble:
-                    self._journal.follow(())  # what a failed disk has kept is not known: it is written once more
+                    self._journal.follow(())  # the contents after a disk failure are unknown: it is written once more
                 self._wait_for_disk()
         except JournalUnwritable as error:  # it is sent again
             self._trouble = cut(str(error))
@@ -154,7 +155,7 @@ class Candidate:
             self.elected = Elected(self.election.witnesses, self.election.voters, self.election.journal, won)
 
     def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
-        """The operator wants it to lead, unless it hears a coordinator: then the request is for that one."""
+        """The operator wants it to lead, unless it receives a coordinator: then the request is for that one."""
         now_ns = self._wire.clock.now_ns()
         is_heard = self._heard_ns is not None and now_ns - self._heard_ns <= STAND_NS
         return LeadReply(left_out=[] if is_heard else self.election.force())

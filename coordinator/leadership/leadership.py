@@ -39,7 +39,7 @@ from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 logger = logging.getLogger(__name__)
 
 BEAT_NS = to_ns(0.2)
-"""How often is said how far the journal is; also when what has not arrived is sent again."""
+"""Period of reports on the progress of the journal; missing entries are sent again at the same times."""
 PATIENCE_NS = to_ns(1.0)
 """A change that is on the other's disk no sooner, or a silence of that length, puts it out of step (chosen)."""
 PAUSE_NS = to_ns(5.0)
@@ -69,7 +69,7 @@ class JournalFeed:
         wire: the coordinator's Zenoh endpoint.
         journal: its journal.
         term: the first epoch of this coordinator.
-        mandate: its right to lead. It goes on alone only once the witnesses know that.
+        mandate: its right to lead. It continues alone only once the witnesses know that.
 
     """
 
@@ -137,7 +137,7 @@ class JournalFeed:
         self._end_waiting()
 
     def step(self, now_ns: int) -> None:
-        """Send what is new; give up on one that is silent or too slow."""
+        """Send new entries; drop a candidate that is silent or too slow."""
         self._end_waiting()
         while self._waiting and now_ns - self._waiting[0].since_ns > GIVE_UP_NS:
             self._waiting.popleft().on_lost("this coordinator is not heard by enough witnesses, and another may lead")
@@ -147,7 +147,7 @@ class JournalFeed:
             self._leave("it is too slow" if now_ns - self._received_ns <= PATIENCE_NS else "it is silent")
         is_due = not 0 <= now_ns - self._put_ns < BEAT_NS
         if is_due:
-            self._sent = self._on_disk  # what has not arrived by now is sent again
+            self._sent = self._on_disk  # entries that have not arrived by now are sent again
         if is_due or self._sent < self._last:
             self._put_ns = now_ns
             entries = [entry for entry in self._kept if entry.seq > self._sent][:ENTRIES_MAX]
@@ -205,21 +205,22 @@ class JournalFeed:
 logger = logging.getLogger(__name__)
 
 HEARD_NS = to_ns(600.0)
-"""Robots count that were heard within this time (chosen). While offers are held back, those count that did before."""
+"""Robots count that were received within this time (chosen). While offers are held back, those count that did
+before."""
 FAREWELL_NS = to_ns(0.5)
 """A robot whose token goes this soon after its last state has ended; a cut link is silent for longer before."""
 REPORT_NS = to_ns(1.0)
-"""Reconnected robots report their tasks within this time; a restarted coordinator hears every reachable robot."""
+"""Reconnected robots report their tasks within this time; a restarted coordinator receives every reachable robot."""
 
 
 class OfferFence:
     """Holds offers back while robots out of the coordinator's reach may be allocating the tasks among themselves.
 
-    Robots that continue without a coordinator allocate the queued tasks once more than half of the team hear each other
-    and no coordinator. A coordinator offers no task while more than half of its robots could be doing that.
+    Robots without a coordinator allocate the queued tasks once more than half of the team receive each other and no
+    coordinator. A coordinator offers no task while more than half of its robots could be doing that.
 
     Args:
-        roster: the robots that were ever heard, also by a coordinator before this one.
+        roster: all known robots, also of a coordinator before this one.
 
     """
 
@@ -245,7 +246,7 @@ class OfferFence:
                 robot.left_ns = robot.heard_ns
 
     def step(self, now_ns: int) -> None:
-        """Check which robots are heard."""
+        """Check which robots are reachable."""
         if not self._roster.some_go_on:
             return
         counted = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
@@ -269,7 +270,7 @@ class OfferFence:
         return heard[may_miss_it]
 
     def force(self, now_ns: int) -> list[str]:
-        """The operator says that silent robots do no tasks: they do not count any more; returns their names."""
+        """The operator confirms that silent robots do no tasks: they do not count any more; returns their names."""
         silent = [robot for robot in self._roster.by_name if robot.name in self._counted and not robot.is_up(now_ns)]
         for robot in silent:
             robot.left_ns = robot.last_seen_ns
@@ -287,7 +288,7 @@ class OfferFence:
         if self._held_since_ns is None:
             self._held_since_ns = now_ns
         if self._is_reported or reason is None or now_ns - self._held_since_ns < REPORT_NS:
-            return  # at the start, robots need a moment to hear the coordinator
+            return  # at the start, robots need a moment to receive the coordinator
         self._is_reported = True
         logger.error(
             "no task is offered: %d of %d robots are heard, and the others go on by themselves; if none of them does "
@@ -342,7 +343,7 @@ class Leadership(CoordinatorPart):
         return LeadReply(left_out=self.force())
 
     def force(self) -> list[str]:
-        """The operator wants this coordinator to lead; returns robots that do not count until they are heard again."""
+        """The operator wants this coordinator to lead; returns robots that do not count until their next message."""
         return self.fence.force(self._clock.now_ns())
 
 

@@ -42,7 +42,7 @@ class Mandate:
 
     Args:
         wire: its Zenoh endpoint.
-        roster: the robots that it hears.
+        roster: the robots that it receives.
         elected: its election.
 
     """
@@ -65,7 +65,7 @@ class Mandate:
         self._held: frozenset[str] = frozenset()
         """Journals that more than half of the witnesses have stored."""
         self._copy, self._copy_led = "", NOBODY
-        """The journal of the stand-by, and the last message that it heard."""
+        """The journal of the stand-by, and the last message that it received."""
         self._number = 0
         self._poll: Poll | None = None
         self._was_leading = True
@@ -96,7 +96,7 @@ class Mandate:
         return self._election.force() if not self.leads(self._wire.clock.now_ns()) else []
 
     def _standby_journal(self, now_ns: int) -> str:
-        """The journal of a stand-by that has heard this coordinator recently; empty if there is none."""
+        """The journal of a stand-by that has received this coordinator recently; empty if there is none."""
         return self._copy if self._is_fresh(self._copy_led, now_ns) else ""
 
     def record_copy(self, journal: str, led: Led) -> None:
@@ -118,7 +118,7 @@ class Mandate:
         return plain("takes_over", "the coordinator has just taken over and listens first")
 
     def not_leading_reason(self, now_ns: int) -> PlainReason:
-        """How many witnesses hear this coordinator, as the reason why it does not lead."""
+        """Number of witnesses that receive this coordinator, as the reason why it does not lead."""
         heard, witnesses = self.heard(now_ns), len(self.witnesses)
         text = f"{heard} of {witnesses} witnesses hear the coordinator, and another one may lead"
         return plain("not_leading", text, heard=heard, witnesses=witnesses)
@@ -168,7 +168,7 @@ class Mandate:
             )  # fmt: skip
         if leads and not self._is_outvoted():
             self._election.rest()
-            # Without enough witnesses the other could not be elected, and this one not go on without it.
+            # Without enough witnesses the other could not be elected, and this one not continue without it.
             adds = copy if copy in self._held or self._is_backed(now_ns) else ""
             self._hold(frozenset({self.journal, adds} - {""}), now_ns)
         else:

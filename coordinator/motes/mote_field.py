@@ -1,6 +1,6 @@
 """Keeps a field of motes alive: makes tasks to collect, stand in and relay, as a person would, and puts motes on duty.
 
-The tasks are planned in the same objective as all others. Their record says by whom they are, and why they were made.
+The tasks are planned in the same objective as all others. Their record has the requester and the reason.
 """
 
 import math
@@ -38,11 +38,11 @@ from robrain.protocol.wire.endpoint import Endpoint
 
 BY = "mote field"
 AGAIN_NS = to_ns(60.0)
-"""A mote that goes on otherwise is asked again after so long (chosen)."""
+"""A mote that does not obey is asked again after this time (chosen)."""
 OF_AGE = 0.4
 """A resting mote speaks at least as often as this share of the age at which it would be collected (chosen)."""
 PERIOD_STEP_S = 0.1
-"""Motes tell their period in such steps."""
+"""Motes report their period in such steps."""
 
 
 FORWARDERS_TOLD = 16
@@ -82,7 +82,7 @@ class ReadingPaths:
         return [ForwarderCount(mote=mote, readings=readings) for mote, readings in ranked[:FORWARDERS_TOLD]]
 
     def gateways(self) -> list[GatewayCount]:
-        """The gateways that have told readings, by name."""
+        """The gateways that have sent readings, by name."""
         return [
             GatewayCount(
                 name=name,
@@ -109,25 +109,25 @@ class MoteLife:
         self.name = reading.mote
         self.latest = reading
         self.usual_period_s = reading.period_s or USUAL_PERIOD_S
-        """As when it was first heard."""
+        """As at its first reading."""
         self.arrived = 0
         self.is_hopeless = False
-        """Whether robots failed to collect there since it was last heard."""
+        """Whether robots failed to collect there since its last reading."""
         self._first_ns = taken_at_ns(reading)
         self._newest_ns = self._first_ns
         self._spoke_ns = self._first_ns
         self._numbers = 0
-        """Readings that it has taken from the first that was heard to the newest, without that."""
+        """Readings from the first that was received to the newest, without that."""
         self._trend = CellTrend()
 
     def note(self, reading: MoteReading, *, is_new: bool) -> None:
-        """A reading has come; one that another has taken in its place has no number, and tells nothing of its cells."""
+        """A reading has come. A reading measured by a robot in its place has no number, and gives no cell voltage."""
         taken_ns = taken_at_ns(reading)
         self.arrived += is_new
         if reading.sequence is None:
             self._newest_ns = max(self._newest_ns, taken_ns)
             return
-        is_latest = reading.sequence == self.latest.sequence  # told once more, with a new period perhaps
+        is_latest = reading.sequence == self.latest.sequence  # sent once more, with a new period perhaps
         if taken_ns < self._spoke_ns and not is_latest:
             return
         if self.latest.sequence is not None:
@@ -167,7 +167,7 @@ class MoteLife:
         return to_seconds(max(0, now_ns - self._spoke_ns))
 
     def is_overdue(self, now_ns: int) -> bool:
-        """Whether it has been silent for longer than a mote that is heard."""
+        """Whether it has been silent for longer than a reachable mote."""
         return self.silent_s(now_ns) > max(SILENT_S, PERIODS * self.period_s)
 
     def is_reported(self, now_ns: int) -> bool:
@@ -175,23 +175,23 @@ class MoteLife:
         return self.age_s(now_ns) <= max(SILENT_S, PERIODS * self.period_s)
 
     def left_s(self, now_ns: int) -> float:
-        """How long its cells still last if they go on as before; infinite if that is not known."""
+        """Remaining time of its cells if they drain as before; infinite if it is unknown."""
         empty_s = self._trend.empty_s()
         return math.inf if empty_s is None else empty_s - to_seconds(now_ns)
 
     def is_dead(self, now_ns: int) -> bool:
-        """Whether its cells are empty, as far as can be told."""
+        """Whether its cells are empty, by its reports."""
         if not self.is_overdue(now_ns):
             return False
         return self.is_hopeless or self.latest.voltage_v <= FLAT_V + NEARLY_FLAT_V or self.left_s(now_ns) <= 0
 
     def due(self, now_ns: int) -> float:
-        """Readings that it took, or would have taken, since it was first heard, that first one included."""
+        """Readings that it measured, or would have measured, since its first reading, that one included."""
         return 1.0 + self._numbers + max(0.0, self.silent_s(now_ns) - self.period_s) / self.period_s
 
 
 class FieldLedger:
-    """All motes that were ever heard."""
+    """All known motes."""
 
     def __init__(self, sensing_m: float) -> None:
         self.motes: dict[str, MoteLife] = {}
@@ -226,7 +226,7 @@ class FieldLedger:
         return self._cover
 
     def state(self, on_duty: set[str], now_ns: int) -> MoteFieldState | None:
-        """How the field is doing; None before a mote is heard.
+        """State of the field; None before the first reading.
 
         Args:
             on_duty: names of the motes that are on duty.
@@ -293,7 +293,7 @@ class FieldDuties:
         self._turn_ns = 0
 
     def step(self, policy: MoteFieldPolicy, now_ns: int) -> None:
-        """Put motes on and off duty if it is time, and repeat what was not heeded."""
+        """Put motes on and off duty if it is time, and repeat orders that were not obeyed."""
         living = [mote for mote in self._ledger.motes.values() if not mote.is_dead(now_ns)]
         if policy.turns_s and living and now_ns >= self._turn_ns:
             self._turn_ns = now_ns + to_ns(policy.turns_s)
@@ -335,7 +335,7 @@ WEIGHTS = (0.2, 10.0)
 """Least and greatest priority of a task to collect."""
 PERIODS_WAITED = 3.0
 FRESH_AGAIN_NS = to_ns(30.0)
-"""After a robot was at a mote, so long nobody is sent there again (chosen)."""
+"""After a robot was at a mote, no other is sent there for this time (chosen)."""
 
 
 class FieldKeeper(CoordinatorPart):
@@ -369,7 +369,7 @@ class FieldKeeper(CoordinatorPart):
         self._set_policy(policy)
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
-        """Do this from now on; tasks that were made go on."""
+        """Do this from now on; existing tasks continue."""
         self._set_policy(policy.mote_field)
 
     def _set_policy(self, policy: MoteFieldPolicy) -> None:
@@ -473,7 +473,7 @@ class FieldKeeper(CoordinatorPart):
             )
 
     def _stand_in(self, now_ns: int) -> None:
-        """Stand in where most of the floor would otherwise be told of by no mote."""
+        """Stand in where most of the floor would otherwise be covered by no mote."""
         placed = self.ledger.placed()
         ending = [mote.is_dead(now_ns) or mote.left_s(now_ns) < self._policy.replace_before_s for mote in placed]
         room = self._policy.stand_ins - self._count(REPLACE)
@@ -499,7 +499,7 @@ class FieldKeeper(CoordinatorPart):
             self._make(REPLACE, mote, wanted, reason)
 
     def _relay(self, now_ns: int) -> None:
-        """Stand where most motes are heard that nobody hears."""
+        """Stand where most motes are within reach that no robot receives."""
         room = self._policy.relays - self._count(RELAY)
         if room <= 0:
             return

@@ -1,4 +1,4 @@
-"""Motes as members of the team: what a mote can do by itself, it is asked for, if that costs the network less lifetime.
+"""Motes as members of the team: a mote gets a task that it can do by itself if that costs the network less lifetime.
 
 A `Sense` for a place that a mote is at is done by the mote's next reading. A `Monitor` with a quantity is done by its
 readings for the task's duration, at an interval that `mote/M/duty` requests. Every robot that receives the mote relays
@@ -43,7 +43,7 @@ from robrain.protocol.reasons import DeadlinePassed, PlainReason, RobotOut, Robo
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 
 LISTEN_S = 0.2
-"""After a reading, for whatever a robot has to say."""
+"""After a reading, for messages of a robot."""
 LEAST_LEFT_J = 1e-3
 HOP_RECEIVE_J = LISTEN_A * CELL_V * PACKET_BITS / BITS_PER_S
 """Energy of another mote to receive a packet that it forwards. A packet that robots receive directly has one hop."""
@@ -74,7 +74,7 @@ def mote_share(readings: int, voltage_v: float) -> float:
 def robot_share(state: RobotState, place: Point2D, stay_s: float) -> float:
     """Share of a robot's energy that going to a place and staying there takes, at the least: there as the crow flies.
 
-    Of a robot that tells nothing of its energy or its place it is infinite: a mote that can is asked first.
+    Of a robot that reports no energy or no place it is infinite: a mote that can is asked first.
     """
     if state.pose is None or state.energy is None:
         return math.inf
@@ -87,7 +87,7 @@ def robot_j(model: EnergyModel, way_m: float, stay_s: float) -> float:
 
 
 CHECK_NS = to_ns(0.25)
-"""How often it is looked whether a mote is late, when nothing has happened."""
+"""Period of checks whether a mote is late, when nothing has happened."""
 NEAR_M = 1.5
 """A mote senses where it is: so far from there its reading still counts for a place (chosen)."""
 JUDGED = 8
@@ -119,7 +119,7 @@ class MoteTask:
         self.patience_s = max(PATIENCE_PERIODS * self.usual_s, getattr(wanted, "timeout_s", 0.0))
 
     def take(self, reading: MoteReading, now_ns: int) -> None:
-        """The mote has told something."""
+        """A reading of the mote has arrived."""
         quantity = self.wanted.quantity
         if taken_at_ns(reading) >= self.began_ns and reading.quantity == quantity:
             self.values.append(reading.value)
@@ -188,7 +188,7 @@ class MoteMembers(CoordinatorPart):
         self._seen_version = self._book.version
 
     def mote_quantities(self) -> Mapping[str, str]:
-        """Motes that were ever heard, each with the quantity that it senses."""
+        """All known motes, each with the quantity that it senses."""
         return self.table.quantities()
 
     def _follow(self, record: TaskRecord, now_ns: int) -> bool:

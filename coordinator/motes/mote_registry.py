@@ -1,4 +1,4 @@
-"""The motes of the team, as their readings tell: where they are, what they sense, who hears them."""
+"""The motes of the team, by their readings: place, quantity and receivers."""
 
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.border.reading_sieve import taken_at_ns
@@ -12,7 +12,7 @@ PERIODS = 3.0
 """A mote that has been silent for this number of its periods, and for `SILENT_S`, is out of reach (chosen)."""
 SILENT_S = 5.0
 USUAL_PERIOD_S = 4.0
-"""Of a mote that does not say how often it senses."""
+"""Of a mote that does not report how often it senses."""
 
 
 class KnownMote:
@@ -39,7 +39,7 @@ class KnownMote:
         return taken_at_ns(self.latest)
 
     def note(self, reading: MoteReading, now_ns: int) -> None:
-        """It was heard; a stored reading tells nothing of how it is now."""
+        """A message arrived; a stored reading does not show its present state."""
         if taken_at_ns(reading) >= self.taken_ns:
             self.latest, self.heard_ns = reading, now_ns
 
@@ -48,7 +48,7 @@ class KnownMote:
         return to_seconds(now_ns - self.heard_ns)
 
     def out_of_reach_reason(self, roster: Roster, now_ns: int) -> RobotReason | None:
-        """Why it cannot be counted on to be heard; None if it can."""
+        """Why its messages cannot be relied on; None if they can."""
         silent_s = self.silent_s(now_ns)
         if silent_s > max(SILENT_S, PERIODS * self.period_s):
             return plain("mote_silent", f"was last heard {silent_s:.0f} s ago", silent_s=round(silent_s, 3))
@@ -74,7 +74,7 @@ class MoteTable:
         return {name: mote.latest.quantity for name, mote in self.motes.items()}
 
     def note(self, reading: MoteReading, now_ns: int) -> None:
-        """Somebody brought a reading in."""
+        """A robot or gateway has delivered a reading."""
         mote = self.motes.get(reading.mote)
         if mote is not None:
             mote.note(reading, now_ns)

@@ -1,1 +1,1 @@
-"""Planning: what is asked of the allocators, when, and what becomes of their plans."""
+"""Planning: requests to the allocators, and the use of their plans."""

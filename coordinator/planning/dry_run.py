@@ -16,7 +16,7 @@ from robrain.protocol.reasons import told
 
 
 class DryRuns:
-    """Foresees what would follow from tasks.
+    """Predicts the results of tasks.
 
     Args:
         book: of the tasks.
@@ -35,7 +35,7 @@ class DryRuns:
 
         Args:
             task: with stamps in place of times that count from now.
-            by: who would submit it.
+            by: name of the client that would submit it.
             now_ns: the time.
 
         """
@@ -52,7 +52,7 @@ class DryRuns:
         )
 
     def _with_costs(self, verdict: RobotVerdict, task: Task) -> RobotVerdict:
-        """The verdict with what the task would take at least: a straight line, and the service time."""
+        """The verdict with the least cost of the task: a straight line, and the service time."""
         robot = self._roster.robots.get(verdict.robot)
         state = None if robot is None else robot.state
         if state is None or verdict.reason is not None or verdict.distance_m is None:

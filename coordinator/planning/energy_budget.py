@@ -20,7 +20,7 @@ from robrain.protocol.model.geometry import Pose2D
 UNKNOWN = Profile(start_j=0.0, j_per_m=30.0, s_per_m=2.0)
 """Of a robot that publishes no model: chosen, about that of a small robot of 15 W."""
 PLENTY_J = 1e6
-"""Budget of a robot that publishes no battery state; the robot itself checks what it can afford."""
+"""Budget of a robot that publishes no battery state; the robot itself checks its energy."""
 SAME_SHARE = 0.02
 """Robots whose path costs differ by less than this share a profile, that of the most expensive and slowest of them."""
 KINDS_MAX = 16

@@ -15,7 +15,7 @@ class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
     """
 
     watch: bool = False
-    """Whether to tell how the field is doing even if nothing is done for it."""
+    """Whether to report the state of the field even if no action is taken for it."""
     collect_age_s: NotNegative = 0.0
     """Age of a mote's newest reading at which a robot is to collect; 0: never."""
     collect_timeout_s: Positive = 20.0
@@ -31,7 +31,7 @@ class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
     relay_s: Positive = 120.0
     """Duration of such a task."""
     relay_reach_m: Positive = 6.0
-    """Distance up to which a relay is expected to hear motes."""
+    """Distance up to which a relay is expected to receive motes."""
     turns_s: NotNegative = 0.0
     """Period in which motes are put on duty and off duty; 0: all are always on duty."""
     rest_factor: Annotated[float, Meta(ge=1)] = 10.0
@@ -41,5 +41,5 @@ class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def is_on(self) -> bool:
-        """Whether there is anything to do or to tell."""
+        """Whether there is anything to do or to report."""
         return bool(self.watch or self.collect_age_s or self.stand_ins or self.relays or self.turns_s)

@@ -37,7 +37,7 @@ class PathLengths:
     Args:
         floor: the map; without one (None), lengths are straight lines times `DETOUR`.
         needed_m: clearance that robots prefer.
-        unknown_cost: what a metre of unknown floor counts as.
+        unknown_cost: weight of a metre of unknown floor.
         narrow_m: clearance that robots accept where there is no other path; None to exclude narrow passages.
 
     """
@@ -135,7 +135,7 @@ class _Grid:
         floor: the map.
         needed_m: clearance of the narrowest place that counts.
         preferred_m: clearance below which a place is narrow.
-        unknown_cost: what a metre of unknown floor counts as.
+        unknown_cost: weight of a metre of unknown floor.
 
     """
 

@@ -115,7 +115,7 @@ class PlanExecutor:
             if record is None or record.state is not TaskState.QUEUED:
                 continue
             if task_id in paused or eligibility.nobody_can(record) is not None:
-                continue  # the published reason says more
+                continue  # the published reason has more details
             if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done
             if record.task.deadline_ns is None and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):

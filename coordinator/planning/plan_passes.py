@@ -67,7 +67,7 @@ class Pass(Protocol):
     def __call__(self, draft: PlanDraft) -> PlanDraft:
         """Return a draft with the preferred plan, or the same draft.
 
-        Only `plan` counts of what a pass of another distribution returns. It must pass
+        Of the result of a pass of another distribution, only `plan` counts. It must pass
         `robrain.algorithms.allocation.validate.validate`, have the same objective, and begin each robot's route with
         the jobs that the robot is doing (`Job.pinned_to`).
         """

@@ -409,7 +409,7 @@ class PlanSolver:
 
     Args:
         problem: the problem as posed.
-        objective: what the plan is optimised for.
+        objective: criterion of the plan.
         method: name of the allocator.
         seed: of its random choices.
         iterations: per search.

@@ -207,7 +207,7 @@ class Planning:
         self.charges: tuple[PlannedCharge, ...] = ()
         """Which robots charge where and when; maintained by `ChargePublisher`."""
         self.lack_range: set[str] = set()
-        """Idle robots that lack only the energy to explore what is left; maintained by exploration."""
+        """Idle robots that lack only the energy to explore the remaining regions; maintained by exploration."""
         self.held: dict[str, PlainReason] = {}
         """Robots that work on a task with others."""
         self.left_out: dict[str, Unplanned] = {}
@@ -253,7 +253,7 @@ class Planning:
             self._planner.prepare()
 
     def close(self) -> None:
-        """End what runs beside the coordinator's loop."""
+        """End all activity beside the coordinator's loop."""
         self._planner.close()
 
     # -- making plans ---------------------------------------------------------------------------------------
@@ -452,7 +452,7 @@ class Planning:
                 return step
         return None
 
-    # -- telling --------------------------------------------------------------------------------------------
+    # -- publishing -----------------------------------------------------------------------------------------
 
     def publish_own(self, decision: TaskDecision) -> None:
         """Publish the predicted cost of a task of the coordinator's own that is about to be offered."""

@@ -26,7 +26,7 @@ class TaskExplanation:
         roster: the robots of the team.
         backoff: tasks that robots refused or failed at, and until when they are not offered again.
         eligibility: which tasks may be offered, and to which robots.
-        planning: what the plan says.
+        planning: the plan's decision.
         others: verdicts on members that are no robots.
 
     """
@@ -75,7 +75,7 @@ class TaskExplanation:
         )
 
     def judge(self, record: TaskRecord, now_ns: int, chosen: Sequence[str] = ()) -> list[RobotVerdict]:
-        """Each robot's verdict on a task now: why it is excluded, or else what the task would cost it by the plan.
+        """Each robot's verdict on a task now: why it is excluded, or else the cost of the task by the plan.
 
         Args:
             record: of the task.

@@ -1,4 +1,4 @@
-"""Rules: what has to be sensed, or notified of, for a task to be made, and which task that is.
+"""Rules: the readings or events for which a task is made, and that task.
 
 As tables of a scenario file, or of a separate file:
 
@@ -48,7 +48,7 @@ OF_READING: Values = {
     "y_m": 0.0,
     "place": {"x_m": 0.0, "y_m": 0.0},
 }
-"""Values of a reading that may fill parameters, with an example of each. `robot` is who heard it."""
+"""Values of a reading that may fill parameters, with an example of each. `robot` is the one that received it."""
 OF_EVENT: Values = {
     "robot": "r1",
     "plugin": "monitor",
@@ -85,7 +85,7 @@ class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[rules.reading]`: what readings have to be. One of `above`, `below`, `rising_per_min` and `falling_per_min`.
+    """`[rules.reading]`: conditions on readings. One of `above`, `below`, `rising_per_min` and `falling_per_min`.
 
     Readings are judged by the time at which they were taken, whenever and in whatever order they arrive.
     """
@@ -111,7 +111,7 @@ class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     motes: Selected = ()
     """Only readings of these motes; all if empty."""
     robots: Selected = ()
-    """Only readings that these robots or gateways have heard; all if empty."""
+    """Only readings that these robots or gateways have received; all if empty."""
     area: Area | None = None
     """Only readings that were taken in this rectangle."""
 

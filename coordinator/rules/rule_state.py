@@ -1,4 +1,4 @@
-"""Rule watches: whether a rule may make a task now, and what of it is in alarm."""
+"""Rule watches: whether a rule may make a task now, and which of its motes are in alarm."""
 
 from bisect import bisect_right
 from collections import OrderedDict
@@ -86,7 +86,7 @@ class LevelTrack:
         Args:
             taken_ns: when it was taken.
             value: its value.
-            gap_ns: readings farther apart than this say nothing of the time between them.
+            gap_ns: readings farther apart than this give no state for the time between them.
 
         """
         is_newest = taken_ns >= self.newest_ns
@@ -211,9 +211,9 @@ def _of(names: tuple[str, ...], word: str, many: str) -> str:
 
 
 RETRY_NS = to_ns(10.0)
-"""After a task of it was refused, a rule waits for at least so long (chosen)."""
+"""After a task of it was refused, a rule waits for at least this time (chosen)."""
 SILENT_NS = to_ns(60.0)
-"""A mote that has been silent for so long, and for three of its periods, is not counted as in alarm (chosen)."""
+"""A mote that has been silent for this time, and for three of its periods, is not counted as in alarm (chosen)."""
 TRACKS_MAX = 8192
 """Motes that are followed, of all rules together; each takes at most some kilobytes."""
 
@@ -226,7 +226,7 @@ class TrackTable:
         """Readings of motes for which there was no room."""
         self._capacity = capacity
         self._tracks: OrderedDict[tuple[str, str], tuple[LevelTrack, int]] = OrderedDict()
-        """By rule and mote, with the time when last heard; the one heard longest ago first."""
+        """By rule and mote, with the time of the last reading; the oldest first."""
 
     def __len__(self) -> int:
         return len(self._tracks)
@@ -248,11 +248,11 @@ class TrackTable:
 
 
 class RuleState:
-    """One rule, and what it has done.
+    """One rule, and its actions up to now.
 
     Args:
         rule: the rule.
-        alarms: what the journal has of it.
+        alarms: the journal's entries for it.
         open_tasks: its tasks that are open.
         now_ns: the time.
 
@@ -272,7 +272,7 @@ class RuleState:
         """Motes that have met the condition and were not clear since, with the time until which that counts."""
         is_in_alarm = any(not alarm.is_armed for alarm in self.alarms.values())
         self._trusted_ns = now_ns + SILENT_NS if is_in_alarm else now_ns
-        """From then on all motes have had time to be heard: those in alarm are known again."""
+        """From then on all motes have had time to report: those in alarm are known again."""
 
     def source_of(self, name: str) -> str:
         """Under which name a mote, or a robot, is in alarm."""

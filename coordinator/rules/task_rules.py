@@ -94,15 +94,15 @@ class TaskRules(CoordinatorPart):
         return any(status.open for status in self.status())
 
     def summary(self, state: TeamState, now_ns: int) -> TeamState:
-        """Add what the rules have done."""
+        """Add the actions of the rules."""
         return msgspec.structs.replace(state, rules=self.status()) if self._watches else state
 
     def status(self) -> list[RuleStatus]:
-        """Each rule and what it has done, in the order of the file."""
+        """Each rule and its actions, in the order of the file."""
         return [watch.status(self._is_open) for watch in self._watches]
 
     def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
-        """The rules as an earlier coordinator left them; what is not needed any more goes out of the journal."""
+        """The rules in the state of an earlier coordinator; obsolete entries are removed from the journal."""
         alarms: dict[str, list[Alarm]] = {rule.name: [] for rule in rules}
         needed_s = {rule.name: max(rule.cooldown_s, _max_age_s(rule)) for rule in rules}
         for alarm in self._book.journal.alarms():
@@ -149,7 +149,7 @@ class TaskRules(CoordinatorPart):
             return
         known = watch.alarms.get(source)
         if known is not None and track.newest_ns <= known.taken_ns:
-            return  # the reading for which there was a task, told again to a coordinator that has started again
+            return  # the reading for which there was a task, sent again to a coordinator that has started again
         held_s, age_ns = track.held_s, self._now_ns - track.newest_ns
         if held_s is None or held_s < condition.for_s or age_ns > to_ns(condition.max_age_s):
             return
@@ -245,7 +245,7 @@ class TaskRules(CoordinatorPart):
         watch.made(record.task.id, alarm)
 
     def _task(self, rule: Rule, cause: TaskCause) -> Task:
-        """The task that a rule makes; ValueError if what it needs is not known."""
+        """The task that a rule makes; ValueError if a required value is unknown."""
         order, fixed_m = rule.task, rule.task.place_m
         if cause.place is None and order.needs_place:
             what = "the robot" if rule.reading is None else "the mote"

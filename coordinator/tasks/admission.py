@@ -1,4 +1,4 @@
-"""Refuses tasks that can never be done. Pure: depends on the task and on what the coordinator knows.
+"""Refuses tasks that can never be done. Pure: depends on the task and on the coordinator's knowledge.
 
 A task is refused only if that is certain. A robot that has not announced its plugins may have the required one, and an
 unknown place may be free. Names that a task refers to must be known when it is submitted.
@@ -58,7 +58,7 @@ def impossibility(
         task: a new one.
         now_ns: the time.
         grid: the known map; None if nothing is known.
-        plugins: what each robot of the team offers; None for a robot that has not announced it.
+        plugins: offer of each robot of the team; None for a robot that has not announced it.
         others: its predecessors, and theirs, as far as they are known.
         schemas: of the parameters of each kind of task, as robots announce them.
 
@@ -80,12 +80,12 @@ def why_unknown(
     motes: Callable[[], Mapping[str, str]],
     chargers: Callable[[], Sequence[Point2D]],
 ) -> str:
-    """Describe in words what the task names and the team does not have; empty if it has all of it.
+    """Describe as text the names of the task that the team does not have; empty if it has all.
 
     Args:
         task: a new one.
         after: ids of those predecessors that are known.
-        motes: that were ever heard, each with what it senses; if none was, any may be there.
+        motes: all known motes, each with its quantity; if there are none, any may be there.
         chargers: places of those that robots know; if none is known, one may be anywhere.
 
     """

@@ -70,7 +70,7 @@ class TaskBackoff:
 
         Args:
             task_id: the task.
-            robot: who refused it.
+            robot: robot that refused it.
             reason: why.
             now_ns: the time.
             battery: of a robot that can charge.

@@ -52,7 +52,7 @@ class HeldElsewhere:
         self._until: dict[str, tuple[str, int]] = {}
 
     def receive(self, said: TeamBallot, now_ns: int) -> None:
-        """Read what a robot reports of itself and of others."""
+        """Read a robot's reports on itself and on others."""
         self._until = {task: one for task, one in self._until.items() if one[0] != said.robot and one[1] > now_ns}
         for other in said.absent:
             record, known = self._book.find(other.id), self._until.get(other.id)
@@ -79,7 +79,7 @@ class Eligibility:
         roster: the robots of the team.
         capabilities: plugins and kinds of task of the robots.
         backoff: tasks that robots refused or failed at, and until when they are not offered again.
-        gate: what may hold offers back.
+        gate: parts that may hold offers back.
 
     """
 

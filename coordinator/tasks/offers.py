@@ -71,7 +71,7 @@ class Offers:
         self._asked.append(_Asked(record, after, reply))
 
     def withdraw(self, robot: str, withdrawal: TaskWithdrawal) -> None:
-        """Tell a robot to withdraw from a task; its state reports the result."""
+        """Ask a robot to withdraw from a task; its state reports the result."""
         reply = self._wire.ask_later(ROBOT_WITHDRAW, withdrawal, robot=robot, timeout_s=ASK_TIMEOUT_S)
         self._withdrawn.append(_Withdrawn(robot, withdrawal.id, reply))
 

@@ -1,9 +1,8 @@
 """Compares the book with the robots' states. Pure: from a record, a robot and the time, the next state.
 
 With each state a robot reports three things. These are its last task with epoch and status, the task that it holds for
-later, and the end of the one before. The journal has the book's state at any moment. Together they determine what
-follows, whichever process
-restarted meanwhile:
+later, and the end of the one before. The journal has the book's state at any moment. Together they determine the
+result, whichever process restarted meanwhile:
 
 | the book says | the robot | result |
 |---|---|---|
@@ -54,8 +53,8 @@ def reconcile(
         robot: from the roster; None if it is unknown.
         now_ns: the time.
         since_ns: since when this coordinator listens. No robot counts as silent for longer.
-        team_goes_on_s: how long robots of the team go on without a coordinator; counts for one that this coordinator
-            has not heard.
+        team_goes_on_s: time for which robots of the team continue without a coordinator; counts for one that this
+            coordinator has not received.
 
     """
     name = record.robot

@@ -140,11 +140,11 @@ class TaskBook:
 
         Args:
             task: with an unused id.
-            by: who submitted it.
+            by: name of the client that submitted it.
             own: whether it is the coordinator's own, which is never retried.
             asked: the submission as it was received.
-            reason: why there is such a task; None if somebody has submitted it.
-            alarm: what a rule has made it for.
+            reason: why there is such a task; None if a client has submitted it.
+            alarm: source for which a rule has made it.
 
         """
         now_ns = self._clock.now_ns()

@@ -22,7 +22,7 @@ QUERY_TASKS_MAX = 256
 ANSWER_NS = to_ns(1.0)
 """A robot that has not answered within this counts as silent, and another of its type is asked."""
 PATIENCE_NS = to_ns(3.0)
-"""After this a task is planned without an answer; its robot checks by itself what it can afford."""
+"""After this a task is planned without an answer; its robot checks its energy by itself."""
 KEPT_COSTS = 10_000
 
 
@@ -60,7 +60,7 @@ class TaskCosts:
         self._capabilities = capabilities
         self._inbox = Inbox()
         self._costs: dict[_Key, Work | None] = {}
-        """None if a robot cannot tell."""
+        """None if a robot cannot estimate it."""
         self._questions: dict[_Key, _Question] = {}
         """The last query without an answer."""
         self._attempts: dict[_Key, int] = {}
@@ -117,7 +117,7 @@ class TaskCosts:
                 self._wire.ask_into(self._inbox, ROBOT_COSTS, ROBOT_COSTS, request, robot=robot)
 
     def of(self, task: Task) -> tuple[Work, ...] | None:
-        """Cost of a task for each type of robot that can do it; empty if none can tell, None if answers are pending."""
+        """Cost of a task for each type of robot that can do it; empty if unknown, None if answers are pending."""
         known = self._known.get(task.id)
         return None if known is None else known.works
 

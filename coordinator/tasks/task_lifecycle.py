@@ -81,9 +81,9 @@ class TaskLifecycle:
         self._written = _AsFarAsWritten()
         self._settled_version = -1
         self._unheard: dict[str, tuple[str, Point2D]] = {}
-        """Robots whose task was given back because they were not heard: the task, and where they were."""
+        """Robots whose task was given back because they were silent: the task, and their places."""
         self._losses: dict[str, dict[str, Point2D]] = {}
-        """For each task, the robots that released it out of contact, and where they were heard last."""
+        """For each task, the robots that released it out of contact, and their last known places."""
 
     def restart_silence(self, now_ns: int) -> None:
         """The coordinator itself was paused: it waits for its robots' messages again."""
@@ -148,7 +148,7 @@ class TaskLifecycle:
             pauses.refused(robot, refusal, now_ns)
         else:
             pauses.answered(robot)
-        if not after:  # what is refused for later is asked again when the robot is free
+        if not after:  # tasks refused for the present are offered again when the robot is free
             self._avoid_refuser(task_id, robot, refusal, now_ns)
         if record.own:
             self._gate.task_refused(record, robot, refusal, now_ns)
@@ -236,7 +236,7 @@ class TaskLifecycle:
         return RobotOut(robot.name, OutOfReach(place)) if record.task.id in self._losses else None
 
     def _pause_lost_robots(self, now_ns: int) -> None:
-        """Pause a task for the robots that lost contact on the way to it, from the second time on.
+        """Pause a task for the robots that lost contact on the path to it, from the second time on.
 
         Once may be a disturbance. A robot that was restarted does not report the task that it had.
         """

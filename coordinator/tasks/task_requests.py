@@ -59,10 +59,10 @@ class TaskRequests:
         wire: the coordinator's Zenoh endpoint.
         book: of its tasks.
         team_map: the known map.
-        capabilities: what robots of the team offer.
+        capabilities: offers of the robots of the team.
         explain: why a task stands as it does.
-        dry_run: what would follow from a task, given who would submit it and the time.
-        motes: names of those that were ever heard, each with what it senses.
+        dry_run: result of a task, given its requester and the time.
+        motes: names of all known motes, each with its quantity.
         chargers: places of those that robots know.
         gate: whether tasks are accepted, and when a change may be acknowledged.
 
@@ -155,10 +155,10 @@ class TaskRequests:
 
         Args:
             asked: the submission; there is no task with its id.
-            by: who asks.
+            by: name of the requester.
             word: the submission as it was received.
-            reason: why there is such a task; None if somebody has submitted it.
-            alarm: what a rule has made it for.
+            reason: why there is such a task; None if a client has submitted it.
+            alarm: source for which a rule has made it.
 
         Raises:
             CallError: it is refused, in words.

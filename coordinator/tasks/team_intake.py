@@ -1,4 +1,4 @@
-"""Takes in what robots did about tasks while they heard no coordinator."""
+"""Accepts the actions of robots on tasks while they received no coordinator."""
 
 from collections.abc import Callable
 
@@ -27,7 +27,7 @@ def take_in(
         book: of the coordinator's tasks.
         said: by a robot.
         impossibility: why a task can never be done; empty if it may be possible.
-        is_secured: whether the robot's name is vouched for: what it says of others is then noted as its own word.
+        is_secured: whether the robot's name is vouched for: its reports on others are then recorded as its own claim.
         ahead_ns: how far the robot's clock is ahead.
 
     Raises:
@@ -40,7 +40,7 @@ def take_in(
     for done in said.done:
         record = book.find(done.id)
         if record is not None and record.state.ended:
-            book.tell(record)  # robots have not heard that, and forget it then
+            book.tell(record)  # robots have not received that, and forget it then
             continue
         if record is None or not book.is_possible(done.epoch):
             continue
@@ -58,7 +58,7 @@ def take_in(
     for dropped in said.dropped:
         record = book.find(dropped.id)
         if record is None:
-            continue  # told again with the task, if robots have accepted it
+            continue  # sent again with the task, if robots have accepted it
         if record.state.ended:
             book.tell(record)  # robots forget the cancellation then
         else:

@@ -1,1 +1,1 @@
-"""The team: robots, what they can do, their map, their halts."""
+"""The team: robots, their abilities, their map, their halts."""

@@ -17,7 +17,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 ASK_AGAIN_NS = to_ns(10.0)
 """Plugins are loaded and unloaded while a robot runs (chosen)."""
 ASK_AGAIN_TOLD_NS = to_ns(60.0)
-"""Of a robot whose state tells that they have changed."""
+"""Of a robot whose state reports that they have changed."""
 ASK_UNHEARD_NS = to_ns(2.0)
 """One that has not answered in the time that a query has is asked again."""
 ASKED_MOST = 32
@@ -49,7 +49,7 @@ class Capabilities:
         self._waiting: set[str] = set()
 
     def follow(self, robots: Iterable[Robot], now_ns: int) -> bool:
-        """Take in what was answered, and ask these robots, which are there, if it is time; True if there is news."""
+        """Handle the answers, and ask these robots, which are present, if it is time; True if there is a change."""
         has_changed = False
         self._waiting = {name for name in self._waiting if now_ns - self._asked_ns.get(name, 0) <= ASK_UNHEARD_NS}
         due: list[tuple[int, str, int]] = []

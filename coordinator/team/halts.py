@@ -1,6 +1,7 @@
-"""Emergency halts as the coordinator follows them: who has halted the team, and who has not stopped.
+"""Emergency halts as the coordinator follows them: the holders, and the robots that have not stopped.
 
-The coordinator stops nobody: robots hear the halt themselves. It tells those that come late, or were cut off.
+The coordinator stops no robot: robots receive the halt directly. It sends the halt to robots that come late, or were
+cut off.
 """
 
 from typing import Any
@@ -61,7 +62,7 @@ class TeamHalts:
         return is_told
 
     def _needs_reminder(self, now_ns: int) -> bool:
-        """Whether a robot that is there does not say that it is halted: summaries may be lost on their way to it."""
+        """Whether a robot that is present does not report that it is halted: summaries to it may be lost."""
         if 0 <= now_ns - self._reported_ns < TELL_AGAIN_NS:
             return False
         return any(robot.state is not None and not robot.state.halted for robot in self._roster.up(now_ns))

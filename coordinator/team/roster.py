@@ -1,4 +1,4 @@
-"""The roster: which robots there are, and what they last said."""
+"""The roster: the known robots, and their last reports."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ _LOST_AFTER_NS = to_ns(LOST_AFTER_S)
 FOUND_NS = to_ns(1.0)
 """A restarted coordinator finds every robot that is there within this time."""
 WRITE_NS = to_ns(60.0)
-"""Period for storing when the robots were last heard; a robot that comes or goes is stored at once."""
+"""Period for storing the robots' last message times; a robot that comes or goes is stored at once."""
 
 
 class Robot:
@@ -43,36 +43,36 @@ class Robot:
         self.was_there = False
         """Whether it ever had a token."""
         self.alone_ns: int | None = None
-        """When it said last that it hears no coordinator; None if it has said since that it does."""
+        """Time of its last report that it receives no coordinator; None if it has since reported that it does."""
         self.before: KnownRobot | None = None
         """As a coordinator before this one knew it."""
         self.left_ns: int | None = None
-        """When it was last heard before it ended, or before the operator said that it does nothing."""
+        """Its last message before it ended, or before the operator confirmed that it does nothing."""
 
     @property
     def last_seen_ns(self) -> int | None:
-        """When it was last heard, also by a coordinator before this one."""
+        """Time of its last message, also to a coordinator before this one."""
         return self.before.heard_ns if self.heard_ns is None and self.before is not None else self.heard_ns
 
     @property
     def has_left(self) -> bool:
-        """Whether it has ended, or the operator said that it does nothing; False again once it is heard."""
+        """Whether it has ended, or the operator confirmed that it does nothing; False again after its next message."""
         return self.left_ns is not None and self.left_ns == self.last_seen_ns
 
     @property
     def goes_on(self) -> bool:
-        """Whether it goes on without a coordinator, and allocates tasks with others."""
+        """Whether it continues without a coordinator, and allocates tasks with others."""
         if self.state is None:
             return self.before is not None and self.before.goes_on
         return self.state.goes_on_s is not UNSET
 
     @property
     def changes_heard(self) -> int:
-        """It knows of all changes of tasks up to this number; 0 if it does not say."""
+        """Number of the last change of tasks that it has received; 0 if it does not report it."""
         return 0 if self.state is None else self.state.changes_heard or 0
 
     def hears_back(self, now_ns: int) -> bool:
-        """Whether it is up, and has not just said that it hears no coordinator."""
+        """Whether it is up, and has not just reported that it receives no coordinator."""
         is_alone = self.alone_ns is not None and now_ns - self.alone_ns <= _LOST_AFTER_NS
         return not is_alone and self.is_up(now_ns)
 
@@ -112,7 +112,7 @@ class Roster:
         self._by_name: list[Robot] = []
         self._up: list[Robot] = []
         self.some_go_on = False
-        """Whether any robot that was heard goes on without a coordinator."""
+        """Whether any known robot continues without a coordinator."""
         self._unseen = 0
         """Number of robots that never had a token."""
         self._up_at_ns: int | None = None
@@ -183,7 +183,7 @@ class Roster:
         self._up_at_ns = None
 
     def record_state(self, state: RobotState, now_ns: int) -> None:
-        """A robot said how it is."""
+        """A robot's state has arrived."""
         robot = self._robot(state.robot)
         robot.state = state
         robot.heard_ns = now_ns
@@ -191,7 +191,7 @@ class Roster:
         self._up_at_ns = None
 
     def record_contact(self, name: str, now_ns: int, *, hears_coordinator: bool) -> None:
-        """A robot said whether it hears a coordinator."""
+        """A robot has reported whether it receives a coordinator."""
         if name in self.robots:
             self.robots[name].alone_ns = None if hears_coordinator else now_ns
 
@@ -206,7 +206,7 @@ class Roster:
         return robot
 
     def restart_silence(self, paused_ns: int) -> None:
-        """The coordinator itself stood still for so long: nobody was silent meanwhile."""
+        """The coordinator itself was paused for this time: no robot was silent meanwhile."""
         for robot in self._by_name:
             if robot.heard_ns is not None:
                 robot.heard_ns += paused_ns
@@ -225,7 +225,7 @@ class Roster:
         return self._up
 
     def goes_on_s(self) -> float:
-        """The longest that a robot which was heard goes on without a coordinator; 0 if none does."""
+        """The longest time for which a known robot continues without a coordinator; 0 if none does."""
         states = [robot.state for robot in self._by_name if robot.state is not None]
         return max((0.0, *(state.goes_on_s for state in states if state.goes_on_s is not UNSET)))
 

@@ -1,4 +1,4 @@
-"""Names the topics that have gone stale: a robot is there, and what it publishes at a fixed rate does not come."""
+"""Names the stale topics: a robot is present, and its messages at a fixed rate do not come."""
 
 import logging
 
@@ -15,7 +15,7 @@ LOGGED_NS = to_ns(10.0)
 
 
 class StaleTopics:
-    """Looks at what robots that are there have published last.
+    """Checks the last messages of robots that are present.
 
     Args:
         roster: the robots.

@@ -17,7 +17,7 @@ HELD_PATCHES = 16384
 
 
 class TeamMap:
-    """The team's knowledge of the floor. The first patch says which grid the team maps on."""
+    """The team's knowledge of the floor. The first patch determines the grid on which the team maps."""
 
     def __init__(self) -> None:
         self._atlas: SubmapAtlas | None = None
@@ -37,7 +37,7 @@ class TeamMap:
 
     @property
     def known_area_m2(self) -> float:
-        """Area of what is known, walls included."""
+        """Area of the known floor, walls included."""
         return 0.0 if self.grid is None else self.grid.known_count * self.grid.geometry.resolution_m**2
 
     def hold(self) -> None:
@@ -89,7 +89,7 @@ class TeamMap:
                     raise ValueError(f"expected a grid of at most {MAX_CELLS} cells, got {size}")
                 atlas = SubmapAtlas(geometry)
             merge_message(atlas, patch)
-            self._atlas = atlas  # not before: a first patch that is broken must not say which grid it is
+            self._atlas = atlas  # not before: a first patch that is broken must not determine the grid
         except ValueError as error:
             return f"the map of {patch.robot} cannot be merged: {error}"
         return ""

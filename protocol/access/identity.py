@@ -1,4 +1,4 @@
-"""The certificate that a process shows: its files, who it says that the process is, and until when.
+"""The certificate of a process: its files, the name in it, and its end.
 
 A folder made by `robrain pki issue` has `ca.pem`, `certificate.pem` and `key.pem`. Zenoh reads them again with each
 connection, so files that are renewed in place need no restart.
@@ -24,7 +24,7 @@ RENEW_BELOW = 1 / 3
 """Part of its life that a certificate has left when it is time to renew it."""
 HOUR_S = 3600.0
 IDENTITIES_MAX = 1024
-"""Sessions of one process whose members are remembered."""
+"""Sessions of one process whose members are cached."""
 _OF_SESSION: "dict[str, Connection]" = {}
 
 
@@ -144,7 +144,7 @@ def connection_of(session: zenoh.Session) -> Connection | None:
 
 
 def member_on(session: zenoh.Session) -> Member | None:
-    """As whom a session connects; None if it is not secured."""
+    """Member as which a session connects; None if it is not secured."""
     connection = connection_of(session)
     return None if connection is None else connection.identity.member
 

@@ -1,4 +1,4 @@
-"""Members of a secured team: who a certificate says that somebody is."""
+"""Members of a secured team: the name and role in a certificate."""
 
 from enum import StrEnum
 from typing import NamedTuple
@@ -53,12 +53,12 @@ class Member(NamedTuple):
 
     @property
     def is_operator(self) -> bool:
-        """Whether it may do what only operators may."""
+        """Whether it has the rights of an operator."""
         return self.role is MemberRole.OPERATOR
 
 
 def member(role: str, team: str, name: str) -> Member:
-    """A member whose certificate can be written.
+    """A member that a certificate can name.
 
     Raises:
         BadName: the role is none, a name cannot be part of a key, or both names together are too long.

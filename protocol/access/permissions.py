@@ -1,4 +1,4 @@
-"""Which role may do what with each row of the table of topics. Routers' rules and receivers' checks follow it."""
+"""Rights of each role for each row of the table of topics. Routers' rules and receivers' checks follow it."""
 
 from collections.abc import Set as AbstractSet
 from enum import StrEnum
@@ -46,7 +46,7 @@ class AccessAction(StrEnum):
     ANNOUNCE = "announce"
     """Holds a liveliness token."""
     WATCH = "watch"
-    """Sees who holds one."""
+    """Sees the holders of tokens."""
 
 
 _COORDINATOR = frozenset({MemberRole.COORDINATOR})
@@ -95,7 +95,7 @@ ANSWERS: dict[str, Roles] = {REPLAY_CONTROL.name: _OPERATOR}
 
 
 def roles(action: AccessAction, row: WireKey) -> Roles:
-    """The roles that may do something with a row; nobody where the row is of another kind."""
+    """The roles that may do an action with a row; none where the row is of another kind."""
     if isinstance(row, Topic):
         return _of_topic(action, row)
     if isinstance(row, Query):

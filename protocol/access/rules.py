@@ -1,4 +1,4 @@
-"""Zenoh's access rules, from the table of topics: everything is denied but what a member's role may do with each row.
+"""Zenoh's access rules, from the table of topics: all is denied except the rights of a member's role for each row.
 
 Zenoh compares by inclusion: a rule for `robot/r1/**` does not cover a query to `robot/*/who`. A message *to* a member
 is allowed for its whole team where the router sends it only to subscribers. A message *from* a member is allowed row by
@@ -19,7 +19,7 @@ from robrain.protocol.table.topics import ARENA_CAN, TOPICS
 ROWS: tuple[WireKey, ...] = (*TOPICS, HOST_VERB)
 """All rows that rules are made from. Verbs from other distributions have no row."""
 ADVANCED = "@adv/**"
-"""Where publishers of lossless topics keep samples, announce themselves and number what they have sent."""
+"""Keys under which publishers of lossless topics keep samples, announce themselves and number their messages."""
 SAID = ("put", "delete")
 MESSAGES = (
     *SAID, "query", "reply", "declare_subscriber", "declare_queryable",

@@ -31,7 +31,7 @@ class SignedKey(NamedTuple):
 
 
 def is_signed(row: WireKey) -> bool:
-    """Whether a row's keys must say who sends, because nothing else in them does."""
+    """Whether a row's keys must contain the sender, because no other part of them does."""
     if isinstance(row, Query):
         return not row.reads_only and row.name not in OF_THE_ROBOT_ITSELF
     if not isinstance(row, Topic):
@@ -40,7 +40,7 @@ def is_signed(row: WireKey) -> bool:
 
 
 def signed(key: str, asker: Member | None = None) -> str:
-    """A key, or key expression, as `asker` sends under it; as anybody does if None.
+    """A key, or key expression, as `asker` sends under it; as an unnamed sender if None.
 
     >>> signed("robrain/blue/halt")
     'robrain/blue/as/*/*/halt'
@@ -149,7 +149,7 @@ def message_in_own_name(topic: Topic[Any], message: Any, member: Member) -> Any:
 
 
 def in_own_name(row: Topic[Any] | Query[Any, Any], message: Any, member: Member) -> Any:
-    """A message or request with its sender's full name in place of what the program calls itself."""
+    """A message or request with its sender's full name in place of the program's own name for itself."""
     field = sender_field(row)
     if not field or not isinstance(message, msgspec.Struct):
         return message
@@ -169,7 +169,7 @@ class Signing:
     """Signs the keys of one component.
 
     Args:
-        member: whom its session's certificate names; None where the team is not secured.
+        member: member that its session's certificate names; None where the team is not secured.
 
     """
 
@@ -177,7 +177,7 @@ class Signing:
         self._member = member
 
     def covers(self, row: WireKey) -> bool:
-        """Whether a row's keys say who sends."""
+        """Whether a row's keys contain the sender."""
         return self._member is not None and is_signed(row)
 
     def own(self, row: WireKey, key: str) -> str:
@@ -185,7 +185,7 @@ class Signing:
         return signed(key, self._member) if self.covers(row) else key
 
     def of_all(self, row: WireKey, selector: str) -> str:
-        """The keys under which it hears, and is asked by, anybody."""
+        """The keys under which it receives messages and requests of any sender."""
         return signed(selector) if self.covers(row) else selector
 
     def body(self, topic: Query[Any, Any], request: Any) -> bytes | None:

@@ -27,13 +27,13 @@ class Answering(Generic[AskedT]):
     """Threads that answer queries, in the live drive only.
 
     There is always one that waits: queries are taken even when all others are stuck in their answers.
-    It grows with need up to a limit; from there on what comes is refused, and nothing holds up Zenoh's own threads.
+    It grows with need up to a limit. Beyond the limit queries are refused, and Zenoh's own threads never block.
 
     Args:
         name: of the threads.
         receive: waits for a query; None when there will be no more.
         answer: answers a query.
-        refuse: tells that nobody is free.
+        refuse: reports that no thread is free.
         limit: how many may be answered at a time.
         standing_by: threads to begin with.
 

@@ -1,4 +1,4 @@
-"""A query as those see it who answer it, and what they reply as the asker sees it, by whatever link both travel."""
+"""A query for the answering side, and its reply for the caller, by whatever link both travel."""
 
 from typing import NamedTuple, Protocol
 
@@ -10,14 +10,14 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.table.topic import JSON
 
 BY = "by"
-"""Parameter of a selector: who asks, if the asker says."""
+"""Parameter of a selector: name of the caller, if it is stated."""
 
 
 class Answer(NamedTuple):
     """One reply."""
 
     key: str
-    """Key of what replied; empty if it is an error."""
+    """Key of the replying endpoint; empty if it is an error."""
     payload: bytes
     is_error: bool = False
     from_outside: bool = False
@@ -41,7 +41,7 @@ class Asked(Protocol):
 
     @property
     def trace(self) -> str:
-        """Trace of the task that it is about; empty if that is not said. See `trace.py`."""
+        """Trace of the task that it is about; empty if it is not stated. See `trace.py`."""
 
     @property
     def payload(self) -> bytes:

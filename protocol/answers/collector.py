@@ -1,4 +1,4 @@
-"""Python's garbage collector during a run: what was built stays, so it is not looked at again and again.
+"""Python's garbage collector during a run: objects of the setup stay, so it does not scan them again.
 
 To look through all that a coordinator has imported takes a tenth of a second, in which nothing else runs.
 """
@@ -10,7 +10,7 @@ YOUNG_OBJECTS = 20_000
 
 
 class CalmCollector:
-    """While at least one is held, the collector leaves alone what was there, and looks less often at what is new.
+    """While at least one is held, the collector skips the existing objects, and scans new ones less often.
 
     A run makes next to no cycles: released objects are freed immediately, without the collector.
     """
@@ -24,15 +24,15 @@ class CalmCollector:
             CalmCollector._usual = gc.get_threshold()
             gc.set_threshold(YOUNG_OBJECTS, *CalmCollector._usual[1:])
         CalmCollector._held += 1
-        gc.collect(1)  # what is young; all objects of a large process would take a second
+        gc.collect(1)  # young objects; all objects of a large process would take a second
         gc.freeze()
 
     def settle(self) -> None:
-        """Leave alone what has been built since as well."""
+        """Skip the objects built since as well."""
         gc.freeze()
 
     def release(self) -> None:
-        """Have the collector as it was, once nobody holds another; calling it again does nothing."""
+        """Restore the collector, once no other is held; calling it again does nothing."""
         if not self._is_held:
             return
         self._is_held = False

@@ -13,7 +13,7 @@ DRIVER = "driver"
 RENEW_S = 0.025
 """Period of renewals, if the robot's driver has the default lease."""
 LONGEST_RENEW_S = 0.5
-"""A robot is asked again after this, whatever it says."""
+"""A robot is asked again after this, whatever its answer."""
 
 
 class HandLease(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,7 +42,7 @@ class HandControl:
 
     def __init__(self, call: CallDriver, by: str) -> None:
         self.renew_s = RENEW_S
-        """Period of `move`; the robot says it with the first one."""
+        """Period of `move`; the robot sends it with the first one."""
         self._call = call
         self._by = by
         self._lease: int | None = None
@@ -54,7 +54,7 @@ class HandControl:
         before the wait no longer counts.
 
         Raises:
-            CallError: somebody else drives the robot (`busy`), or it does not obey.
+            CallError: another client drives the robot (`busy`), or it does not obey.
             NobodyThere: the robot is absent.
 
         """
@@ -81,7 +81,7 @@ class HandControl:
         return taken.lease
 
     def release(self) -> None:
-        """Give the robot back; if it does not hear this, the lease lapses."""
+        """Release the robot; if it does not receive this, the lease lapses."""
         if self._lease is None:
             return
         lease, self._lease = self._lease, None

@@ -22,7 +22,7 @@ class Later(Generic[R]):
         key: that was asked, without a signature.
         topic: the query.
         replies: the query's channel; it returns None while there is no reply, and raises ZError at its end.
-        known: what is known already, in place of a channel: the reply in a list, or the error.
+        known: known result, in place of a channel: the reply in a list, or the error.
 
     """
 
@@ -43,7 +43,7 @@ class Later(Generic[R]):
 
         Raises:
             CallError: the reply is an error, does not decode (`failed`), or none came in time (`timeout`).
-            NobodyThere: nobody answers that key.
+            NobodyThere: no participant answers that key.
 
         """
         if isinstance(self._known, Exception):

@@ -1,7 +1,7 @@
-"""Queries within a process: what is asked, and the replies as Zenoh would deliver them.
+"""Queries within a process: requests, and the replies as Zenoh would deliver them.
 
-Zenoh delivers errors at once. Other replies wait until all who were asked have ended their query; of those to one key
-the last one counts.
+Zenoh delivers errors at once. Other replies wait until all answering endpoints have ended their query; of those to one
+key the last one counts.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from robrain.protocol.errors import CallError
 
 
 class Gathering:
-    """The replies to one query, from all who were asked.
+    """The replies to one query, from all answering endpoints.
 
     Args:
         selector: key expression that is asked, with its parameters.
@@ -50,7 +50,7 @@ class Gathering:
         self._replies[key] = payload
 
     def one_ended(self) -> None:
-        """One of those who were asked sends no more."""
+        """An answering endpoint sends no more."""
         with self._counting:
             self._waits_for -= 1
             if self._waits_for:
@@ -61,7 +61,7 @@ class Gathering:
 
 
 class LocalQuery:
-    """One query as one of those sees it who were asked; an `Asked`."""
+    """One query for one answering endpoint; an `Asked`."""
 
     __slots__ = ("_gathering", "_is_over")
 

@@ -15,7 +15,7 @@ _TRACE = re.compile(rf"(?!0+$)[0-9a-f]{{{TRACE_DIGITS}}}")
 
 
 def trace_of(team: str, task: str) -> str:
-    """The trace of a task that nobody has given another.
+    """The trace of a task that was given no other.
 
     >>> trace_of("default", "visit-1") == trace_of("default", "visit-1") != trace_of("other", "visit-1")
     True

@@ -1,1 +1,1 @@
-"""The border: what comes from outside is decoded, checked and counted here."""
+"""The border: messages from outside are decoded, checked and counted here."""

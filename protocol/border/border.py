@@ -38,7 +38,7 @@ class Border:
 
     Args:
         clock: the run's clock; None leaves times as they are.
-        refusals: counts what is refused.
+        refusals: counts refusals.
 
     """
 
@@ -87,7 +87,7 @@ class Border:
         return names
 
     def record_lost(self, topic: Heard, key: str, count: int) -> None:
-        """Count messages that were lost on the way for good."""
+        """Count messages that were lost for good in transit."""
         if self._refusals is not None:
             why = "the network was away or full for longer than its sender keeps them"
             self._refusals.note(topic.name, key, RefusalCode.LOST, why, count)

@@ -49,5 +49,5 @@ class ReadingSieve:
 
 
 def taken_at_ns(reading: MoteReading) -> int:
-    """When a reading was sensed; when it was told, if that is not known or would be later."""
+    """Time of a reading's measurement; the time of its message, if that is unknown or would be later."""
     return min(reading.taken_ns or reading.stamp_ns, reading.stamp_ns)

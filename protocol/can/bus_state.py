@@ -44,7 +44,7 @@ def state_of(transmit_errors: int, receive_errors: int) -> BusState:
 
 
 def error_frame(state: BusState) -> can.Message:
-    """The error frame by which a controller tells its host that it is in this state now."""
+    """The error frame by which a controller reports to its host that it is in this state now."""
     data = bytearray(_FRAME_BYTES)
     identifier = {BusState.OFF: _BUS_OFF, BusState.ACTIVE: _RESTARTED}.get(state, _CONTROLLER)
     if identifier == _CONTROLLER:

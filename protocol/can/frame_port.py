@@ -1,4 +1,4 @@
-"""Frames as identifier and bytes: what a device reads and writes many times a second, without a `can.Message` for each.
+"""Frames as identifier and bytes: a device reads and writes them many times a second, without a `can.Message` for each.
 
 The bus of the simulator gives them at once; those of all other interfaces of python-can are wrapped.
 """

@@ -1,4 +1,4 @@
-"""The wire format of a CAN frame: a header, then the data. As in SocketCAN, the size tells a CAN FD frame.
+"""The wire format of a CAN frame: a header, then the data. As in SocketCAN, the size marks a CAN FD frame.
 
 | bytes | content |
 |---|---|

@@ -45,7 +45,7 @@ from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.session import open_session
 
 ROUTES_MAX = 4096
-"""Identifiers and senders whose receivers are remembered."""
+"""Identifiers and senders whose receivers are cached."""
 
 
 class Node(Protocol):
@@ -167,7 +167,7 @@ class ZenohBus(can.BusABC):
         channel: `ROBOT/CHANNEL`, such as `r1/can0`.
         can_filters: as in python-can.
         session: a session to share; without one the bus opens its own.
-        team: whose robot it is.
+        team: robot that it belongs to.
         connect: endpoint for a separate session; default is $ROBRAIN_CONNECT, else this machine's hub.
         fd: send and receive CAN FD frames as well; without it they are refused.
         receive_own_messages: also receive the frames this node sends, with `is_rx` false.
@@ -255,17 +255,17 @@ class ZenohBus(can.BusABC):
         super().__init__(channel=channel, can_filters=can_filters)
 
     def _declare(self, session: zenoh.Session) -> None:
-        """Be heard, hear, and answer in other processes."""
+        """Declare the node to other processes: publisher, subscription and queryable."""
         congestion = zenoh.CongestionControl
         self._publisher = session.declare_publisher(
             self._key,
             encoding=CAN_FRAME,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
             # With a separate session (a tool), sending waits while the network is congested, as at a full transmit
-            # queue. In a shared session that would make everybody else wait too, so frames are dropped.
+            # queue. In a shared session that would make all other users wait too, so frames are dropped.
             congestion_control=congestion.BLOCK if self._own_session is not None else congestion.DROP,
             express=True,
-            # Nodes of a lockstep run hear each other without Zenoh.
+            # Nodes of a lockstep run exchange frames without Zenoh.
             allowed_destination=zenoh.Locality.REMOTE if self._direct else zenoh.Locality.ANY,
         )
         # Direct in live as well: neither call blocks or needs a separate thread.
@@ -322,7 +322,7 @@ class ZenohBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
         if self._segment is not None and self._exchange is not None:
             self._segment.deliver(payload, self)
-            if self._exchange.routes.get(self._key) is not NOBODY:  # nobody but nodes hears most frames
+            if self._exchange.routes.get(self._key) is not NOBODY:  # only nodes receive most frames
                 self._exchange.deliver(ARENA_CAN, self._key, payload)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
@@ -431,7 +431,7 @@ class ZenohBus(can.BusABC):
         return can.CanOperationError(f"{self.channel_info}: is shut down")
 
     def wants(self, traveling: bytes, sender: Node) -> bool:
-        """Whether the filters take an identifier, as it travels, and the sender is another or is to be heard too."""
+        """Whether the filters accept an identifier, as it travels, and the sender is another or is accepted too."""
         return self._filter[traveling] and (sender is not self or self._receives_own)
 
     def accept(self, payload: bytes) -> None:
@@ -465,7 +465,7 @@ class ZenohBus(can.BusABC):
             self.on_frame()
 
     def _answer(self, query: zenoh.Query) -> None:
-        """Tell another node, in its `_meet`, that this one is there."""
+        """Report to another node, in its `_meet`, that this one is present."""
         with query:
             query.reply(self._key, b"")
 

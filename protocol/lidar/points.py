@@ -37,7 +37,7 @@ class LidarDecoder(Protocol):
     counts: LineCounts
 
     def feed(self, data: bytes) -> list[Piece]:
-        """Take in bytes as they came; the points that they complete."""
+        """Decode bytes as they came; returns the points that they complete."""
 
     def ask_again(self) -> None:
         """The sensor is silent: ask once more, if it has to be asked."""

@@ -1,4 +1,4 @@
-"""Delivery within one process, without a way through Zenoh: what the components of a lockstep run put, ask and declare.
+"""Delivery within one process, without Zenoh: puts, queries and declarations of the components of a lockstep run.
 
 In a run that other processes may join, Zenoh carries the same puts to them and brings theirs, and carries all queries
 and tokens. A message that several inboxes hold is decoded once.
@@ -19,7 +19,7 @@ from robrain.protocol.links.inbox import Inbox, Sample
 T = TypeVar("T")
 
 REACHED_MAX = 65536
-"""Keys for which what they reach is remembered."""
+"""Keys whose receivers are cached."""
 
 
 class Entry(Generic[T]):
@@ -27,7 +27,7 @@ class Entry(Generic[T]):
 
     Args:
         selector: the key expression.
-        what: what is declared under it.
+        what: object declared under it.
         forget: ends it.
 
     """
@@ -48,9 +48,9 @@ class Entry(Generic[T]):
 class Declared(Generic[T]):
     """Declarations of one kind.
 
-    Keys match as Zenoh says (`zenoh.KeyExpr.intersects`). Two keys without wildcards match if they are equal, so only
-    declarations with wildcards are compared. The receivers of a key are cached until a declaration comes or goes. Any
-    thread may declare and look.
+    Keys match by Zenoh's rules (`zenoh.KeyExpr.intersects`). Two keys without wildcards match if they are equal, so
+    only declarations with wildcards are compared. The receivers of a key are cached until a declaration comes or goes.
+    Any thread may declare and look.
 
     Args:
         changed: called with the key expression of each that comes or goes.
@@ -128,11 +128,11 @@ def is_wild(selector: str) -> bool:
 
 
 ROUTES_MAX = 65536
-"""Keys whose subscriptions are remembered."""
+"""Keys whose subscriptions are cached."""
 
 
 class Subscription(NamedTuple):
-    """One inbox that takes what is put."""
+    """One inbox that receives puts."""
 
     topic: Heard
     """Topic that its samples are read as."""
@@ -157,19 +157,19 @@ NOBODY = KeyRoute(None, [], [], [])
 
 
 class Delivering(Protocol):
-    """Carries what publishers put."""
+    """Carries the puts of publishers."""
 
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
         """Hand a sample to all inboxes that take its key and that it reaches."""
 
 
 class Exchange:
-    """Decides who hears what is put, who is asked a query and who sees a token, on one session of a lockstep run.
+    """Decides the receivers of puts, of queries and of tokens, on one session of a lockstep run.
 
-    Those whom a key reaches get it in the order in which they were declared.
+    The receivers of a key get it in the order in which they were declared.
 
     Args:
-        is_alone: whether no other process can ever hear or say anything here, so that Zenoh is not needed.
+        is_alone: whether no other process can ever join here, so that Zenoh is not needed.
 
     """
 
@@ -197,12 +197,12 @@ class Exchange:
 
     @classmethod
     def alone(cls, session: zenoh.Session) -> "Exchange":
-        """That of a session that nobody else can join and on which nothing is declared yet."""
+        """That of a session that no other process can join and on which nothing is declared yet."""
         made = cls._of_session[str(session.zid())] = cls(is_alone=True)
         return made
 
     def subscribe(self, selector: str, topic: Heard, inbox: Inbox) -> Entry[Subscription]:
-        """Have an inbox take what is put under the keys of `selector` from now on."""
+        """Deliver all puts under the keys of `selector` to an inbox from now on."""
         return self._subscriptions.add(selector, Subscription(topic, inbox))
 
     def queryable(self, selector: str, take: Callable[[Asked], None]) -> Entry[Any]:
@@ -210,7 +210,7 @@ class Exchange:
         return self._queryables.add(selector, take)
 
     def token(self, key: str) -> Entry[Any]:
-        """Declare presence; several tokens of one key are one for those who watch."""
+        """Declare presence; several tokens of one key are one for their observers."""
         return self._tokens.add(key, key)
 
     def watch(self, selector: str, take: Callable[[str, bool], None]) -> Entry[Any]:
@@ -224,7 +224,7 @@ class Exchange:
         return list(dict.fromkeys(self._tokens.reached(selector)))
 
     def ask(self, selector: str, payload: bytes, take: Callable[[Answer], None], over: Callable[[], None]) -> None:
-        """Send a query to all who answer it; they have answered, or have kept the query, when this returns.
+        """Send a query to all endpoints that answer it; they have answered, or have kept the query, when this returns.
 
         Args:
             selector: key expression, and parameters behind a `?`.
@@ -239,7 +239,7 @@ class Exchange:
             answer(LocalQuery(gathering))
 
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
-        """Hand a sample to all inboxes that take its key; all of them share what one of them decodes."""
+        """Hand a sample to all inboxes that subscribe to its key; all of them share one decoded message."""
         route = self.routes.get(key)
         if route is NOBODY:
             return

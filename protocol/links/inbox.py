@@ -1,4 +1,4 @@
-"""Bounded inboxes: where subscriptions put what arrives, until their component's next step."""
+"""Bounded inboxes: subscriptions put samples there until their component's next step."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ INBOX_BYTES_MAX = 134_217_728
 NOTHING = b"null"
 """An empty reply: JSON null."""
 ASKED_MAX = 5
-"""How often a query is sent that nobody answers."""
+"""Number of times that a query is sent without an answer."""
 
 Sample = tuple[Heard, str, bytes, list[Received] | None]
 """Topic, key, payload, and a list for the decoded message, which the first reader fills; None without other inboxes."""
@@ -88,12 +88,12 @@ class Inbox:
         return self.take((topic, key, payload, None))
 
     def take(self, sample: Sample) -> bool:
-        """Take in a sample that other inboxes may hold as well; as `append`."""
+        """Add a sample that other inboxes may hold as well; as `append`."""
         return Inbox.put_into((self,), sample) == 1
 
     @staticmethod
     def put_into(inboxes: Sequence["Inbox"], sample: Sample) -> int:
-        """Have inboxes that do not override `take` take in one sample; returns how many did."""
+        """Add one sample to all inboxes that do not override `take`; returns their number."""
         topic, key, payload, _ = sample
         size, is_latest, count = len(payload), topic.is_latest, 0
         is_large = size > topic.payloads.max_bytes
@@ -145,7 +145,7 @@ class Inbox:
         Args:
             ask: sends the query and returns its channel, which returns None while there is no reply, and raises ZError
                 at its end.
-            topic: what a reply is taken for.
+            topic: topic that a reply is read as.
             key: likewise.
             asked: how often it will have been sent.
 
@@ -154,7 +154,7 @@ class Inbox:
         self.has_some = True
 
     def drain(self) -> list[Received]:
-        """Take everything out, decoded: first what counts singly, in order of arrival, then the latest ones."""
+        """Return all entries, decoded: first those that count singly, in order of arrival, then the latest ones."""
         if not self.has_some:
             return []
         border = self.border
@@ -175,7 +175,7 @@ class Inbox:
 
     def drain_samples(self) -> list[Sample]:
         """Take everything out as it is shared with other inboxes, in the order of `drain`."""
-        self.has_some = False  # first: what arrives meanwhile sets it again
+        self.has_some = False  # first: an arrival in the meantime sets it again
         self.large_bytes = 0
         if self._expected:
             self._collect_replies()

@@ -1,4 +1,4 @@
-"""A link: what carries the puts, queries and tokens of one endpoint to others, and theirs to it.
+"""A link: it carries the puts, queries and tokens of one endpoint to others, and theirs to it.
 
 `ZenohLink` carries them by Zenoh, to every subscriber. `LocalLink` carries them within a lockstep run that no other
 process can join, and declares nothing to Zenoh. Its `Exchange` alone decides which endpoint receives a message.
@@ -48,11 +48,11 @@ class Link(Protocol):
         """A publisher of one key."""
 
     def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
-        """Have an inbox take what is put under the keys of `selector`.
+        """Deliver all puts under the keys of `selector` to an inbox.
 
         Args:
             selector: which keys.
-            topic: what a sample is taken for.
+            topic: topic that a sample is read as.
             inbox: takes samples that need not travel.
             take: takes those that do, for the inbox.
             waits: whether `take` may wait for anything.

@@ -20,7 +20,7 @@ class PartyExchange(Exchange):
     """Declarations of the endpoints of one party, and the tokens that they see.
 
     Args:
-        party: whose it is.
+        party: owner.
         changed: called when other samples are taken than before.
         token_changed: called with the key of a token of this party that has come or gone.
 

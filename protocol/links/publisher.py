@@ -16,12 +16,12 @@ class Publisher:
     """Says one topic under one key. Made by `Endpoint.publisher`.
 
     Args:
-        topic: what it says.
+        topic: message.
         key: where.
         clock: stamps messages.
         exchange: delivers within the process, in lockstep.
         declare: declares the key to Zenoh, for other processes; None where there can be none.
-        forget: told of what was declared, once it is undeclared.
+        forget: called with the declaration, once it is undeclared.
 
     """
 
@@ -41,7 +41,7 @@ class Publisher:
         self._exchange = exchange
         self._declare = declare
         self._declared: Any = declare() if declare is not None and exchange is None else None
-        """In lockstep declared with the first put that others may hear: most events of most robots never happen."""
+        """In lockstep declared with the first put that others may receive: most events of most robots never happen."""
         self._clock = clock
         self._forget = forget
         self._seq = 0
@@ -72,7 +72,7 @@ class Publisher:
             self._exchange.deliver(self.topic, self.key, encoded)
 
     def put_bytes(self, payload: bytes) -> None:
-        """Send bytes as they are, on topics that carry somebody else's protocol or a recorded payload."""
+        """Send bytes as they are, on topics that carry a foreign protocol or a recorded payload."""
         if self._declare is not None:
             self._put_outside(self._declare, payload)
         if self._exchange is not None:

@@ -1,4 +1,4 @@
-"""Delivery between the parties of a lockstep run that hear each other by radio, if at all.
+"""Delivery between the parties of a lockstep run that are connected by radio, if at all.
 
 A robot is a party, with all its endpoints, and so is the coordinator; see `RadioNetwork`. A message of a party reaches
 its own endpoints and those of the infrastructure (arena, recorder, scripts) at once. The network decides when it
@@ -11,7 +11,7 @@ reaches other parties:
   A client that has lost the token of the answering party gets the reply that no participant answered. A reply without a
   waiting caller (`Endpoint.ask_into`) arrives after the sum of both delays.
 
-The process of a party may die or stand still (`drop`, `sleep`), with the radio that it uses.
+The process of a party may die or be paused (`drop`, `sleep`), with the radio that it uses.
 """
 
 from collections import deque
@@ -38,7 +38,7 @@ from robrain.protocol.table.topic import ANSWER_S, Delivery, Topic, Urgency
 COORDINATOR = "coordinator"
 """The coordinator's party; robots are parties by their names."""
 EVERYWHERE = ""
-"""The party of arena, recorder and scripts: no radio is between them and anybody."""
+"""The party of arena, recorder and scripts: no radio is between them and any party."""
 
 
 class RadioNetwork(Protocol):
@@ -47,13 +47,13 @@ class RadioNetwork(Protocol):
     counters: LinkCounters
     """Outcome of the messages up to now."""
     parties: Sequence[str]
-    """Everybody who has a radio."""
+    """All parties that have a radio."""
 
     def look(self, now_ns: int, on: Collection[str]) -> bool:
-        """Take in where the parties are now, and which of them are switched on; returns False if it is not yet time."""
+        """Update the places of the parties, and which of them are switched on; returns False if it is not yet time."""
 
     def reaches(self, speaker: str, hearer: str) -> bool:
-        """Whether there is a way from one party to another, by relays or without."""
+        """Whether there is a path from one party to another, by relays or without."""
 
     def spread(self, speaker: str, hearers: Sequence[str], size: int, now_ns: int) -> dict[str, int]:
         """Send a sample once; returns how long it takes to each hearer that it reaches, and counts the others."""
@@ -73,15 +73,15 @@ def is_direct(speaker: str, hearer: str) -> bool:
 After = Callable[[int, Callable[[], object]], object]
 """Calls a function after this number of nanoseconds."""
 Waiting = list[Callable[[], None]]
-"""Requests that wait for a party whose process stands still."""
+"""Requests that wait for a party whose process is paused."""
 
 
 class RadioQuery:
-    """A query on its way to those who answer it, and back.
+    """A query in flight to the endpoints that answer it, and back.
 
     Args:
         network: how long request and reply take.
-        party: who asks.
+        party: party of the caller.
         now_ns: when.
         limit_ns: time limit for request and reply together.
         take: gets the replies.
@@ -120,9 +120,9 @@ class RadioQuery:
         Args:
             selector: key expression, and parameters behind a `?`.
             payload: the request.
-            answerers: parties that answer it, and with what.
+            answerers: parties that answer it, and their answers.
             over: called after the last reply.
-            asleep: parties whose process stands still; they take the request when it goes on, and reply too late.
+            asleep: parties whose process is paused; they get the request when it continues, and reply too late.
 
         """
         asked = []
@@ -161,7 +161,7 @@ class RadioQuery:
             self._after(took_ns, partial(self._take, answer))
 
     def _carried(self, speaker: str, hearer: str, size: int, before_ns: int) -> int | None:
-        """How long a request or reply takes, and what came before it; None if it comes too late."""
+        """How long a request or reply takes, and its predecessor; None if it comes too late."""
         if is_direct(speaker, hearer):
             return 0
         took_ns = self._network.carry(speaker, hearer, size, self._now_ns, self._limit_ns - before_ns)
@@ -189,9 +189,10 @@ def _ignore() -> None:
 
 
 RESEND_NS = to_ns(0.5)
-"""Period in which a hearer finds out what it has missed of a lossless topic: Zenoh's heartbeat, see `ZenohLink`."""
+"""Period in which a receiver finds out which samples of a lossless topic it has missed: Zenoh's heartbeat, see
+`ZenohLink`."""
 IN_FLIGHT_MAX = 65536
-"""Samples and replies that are on their way; further ones are dropped and counted."""
+"""Samples and replies in flight; further ones are dropped and counted."""
 
 
 class _Stream:
@@ -204,14 +205,14 @@ class _Stream:
 
 
 class RadioExchange(PartyExchange):
-    """Decides who hears what, who is asked a query and who sees a token, where the parties of a run have radios.
+    """Decides the receivers of samples, queries and tokens, where the parties of a run have radios.
 
     It is the infrastructure's own exchange at the same time.
 
     Args:
-        network: who reaches whom.
+        network: the network between the parties.
         clock: of the run.
-        lost_after_s: how long a token is seen after its owner was last heard.
+        lost_after_s: how long a token is seen after its owner's last message.
 
     """
 
@@ -232,13 +233,13 @@ class RadioExchange(PartyExchange):
         self._missed: dict[tuple[str, str], _Stream] = {}
         """By key and hearer."""
         self._dead: set[str] = set()
-        """Parties whose process has died; what is left of it says nothing any more."""
+        """Parties whose process has died; their remaining endpoints send nothing any more."""
         self._asleep: dict[str, Waiting] = {}
-        """Requests that wait for each party whose process stands still."""
+        """Requests that wait for each party whose process is paused."""
 
     @classmethod
     def open(cls, session: zenoh.Session, network: RadioNetwork, clock: Clock, lost_after_s: float) -> "RadioExchange":
-        """That of a session that nobody else can join and on which nothing is declared yet."""
+        """That of a session that no other process can join and on which nothing is declared yet."""
         made = cls(network, clock, lost_after_s)
         cls._of_session[str(session.zid())] = made
         return made
@@ -267,7 +268,7 @@ class RadioExchange(PartyExchange):
         home.links -= 1
 
     def drop(self, party: str) -> None:
-        """A party's process has died: nothing that it declared is there any more, and it says nothing more.
+        """A party's process has died: none of its declarations exists any more, and it sends nothing more.
 
         Messages in flight to it are dropped. Declarations of endpoints of this party stay without effect, also when
         another process is started.
@@ -294,12 +295,12 @@ class RadioExchange(PartyExchange):
         self._asleep.setdefault(party, [])
 
     def wake(self, party: str) -> None:
-        """It goes on, and sees to what has waited."""
+        """It continues, and handles the waiting requests."""
         for do in self._asleep.pop(party, ()):
             do()
 
     def step(self) -> None:
-        """Take in who hears whom now, and deliver what has arrived meanwhile."""
+        """Update the reach of all parties, and deliver the messages that have arrived meanwhile."""
         now_ns = self._clock.now_ns()
         self._look()
         while self._on_path and self._on_path[0][0] <= now_ns:
@@ -310,11 +311,11 @@ class RadioExchange(PartyExchange):
     # -- samples --------------------------------------------------------------------------------------------
 
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
-        """Hand a sample of the infrastructure to all who take its key."""
+        """Hand a sample of the infrastructure to all subscribers of its key."""
         self.deliver_from(EVERYWHERE, topic, key, payload)
 
     def deliver_from(self, party: str, topic: Heard, key: str, payload: bytes) -> None:
-        """Hand a party's sample to all whom it reaches."""
+        """Hand a party's sample to all parties that it reaches."""
         if party in self._dead:
             return
         takers = self._takers.get(key)
@@ -364,7 +365,7 @@ class RadioExchange(PartyExchange):
         stream.retry_ns = now_ns + RESEND_NS
         hearer = at[1]
         if not self._homes[stream.speaker].links:
-            del self._missed[at]  # with the sender, what it kept has gone
+            del self._missed[at]  # with the sender, its stored samples have gone
             return
         if not self._network.reaches(stream.speaker, hearer):
             return
@@ -414,10 +415,10 @@ class RadioExchange(PartyExchange):
         *,
         waits: bool,
     ) -> RadioQuery:
-        """Send a party's query to all who answer it, as far as it knows of them; as `ask`.
+        """Send a party's query to all endpoints that answer it, as far as it knows them; as `ask`.
 
         Args:
-            party: who asks.
+            party: party of the caller.
             selector: as for `ask`.
             payload: as for `ask`.
             limit_ns: time limit for request and reply together.
@@ -490,7 +491,7 @@ class LocalRadioLink(DeclaringLink):
 
     Args:
         exchange: of the run.
-        party: whose endpoint it is: a robot's name, `COORDINATOR`, or `EVERYWHERE` for arena, recorder and scripts.
+        party: party of the endpoint: a robot's name, `COORDINATOR`, or `EVERYWHERE` for arena, recorder and scripts.
 
     Raises:
         ValueError: there is no such party.

@@ -18,10 +18,10 @@ GAP_PERIODS = 10
 
 
 class Thinning:
-    """Decides for one robot what is left out. Any thread may ask.
+    """Decides for one robot which messages are dropped. Any thread may ask.
 
     Args:
-        bytes_per_s: what the link carries of the robot's own messages; their overhead is not counted.
+        bytes_per_s: capacity of the link for the robot's own messages; their overhead is not counted.
         clock: the run's clock.
 
     """
@@ -68,5 +68,5 @@ class Thinning:
 
 
 def is_thinned(topic: Topic[Any]) -> bool:
-    """Whether messages of a topic may be left out: the next one tells the same, and comes soon."""
+    """Whether messages of a topic may be dropped: the next one has the same content, and comes soon."""
     return topic.is_latest and bool(topic.rate_hz) and topic.by is Role.ROBOT

@@ -80,16 +80,16 @@ class DeclaredKeys:
 
 
 SENDERS_MAX = 4096
-"""Senders whose keys are kept; samples that one of the others lost are counted under the selector."""
+"""Senders whose keys are kept; lost samples of other senders are counted under the selector."""
 
 
 class LostSamples:
     """Follows one subscription; called on Zenoh's threads.
 
     Args:
-        topic: what is heard.
+        topic: topic of the subscription.
         selector: the keys that are subscribed to.
-        border: counts what was lost.
+        border: counts losses.
 
     """
 
@@ -100,13 +100,13 @@ class LostSamples:
         self._keys: dict[tuple[str, int], str] = {}
 
     def record_sender(self, sample: zenoh.Sample, key: str) -> None:
-        """Remember whose key it is: a miss only tells which publisher it was."""
+        """Remember the owner of a key: a miss names its publisher only."""
         source = sample.source_info
         if source is not None and len(self._keys) < SENDERS_MAX:
             self._keys[_publisher(source.source_id)] = key
 
     def missed(self, miss: ext.Miss) -> None:
-        """Count what a publisher sent and no recovery has brought."""
+        """Count samples of a publisher that no recovery has brought."""
         key = self._keys.get(_publisher(miss.source), self._selector)
         self._border.record_lost(self._topic, key, miss.nb)
 
@@ -159,7 +159,7 @@ class ZenohLink:
 
     def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
         """See `Link`."""
-        # Where names are left open, each sample says its own; to ask it of others too costs half as much as the rest.
+        # Where names are left open, each sample carries its own; a query to others too costs half as much as the rest.
         own_key = selector if "*" not in selector else None
 
         lost: LostSamples | None = None

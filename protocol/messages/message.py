@@ -30,13 +30,13 @@ class Message(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SharedMessage(Message, frozen=True, dict=True):
-    """A message that keeps what was computed from it: components of one process that share it compute that once."""
+    """A message that keeps values computed from it: components of one process that share it compute each once."""
 
     def derived(self, compute: Callable[[Self], T]) -> T:
-        """Return `compute(self)`, computed by the first who asks.
+        """Return `compute(self)`, computed by the first caller.
 
-        `compute` is a named function of the message alone, and nobody changes its result. A field whose conversion
-        raises is not kept.
+        `compute` is a named function of the message alone, and its result is read-only. A field whose conversion raises
+        is not kept.
         """
         kept: dict[str, T] = self.__dict__
         name = f"{compute.__module__}.{compute.__qualname__}"

@@ -49,9 +49,9 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     """How far a robot has come in a round of the negotiation."""
 
     robot: Name
-    """Whose standing it is."""
+    """Robot that it belongs to."""
     number: Count
-    """Number of the robot's ballot that said so."""
+    """Number of the robot's ballot that reported it."""
     round: Count
     """Round of the negotiation."""
     digest: Count

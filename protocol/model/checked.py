@@ -25,9 +25,9 @@ _STEP = re.compile(r"\.(\w+)|\[(\d+)\]")
 
 
 class Checked(msgspec.Struct, frozen=True):
-    """Base of structs whose fields must be in their ranges: ValueError tells which field is not.
+    """Base of structs whose fields must be in their ranges: ValueError names the field that is not.
 
-    Floats must be finite, unless their type says `INFINITE`. Messages that are frequent do without: the border
+    Floats must be finite, unless their annotation has `INFINITE`. Frequent messages are not of this base: the border
     checks them when they are received.
     """
 

@@ -40,5 +40,5 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, lent_by=self.lent_by or name, lent=self.lent + 1)
 
     def rank(self, name: str) -> Rank:
-        """As what the claim of the robot `name` is compared: the lesser goes first."""
+        """Key for comparisons with the claim of the robot `name`: the lesser goes first."""
         return -self.cornered, -(self.priority + self.waited), self.way_m, self.lent_by or name, self.lent, name

@@ -18,7 +18,7 @@ from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Joules, NotNegative, Pace, Positive, Quantity, Watts
 
 TERMS = ("standing_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s", "acceleration_kg")
-"""Names of the coefficients, in order. The last is a mass: what a change of v²/2 takes."""
+"""Names of the coefficients, in order. The last is a mass: the energy of a change of v²/2."""
 STANDING_BELOW = 0.01
 """Below this many m/s and rad/s the robot stands; chosen above the noise of encoders."""
 
@@ -126,7 +126,7 @@ def estimate(model: EnergyModel, work: Work) -> EnergyEstimate:
 def integrals(model: EnergyModel, work: Work) -> tuple[float, float, float, float, float]:
     """The integrals of the terms' factors over the work, in the order of `TERMS`; the first is its duration, s.
 
-    A way is taken to be sped up for once.
+    A path is assumed to need one acceleration.
     """
     speed_m_s = work.speed_m_s if work.speed_m_s is not None else model.pace_m_s
     moving_s = work.path_m / speed_m_s + work.turn_rad / model.turn_rate_rad_s

@@ -13,7 +13,7 @@ from robrain.protocol.model.ranges import Metres, Radians, Speed
 
 
 class Point2D(msgspec.Struct, frozen=True):
-    """A point, metres, arena frame unless said otherwise."""
+    """A point, metres, arena frame unless stated otherwise."""
 
     x_m: Metres
     y_m: Metres
@@ -24,7 +24,7 @@ class Point2D(msgspec.Struct, frozen=True):
 
 
 class Pose2D(msgspec.Struct, frozen=True):
-    """Where something is and where it faces: metres and radians, arena frame unless said otherwise."""
+    """Position and heading: metres and radians, arena frame unless stated otherwise."""
 
     x_m: Metres
     y_m: Metres

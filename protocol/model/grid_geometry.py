@@ -1,4 +1,4 @@
-"""Where a grid of cells lies in the arena, and classes of its cells: without kernels, for those who only look on."""
+"""Position of a grid of cells in the arena, and classes of its cells: without kernels, for viewers."""
 
 import math
 

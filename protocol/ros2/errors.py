@@ -37,7 +37,7 @@ class BadToken(RosError):
 
 
 class NoReply(RosError):
-    """A service did not answer, or answered with what is no response."""
+    """A service did not answer, or its answer is no response."""
 
     def __init__(self, service: str, why: str) -> None:
         super().__init__(f"ROS 2 service {service}: {why}")

@@ -44,7 +44,7 @@ Q = TypeVar("Q")
 R = TypeVar("R")
 
 PLAIN_CDR = (b"\0\0", b"\0\1")
-"""Big-endian and little-endian, as the first two of the `HEADER_BYTES` say (DDSI-RTPS 10.2.1.2)."""
+"""Big-endian and little-endian, by the first two of the `HEADER_BYTES` (DDSI-RTPS 10.2.1.2)."""
 HEADER_BYTES = 4
 MESSAGE_BYTES = 16_777_216
 """Of one message that is read: a map of 4000 × 4000 cells."""
@@ -61,7 +61,7 @@ class MessageType(Generic[M]):
 
     @cached_property
     def type_hash(self) -> str:
-        """Hash of its definition, such as `RIHS01_…`; nodes with another one do not hear each other."""
+        """Hash of its definition, such as `RIHS01_…`; nodes with another one do not receive each other."""
         return definitions.type_hash(self.name)
 
     def encode(self, message: M) -> bytes:

@@ -37,7 +37,7 @@ class Ended(msgspec.Struct, frozen=True):
     """How a drive ended."""
 
     status: int
-    """One of `action_msgs/msg/GoalStatus`; 0 if the navigator did not say."""
+    """One of `action_msgs/msg/GoalStatus`; 0 if the navigator sent none."""
     error_code: int = 0
     why: str = ""
 
@@ -73,7 +73,7 @@ class NavigateClient:
         self._result: RosCall[NavigateResultResponse] | None = None
 
     def go(self, pose: PoseStamped, behavior_tree: str = "") -> None:
-        """Drive to a pose; the navigator preempts what it does for an earlier goal."""
+        """Drive to a pose; the navigator preempts its work for an earlier goal."""
         self._goal = self._new_id()
         self.feedback, self.ended, self.is_accepted, self._result = None, None, False, None
         request = NavigateSendGoal(_uuid(self._goal), NavigateGoal(pose, behavior_tree))
@@ -86,7 +86,7 @@ class NavigateClient:
         return self._cancels.ask(CancelRequest(GoalInfo(_uuid(self._goal), Time(0, 0))), ACCEPT_S)
 
     def step(self) -> None:
-        """Take in what the navigator has said."""
+        """Read the navigator's messages."""
         for heard in self._heard.take():
             if bytes(heard.message.goal_id.uuid) == self._goal:
                 self.feedback = heard.message.feedback

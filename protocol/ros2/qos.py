@@ -1,4 +1,4 @@
-"""Quality of service of ROS 2, and how tokens of `rmw_zenoh` say it.
+"""Quality of service of ROS 2, and its form in tokens of `rmw_zenoh`.
 
 A token holds `reliability:durability:history,depth:deadline:lifespan:liveliness,lease` with the numbers of rmw's enums;
 a value that is rmw_zenoh's default is left out. Deadline, lifespan and lease are not used here: they are left at their
@@ -65,7 +65,7 @@ class Qos(msgspec.Struct, frozen=True):
 
     @classmethod
     def from_token(cls, text: str) -> "Qos":
-        """Read what stands in a token.
+        """Read the fields of a token.
 
         Raises:
             BadToken: it is something else.

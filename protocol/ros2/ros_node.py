@@ -195,7 +195,7 @@ def _declare(session: zenoh.Session, key: str, qos: Qos) -> Any:
 
 
 _NUMBERS = itertools.count()
-"""Of nodes and what they have: unique in the process, and so in each of its sessions."""
+"""Of nodes and their parts: unique in the process, and so in each of its sessions."""
 
 Q = TypeVar("Q")
 R = TypeVar("R")
@@ -204,7 +204,7 @@ R = TypeVar("R")
 class RosNode:
     """A node of ROS 2; a `RosPort`.
 
-    It is a member of the live drive: what it hears comes on Zenoh's threads, and waits to be taken.
+    It is a member of the live drive: its messages come on Zenoh's threads, and wait to be read.
 
     Args:
         session: not closed by the node.

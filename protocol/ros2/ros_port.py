@@ -49,7 +49,7 @@ class Writer(Protocol[M_in]):
 
 
 class Reader(Protocol[M]):
-    """A subscription, which holds what arrives until it is taken."""
+    """A subscription, which holds arrivals until they are read."""
 
     @property
     def dropped(self) -> int:
@@ -77,7 +77,10 @@ class PendingRequest(Protocol[Q_out, R_in]):
         """Answer."""
 
     def refuse(self, why: str) -> None:
-        """End it without a response; ROS 2 has none that says why, so this is for what cannot be answered at all."""
+        """End it without a response.
+
+        ROS 2 has no response with a reason, so this is for requests that cannot be answered at all.
+        """
 
 
 class Server(Protocol[Q_out, R_in]):
@@ -95,7 +98,7 @@ class Server(Protocol[Q_out, R_in]):
         """Requests since the last call, in order."""
 
     def close(self) -> None:
-        """End it, and refuse what waits."""
+        """End it, and refuse waiting requests."""
 
 
 class RosPort(Protocol):
@@ -107,7 +110,7 @@ class RosPort(Protocol):
         Args:
             topic: `/absolute`, `relative` to the node's namespace, or `~/private`.
             kind: type of its messages.
-            qos: `LATCHED` for what late subscriptions are to get too.
+            qos: `LATCHED` for messages that late subscriptions are to get too.
 
         Raises:
             BadRosName: `topic` is no name of ROS 2.
@@ -115,7 +118,7 @@ class RosPort(Protocol):
         """
 
     def subscribe(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> Reader[M]:
-        """Hear a topic; `qos.depth` messages wait at the most. Arguments and errors as for `advertise`."""
+        """Subscribe to a topic; `qos.depth` messages wait at the most. Arguments and errors as for `advertise`."""
 
     def serve(self, service: str, kind: ServiceType[Q, R]) -> Server[Q, R]:
         """Answer requests. Arguments and errors as for `advertise`."""

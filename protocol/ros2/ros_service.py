@@ -16,7 +16,7 @@ from robrain.protocol.ros2.tokens import Entity
 WAITING_MAX = 64
 """Requests that wait in one server."""
 CALL_S = 5.0
-"""How long a response is waited for unless said otherwise."""
+"""Time limit for a response unless another is given."""
 
 Q = TypeVar("Q")
 R = TypeVar("R")
@@ -224,7 +224,7 @@ class RosClient(Generic[Q, R]):
         return RosCall(replies, self.entity.name, sender, self._kind.response)
 
     def close(self) -> None:
-        """Leave; requests under way go on."""
+        """Leave; requests in progress continue."""
         with suppress(zenoh.ZError):  # the session is closed, or this client
             self._token.undeclare()
 

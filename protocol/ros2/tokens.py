@@ -1,4 +1,4 @@
-"""Liveliness tokens of `rmw_zenoh`: by them nodes know what nodes, topics and services there are.
+"""Liveliness tokens of `rmw_zenoh`: nodes find other nodes, topics and services by them.
 
 `@ros2_lv/DOMAIN/SESSION/NODE/ENTITY/KIND/ENCLAVE/NAMESPACE/NAME`, and for all but nodes `/TOPIC/TYPE/HASH/QOS`
 (rmw_zenoh: design.md, liveliness_utils.cpp). Later releases append parts, which are read over.

@@ -56,7 +56,7 @@ def _schema_refusal(written: bytes) -> str:
 
 
 class _Unusable(ValueError):
-    """A schema that cannot be used; the text says why."""
+    """A schema that cannot be used; the text gives the reason."""
 
 
 def _count_parts(part: Any, whole: Schema, path: tuple[str, ...], left: int) -> int:

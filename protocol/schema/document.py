@@ -93,7 +93,7 @@ def key_of(row: WireKey) -> str:
 
 
 def schema_or_none(kind: Any) -> dict[str, Any] | None:
-    """The schema of what travels, which refers to `$defs`; None for nothing, any JSON for bytes."""
+    """The schema of a message, which refers to `$defs`; None for nothing, any JSON for bytes."""
     if kind in (None, NoneType):
         return None
     return {} if kind is bytes else reference_to(kind)

@@ -122,7 +122,7 @@ def parameters_schema(type_: type[msgspec.Struct]) -> Schema:
 
 
 def bare(schema: Any) -> Any:
-    """A schema with what validates and nothing that only explains."""
+    """The validating part of a schema, without explanations."""
     if isinstance(schema, list):
         return [bare(one) for one in schema]
     if not isinstance(schema, dict):
@@ -205,7 +205,7 @@ def structs_in(kinds: Iterable[Any]) -> list[type]:
 
 
 def types_of(row: WireKey) -> list[Any]:
-    """The types of what travels under a key: message, or request and reply; bytes and nothing are left out."""
+    """The types under a key: message, or request and reply; bytes and nothing are skipped."""
     kinds: list[Any] = []
     if isinstance(row, Topic):
         kinds = [row.message]

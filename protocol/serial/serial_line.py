@@ -23,14 +23,14 @@ class SerialLine(Protocol):
         """Received bytes, at most `CHUNK_BYTES`; empty if there are none."""
 
     def write(self, data: bytes) -> bool:
-        """Send these bytes; what the line does not take at once is dropped. Whether it took all."""
+        """Send these bytes; bytes that the line does not accept at once are dropped. Whether it took all."""
 
     def close(self) -> None:
         """Leave it."""
 
 
 def write_at_once(port: serial.SerialBase, data: bytes) -> int:
-    """Send what a port takes without waiting; how many bytes that is.
+    """Send the bytes that a port accepts without waiting; returns their number.
 
     pyserial waits until the port has taken all, for ever if it is to wait for 0 s.
 
@@ -85,7 +85,7 @@ class SimulatedLine:
 
     Args:
         wire: the plugin's own endpoint, with which the line ends.
-        robot: whose it is.
+        robot: owner of the line.
         name: of the line, such as `lidar`.
         wake: called when bytes have arrived.
 

@@ -1,1 +1,1 @@
-"""The table of topics, queries and tokens: who publishes what, under which key, how often."""
+"""The table of topics, queries and tokens: publisher, message, key and rate of each."""

@@ -20,7 +20,7 @@ from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.table.topic import ANSWER_S, Q, Query, R, Role, Urgency
 
 HOST_S = 10.0
-"""Time limit for a verb unless its row says otherwise."""
+"""Time limit for a verb unless its row has another."""
 CHANGE_S = 60.0
 """Time limit for a load: it imports code, which may compile some of itself."""
 HOST_VERB = Query(
@@ -45,8 +45,8 @@ def host_query(
         verb: its name, the last chunk of the key.
         request: a struct with ranges in its types.
         reply: type of the reply.
-        doc: what it does, for the table.
-        errors: what it may be answered with, besides the errors of every query.
+        doc: its effect, for the table.
+        errors: its possible replies, besides the errors of every query.
         timeout_s: how long to wait for the reply.
 
     """

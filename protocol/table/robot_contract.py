@@ -22,7 +22,7 @@ from robrain.protocol.table.topics import (
 
 
 class ContractRow(NamedTuple):
-    """One topic, query or token of the contract, and what the robot does with it."""
+    """One topic, query or token of the contract, and the robot's part in it."""
 
     row: WireKey
     duty: str

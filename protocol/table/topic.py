@@ -1,4 +1,4 @@
-"""The rows of the table of topics: keys of the wire, what travels under them, and how it is delivered."""
+"""The rows of the table of topics: keys of the wire, their messages, and their delivery."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ class Delivery(StrEnum):
     EVERY = "every"
     """Each counts, none is sent again; dropped under congestion."""
     LOSSLESS = "lossless"
-    """Kept by the sender and sent again after a cut; late joiners get what is kept."""
+    """Kept by the sender and sent again after a cut; late joiners get the kept samples."""
 
 
 class Urgency(StrEnum):
@@ -61,9 +61,9 @@ class Urgency(StrEnum):
     DATA = "data"
     """Other telemetry."""
     DATA_LOW = "data_low"
-    """Maps, logs, and what may be late."""
+    """Maps, logs, and other messages that may be late."""
     BACKGROUND = "background"
-    """Pictures, and whole copies for those who join late."""
+    """Pictures, and whole copies for late joiners."""
 
 
 JSON = "application/json"
@@ -72,13 +72,13 @@ TINYOS_PACKET = "application/vnd.robrain.tinyos-packet"
 SERIAL_BYTES = "application/octet-stream"
 PNG = "image/png"
 ANSWER_S = 2.0
-"""How long a reply is waited for unless a query says otherwise."""
+"""Time limit for a reply unless a query has another."""
 REQUEST_BYTES_MAX = 1_048_576
-"""Largest request that is read unless a query says otherwise."""
+"""Largest request that is read unless a query has another limit."""
 REPLY_BYTES_MAX = 67_108_864
-"""Largest reply that is read unless a query says otherwise."""
+"""Largest reply that is read unless a query has another limit."""
 MESSAGE_BYTES_MAX = 1_048_576
-"""Largest message that is sent or read unless a topic says otherwise."""
+"""Largest message that is sent or read unless a topic has another limit."""
 STAMP = "stamp_ns"
 PARSED_KEYS = 4096
 """Keys of one topic whose parsed names are cached: there are few, and each arrives many times."""
@@ -212,7 +212,7 @@ class Topic(WireKey, Generic[M]):
 
     @cached_property
     def is_stamped(self) -> bool:
-        """Whether messages say when they were sent."""
+        """Whether messages carry the time of their sending."""
         return STAMP in _fields_of(self.message)
 
     @cached_property
@@ -234,7 +234,7 @@ class Query(WireKey, Generic[Q, R]):
 
     kind: ClassVar[TopicKind] = TopicKind.QUERY
     request: type[Q]
-    """Type of the request; `NoneType` if nothing is said, `bytes` for free JSON. An empty payload counts as `{}`."""
+    """Type of the request; `NoneType` if it is empty, `bytes` for free JSON. An empty payload counts as `{}`."""
     reply: type[R]
     """Type of the reply."""
     reads_only: bool = False

@@ -28,7 +28,7 @@ class BadPacket(ValueError):
 
 
 class ActiveMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """One packet; `type` says what the payload is."""
+    """One packet; `type` defines its payload."""
 
     type: int
     payload: bytes

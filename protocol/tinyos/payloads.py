@@ -13,7 +13,7 @@
 
 A mote listens for a moment after each packet that it sends, so robots speak when they are spoken to. Sequence numbers
 count a mote's readings and wrap at 65536; which of two is the later is decided as in RFC 1982. Motes leave beacons
-alone: a mote's program takes in the AM types that it knows.
+alone: a mote's program receives the AM types that it knows.
 """
 
 import struct
@@ -47,7 +47,7 @@ _DUTY = struct.Struct(">H")
 BEACON_TYPE = 0x57
 _ENDS = struct.Struct(">Hb")
 MAX_NAME_BYTES = MAX_PAYLOAD_BYTES - _ENDS.size
-"""A robot of a longer name cannot be heard by its name."""
+"""A robot of a longer name cannot be received by its name."""
 
 
 class Quantity(IntEnum):
@@ -97,7 +97,7 @@ class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
     """Where the mote was put, 0.1 m, arena frame; NO_PLACE in both if it does not know."""
     y_dm: int
     rssi_dbm: int = 0
-    """Written by the base station that heard the packet, as in TinyOS' RssiDemo; 0 on the air."""
+    """Written by the base station that received the packet, as in TinyOS' RssiDemo; 0 on the air."""
 
     def pack(self) -> bytes:
         """The payload's 24 bytes.
@@ -120,7 +120,7 @@ class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def with_rssi(payload: bytes, rssi_dbm: float) -> bytes:
-    """A reading's bytes with the strength that it was heard at, which is its last byte."""
+    """A reading's bytes with its received signal strength, which is its last byte."""
     whole_dbm = max(RSSI_MIN_DBM, min(RSSI_MAX_DBM, round(rssi_dbm)))
     return payload[:-1] + (whole_dbm & 0xFF).to_bytes()
 
@@ -162,7 +162,7 @@ class SequenceRange(msgspec.Struct, frozen=True):
 class RequestPayload(msgspec.Struct, frozen=True):
     """Readings of the range from `first` to 31 after it: payload of AM type 0x54, 6 bytes.
 
-    So what the air has taken out of an answer is asked for again in one packet.
+    The lost part of an answer can therefore be requested again in one packet.
     """
 
     first: int
@@ -252,13 +252,13 @@ def _unpack(layout: struct.Struct, payload: bytes, what: str) -> tuple[int, ...]
 
 
 class BeaconPayload(msgspec.Struct, frozen=True):
-    """A robot's name, and how well the base station heard it: a number of 16 bits, 1 to 25 bytes of name, dBm."""
+    """A robot's name, and its signal strength at the base station: a number of 16 bits, 1 to 25 bytes of name, dBm."""
 
     sequence: int
     """Counts the robot's beacons, wrapping at 65536."""
     robot: str
     rssi_dbm: int = 0
-    """Written by the base station that heard the packet; 0 on the air."""
+    """Written by the base station that received the packet; 0 on the air."""
 
     def pack(self) -> bytes:
         """The payload's bytes, 4 to 28.
@@ -361,7 +361,7 @@ _WAY = struct.Struct(">HB")
 
 
 class ForwardedPayload(msgspec.Struct, frozen=True):
-    """A reading with the way that it has come: 27 bytes, the signal strength last, as in `ReadingPayload`."""
+    """A reading with its route: 27 bytes, the signal strength last, as in `ReadingPayload`."""
 
     reading: ReadingPayload
     """Its signal strength is that of the last packet, from the mote that passed it on last."""

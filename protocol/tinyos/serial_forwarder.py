@@ -3,7 +3,7 @@
 Each side first sends `U` and a byte for the version of the protocol, a space since TinyOS 2.0. Both sides use the lower
 of both versions. Then each packet is a byte with its length and the packet's bytes, in both directions
 (support/sdk/c/sf/sfsource.c and SFProtocol.java of tinyos-main). TCP loses nothing, so there is no way to
-find the next packet after garbage: who greets wrongly is hung up on.
+find the next packet after garbage: a client with a wrong greeting is disconnected.
 """
 
 GREETING = b"U "
@@ -24,7 +24,7 @@ def encode(packet: bytes) -> bytes:
 
 
 class PacketDecoder:
-    """Takes what arrives from the other side, in whatever pieces, and gives its packets."""
+    """Reads the input from the other side, in pieces of any size, and returns its packets."""
 
     def __init__(self) -> None:
         self.has_greeted = False

@@ -66,7 +66,7 @@ class LineCounters(msgspec.Struct):
 
 
 class Deframer:
-    """Takes what arrives on a line, in whatever pieces, and gives the bodies of good frames.
+    """Reads the input of a line, in pieces of any size, and returns the bodies of good frames.
 
     A flag always ends a frame and begins the next. A torn or noisy frame therefore loses itself and, if its flag was
     hit, the next one.
@@ -126,7 +126,7 @@ def _unescaped(escaped: bytes) -> bytes | None:
         piece = others[position]
         if piece:
             pieces += [bytes([piece[0] ^ FLIP]), piece[1:]]
-        elif position + 1 < len(others):  # an escaped 0x7d that nobody had to send so: 0x7d 0x7d
+        elif position + 1 < len(others):  # an escaped 0x7d that no sender had to escape: 0x7d 0x7d
             pieces += [bytes([ESCAPE ^ FLIP]), others[position + 1]]
             position += 1
         else:

@@ -1,4 +1,4 @@
-"""A component's place on the wire: it declares, owns and closes everything that the component says and hears.
+"""A component's access to the wire: it declares, owns and closes all wire objects of the component.
 
 The same calls serve both drives. In lockstep every callback is direct: a put is delivered before it returns. A query
 from the runner's own thread is answered within the call. A message from another process waits for `serve()`. In live,
@@ -73,7 +73,7 @@ class Serve(StrEnum):
     AT_ONCE = "at_once"
     """On the thread that Zenoh gives the queryable; one after the other."""
     SHARED = "shared"
-    """As POOL, on threads that the endpoint's queries of this kind share: for what is asked rarely."""
+    """As POOL, on threads that the endpoint's queries of this kind share: for rare queries."""
     POOL = "pool"
     """On separate threads, several at a time; `busy` when there are too many."""
     IN_STEP = "in_step"
@@ -86,19 +86,19 @@ class Request(NamedTuple, Generic[Q]):
     names: dict[str, str]
     """Names in the key, and its team under `team`."""
     asked: Q
-    """The request, decoded; bytes where the query has free JSON, None where nothing is said."""
+    """The request, decoded; bytes where the query has free JSON, None where it has none."""
     by: str = ""
     """Name of the caller, if it is stated: the parameter `by` of the selector, as in
     `robrain/t/robot/r1/call/p/f?by=ann`. In a secured team the member whom the router's rules vouch for, such as
     `operator:ann`."""
     trace: str = ""
-    """Trace of the task that it is about, if the asker says: Zenoh's attachment."""
+    """Trace of the task that it is about, if it is stated: Zenoh's attachment."""
     asker: Member | None = None
     """That member; None where the team is not secured, and `by` is a claim."""
 
 
 class Deferred(NamedTuple, Generic[R]):
-    """A reply that is sent later, so that nothing else waits for what it depends on."""
+    """A reply that is sent later, so that nothing else waits for its conditions."""
 
     reply: R
     when: Callable[[Callable[[CallError | None], None]], None]
@@ -118,13 +118,13 @@ class Endpoint:
     Args:
         session: shared in lockstep, one a process in live; not closed by the endpoint.
         team: team whose keys are used.
-        clock: stamps what is sent.
+        clock: stamps the messages that are sent.
         drive: source of time.
         on_outside: called with each input (key, payload) of a lockstep run from another process that may have changed
             it, unless a recorded topic has it.
         workers: how many queries to one queryable are answered at a time, with Serve.POOL.
         refusals: counts refused messages and requests, where several endpoints are counted together.
-        party: whose radio it uses, where a lockstep run simulates radios: a robot's name, `COORDINATOR` of
+        party: party whose radio it uses, where a lockstep run simulates radios. It is a robot's name, `COORDINATOR` of
             `radio_network.py`, or `EVERYWHERE`, which needs none.
         thinning: leaves out telemetry that the link has no room for; None sends everything.
 
@@ -148,7 +148,7 @@ class Endpoint:
         self.clock = clock
         self.drive = drive
         self.member = member_on(session)
-        """Whom the session's certificate names; None where the team is not secured."""
+        """Member that the session's certificate names; None where the team is not secured."""
         if self.member is not None and self.member.team != team:
             raise WireError(f"the certificate of {self.member} is of team {self.member.team}, not of team {team}")
         self._signing = Signing(self.member)
@@ -191,7 +191,7 @@ class Endpoint:
     # -- hearing --------------------------------------------------------------------------------------------
 
     def subscribe(self, inbox: Inbox, topic: Topic[Any], **names: str) -> None:
-        """Put what arrives on a topic into `inbox`; names that are not given match any."""
+        """Put arrivals on a topic into `inbox`; names that are not given match any."""
         inbox.adopt(self._border)
         selector = self._signing.of_all(topic, topic.selector(self.team, **names))
         lockstep, owner = self.drive is Drive.LOCKSTEP, self._owner
@@ -210,13 +210,13 @@ class Endpoint:
             is_taken = inbox.append(topic, key, payload, outside=outside)
             if self.on_receive is not None:
                 self.on_receive()
-            if is_taken and outside and not topic.recorded:  # of what is recorded, the recorder itself sees that
+            if is_taken and outside and not topic.recorded:  # the recorder itself sees recorded topics
                 self.record_outside(key, payload)
 
         self._link.subscribe(selector, topic, inbox, take, waits=inbox.acts_at_once or learns)
 
     def watch(self, topic: Token, **names: str) -> Presence:
-        """Follow who says to be there on a token's topic, those included who are there already."""
+        """Follow the owners of a token's topic, including those that are present already."""
         presence = Presence(topic)
         self._link.watch(topic.selector(self.team, **names), presence.append)
         return presence
@@ -368,7 +368,7 @@ class Endpoint:
         except CallError as error:
             query.reply_error(error)
         except (Exception, SystemExit) as error:
-            # Foreign plugin code may even call exit(), and a query that is not answered reads as "nobody there".
+            # Foreign plugin code may even call exit(), and a query that is not answered reads as "no participant".
             logger.exception("a handler of %s failed", topic.name)
             query.reply_error(CallError(ErrorCode.FAILED, f"{type(error).__name__}: {error}"))
         finally:
@@ -402,13 +402,13 @@ class Endpoint:
             request: None asks without a payload.
             timeout_s: time limit for the reply, None for that of the query; in lockstep it applies only to replies
                 from other processes.
-            by: who asks, where that matters: the holder of an exclusive plugin.
+            by: name of the caller, where that matters: the holder of an exclusive plugin.
             names: the names in the key.
 
         Raises:
             BadName: a name cannot be one.
             CallError: the reply is an error, does not decode (`failed`), or none came in time (`timeout`).
-            NobodyThere: nobody answers that key.
+            NobodyThere: no participant answers that key.
         """
         plain_key = topic.key(self.team, **names)
         key = self._signing.own(topic, plain_key)
@@ -482,7 +482,7 @@ class Endpoint:
         Args:
             inbox: where the reply goes.
             topic: which query.
-            reply_topic: what the reply is taken for; its key is built from the same names.
+            reply_topic: topic that the reply is read as; its key is built from the same names.
             request: None asks without a payload.
             timeout_s: time limit for a reply; None for the limit of the query.
             names: the names in the key.
@@ -517,7 +517,7 @@ class Endpoint:
         if self._shared is not None:
             self._shared.end()
             self._shared = None
-        for answering in self._answering:  # what waits there is answered `unloaded` as well
+        for answering in self._answering:  # requests that wait there are answered `unloaded` as well
             stuck = answering.join(STUCK_TIMEOUT_S)
             if stuck:
                 logger.warning("answers that do not come back are left behind: %s", ", ".join(stuck))
@@ -533,7 +533,7 @@ class Endpoint:
         self._closing = False
 
     def _from_outside(self) -> bool:
-        """In lockstep, whether what is being delivered comes from another process."""
+        """In lockstep, whether the current message comes from another process."""
         return self.drive is Drive.LOCKSTEP and threading.get_ident() != self._owner
 
 

@@ -33,7 +33,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import check_endpoint, open_session, unknown_host
 
 TRIES = "tries"
-"""Stage of the claim that a trial announces; nobody takes it for a real one."""
+"""Stage of the claim that a trial announces; no participant confuses it with a real one."""
 TRIED = msgspec.json.encode(CallError(ErrorCode.BUSY, "this process only tries whether it may answer").reply())
 PATIENCE_S = 2.0
 LOOK_S = 0.05
@@ -215,7 +215,7 @@ def wrong_team(what: str, wire: Endpoint) -> NobodyThere:
     """The error for a team with no member there; it names the teams that are there.
 
     Args:
-        what: who is missing, such as `no robot of team blue is there`.
+        what: missing participant, such as `no robot of team blue is there`.
         wire: where to look for other teams.
 
     """
@@ -232,7 +232,7 @@ def wrong_team(what: str, wire: Endpoint) -> NobodyThere:
 
 
 def _doubt(wire: Endpoint, connection: Connection) -> str:
-    """Why a member of a secured team may see nobody."""
+    """Why a member of a secured team may see no participant."""
     member, where = connection.identity.member, ", ".join(connection.connect)
     old = "is revoked, or the router's members.json is older than it"
     if missing_rights(wire.session, connection.connect, connection.identity).is_all:

@@ -21,7 +21,7 @@ LEASE_MS = 2000
 """A cut link is noticed after this; 800 ms did not flap on loopback, 2 s leaves room for busy machines."""
 
 LISTENING_TIMEOUT_S = 60.0
-"""A router answers for itself where it listens, at once unless the machine stands still."""
+"""A router answers for itself where it listens, at once unless the machine is paused."""
 
 TCP_ENDPOINT = re.compile(r"tcp/(?P<host>\[[^\]]+\]|[^:/]+):(?P<port>\d+)")
 """A plain TCP endpoint: host and port."""
@@ -57,7 +57,7 @@ def open_session(
 ) -> zenoh.Session:
     """A session of the live drive.
 
-    A client that connects to `tls/…` shows a certificate, and its endpoints then say who they are.
+    A client that connects to `tls/…` shows a certificate, and its endpoints then use the name in it.
 
     Args:
         mode: `client` (of a router), `peer` (finds others by multicast when it has no endpoints) or `router`.
@@ -102,7 +102,7 @@ def open_session(
         "listen/endpoints": list(listen),
         "scouting/multicast/enabled": mode == "peer" and not connect and not listen,
         "scouting/gossip/enabled": mode == "peer",
-        **({"scouting/delay": 0} if mode == "router" and not connect else {}),  # half a second, for nobody
+        **({"scouting/delay": 0} if mode == "router" and not connect else {}),  # half a second without a benefit
         "transport/link/tx/lease": LEASE_MS,
         "transport/shared_memory/enabled": False,
         "adminspace/enabled": mode == "router",
@@ -153,7 +153,7 @@ def may_answer(endpoint: str) -> bool:
 
 
 def check_endpoint(endpoint: str) -> str:
-    """Return `endpoint` if it reads like one, else raise WireError saying what one looks like."""
+    """Return `endpoint` if it has the form of one, else raise WireError that shows the form."""
     if not _ENDPOINT.fullmatch(endpoint):
         raise WireError(f"{endpoint!r} is not an endpoint: expected something like tcp/127.0.0.1:7447")
     if address := _ADDRESS.match(endpoint):

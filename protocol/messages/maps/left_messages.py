@@ -26,9 +26,9 @@ class LeftKind(StrEnum):
     TRIED = "tried"
     """Robots were sent there and failed repeatedly."""
     CUT_OFF = "cut_off"
-    """Robots have been there, and something blocks the way now, such as a closed door."""
+    """An obstacle blocks a path that robots have used before, such as a closed door."""
     UNSEEN = "unseen"
-    """Robots have a way to its edge and have not been sent there: time or energy ran out."""
+    """Robots have a path to its edge and were not sent there: time or energy ran out."""
 
 
 class RegionLeft(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,7 +47,7 @@ class RegionLeft(msgspec.Struct, frozen=True, kw_only=True):
     """Corner of its bounding box with the greatest x and y."""
     gap_m: Length | None = None
     """`too_narrow`: width of the gap; as a robot measured it, else as on the map, to within one cell of the map.
-    `unseen`: the same, if the way there has less room than robots prefer and may prove too narrow."""
+    `unseen`: the same, if the path there is narrower than robots prefer and may prove too narrow."""
     needed_m: Length | None = None
     """Width of the narrowest gap that the robots drive through; None if `gap_m` is."""
     gap_at: Point2D | None = None

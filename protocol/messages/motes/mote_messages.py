@@ -22,15 +22,15 @@ class MoteReading(Message, frozen=True, kw_only=True):
     rssi_dbm: Quantity
     """Strength of the packet at the receiver."""
     via: Name
-    """The robot or gateway that heard it."""
+    """The robot or gateway that received it."""
     sequence: Count | None = None
     """Number of the reading, counted by the mote and wrapping at 65536: mote and number name a reading."""
     taken_ns: Stamp = 0
-    """When it was sensed, as well as the mote's clock can tell; 0 if that is not known."""
+    """Time of the measurement, within the accuracy of the mote's clock; 0 if it is unknown."""
     period_s: Seconds = 0.0
     """How often the mote senses; 0 if that is not known."""
     stored: Count = 0
-    """Readings before the mote's latest that it still keeps, because nobody has acknowledged them."""
+    """Readings before the mote's latest that it still stores, because they are not acknowledged."""
     hops: Count | UnsetType = UNSET
     """Number of motes that have passed it on; absent if none has."""
     forwarder: Name | UnsetType = UNSET
@@ -70,23 +70,23 @@ class GatewayCount(msgspec.Struct, frozen=True, kw_only=True):
     readings: Count
     """Readings that have arrived by it."""
     waiting: Count
-    """Readings that it stored when it last told one."""
+    """Readings in its store when it last reported one."""
     dropped: Count
     """Readings that it has had no room for."""
     heard_ns: Stamp
-    """When it told the last one."""
+    """Time of its last report."""
 
 
 class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
-    """How the motes are doing of which the coordinator has ever heard."""
+    """State of all motes that the coordinator has ever received."""
 
     motes: Count
     """Number of motes."""
     dead: Count
-    """Number of those whose cells are empty, as far as can be told."""
+    """Number of motes whose cells are empty, by their last reports."""
     delivery_ratio: Quantity
-    """Share of the readings taken since each mote was first heard that have arrived; dead motes count as if they went
-    on."""
+    """Share of the readings since each mote's first reading that have arrived; dead motes count as if they
+    continued."""
     age_s: Quantity
     """Mean age of the newest reading of each living mote."""
     oldest_s: Quantity
@@ -96,7 +96,7 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
     on_duty: Count
     """Number of living motes that are on duty."""
     first_dead_ns: Stamp | None = None
-    """When the first mote was heard last that is dead."""
+    """Time of the last reading of the first mote that died."""
     half_dead_ns: Stamp | None = None
     """The same of the mote with which half of them were dead."""
     last_dead_ns: Stamp | None = None

@@ -13,7 +13,7 @@ Words = Annotated[str, Meta(max_length=1_000_000)]
 
 
 class LoadRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """Load a plugin into a running robot, with what it requires."""
+    """Load a plugin into a running robot, with the plugins that it requires."""
 
     plugin: Text
     """Its name, or the path of its folder or manifest on the robot's machine."""
@@ -93,4 +93,4 @@ class HaltAnswer(msgspec.Struct, frozen=True, kw_only=True):
     by: Names = []
     """Names of the holders of the halt."""
     not_halted: Names = []
-    """Plugins that failed to stop, or did not say in time that they have."""
+    """Plugins that failed to stop, or did not confirm in time that they have."""

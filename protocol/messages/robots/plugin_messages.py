@@ -74,7 +74,7 @@ class TaskKind(msgspec.Struct, frozen=True, kw_only=True):
     parameters: JsonSchema = {}
     """JSON Schema of `Task.parameters`: of an object; no references but to its own `$defs`, no regular expressions."""
     settings: Count = 0
-    """Differs between robots whose behavior has other parameters, so that tasks may cost them something else."""
+    """Differs between robots whose behavior has other parameters, so that tasks may have other costs for them."""
 
 
 class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):

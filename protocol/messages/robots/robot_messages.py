@@ -55,7 +55,7 @@ class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
     charging: bool = False
     """Whether it is being charged."""
     implausible: Text = ""
-    """Why the measurements are rejected; the estimate then goes on without them. Empty if they are not."""
+    """Why the measurements are rejected; the estimate then continues without them. Empty if they are not."""
 
 
 class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -121,7 +121,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     team_halt_ns: Stamp = 0
     """Stamp of the team's halt, if the halt is the team's."""
     not_halted: Names = msgspec.field(default_factory=list)
-    """Plugins that failed to stop, or did not say in time that they have."""
+    """Plugins that failed to stop, or did not confirm in time that they have."""
     faulted: Faults = msgspec.field(default_factory=list)
     """Plugins that do not run."""
     lost: Text = ""
@@ -133,7 +133,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     loaded: Count = 0
     """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
     goes_on_s: Seconds | msgspec.UnsetType = msgspec.UNSET
-    """How long it goes on with its tasks while it hears no coordinator, if that is longer than the lease."""
+    """Time for which it continues its tasks without a coordinator, if that is longer than the lease."""
     changes_heard: Count | msgspec.UnsetType = msgspec.UNSET
     """Number of the last change of tasks that it has received, if it continues without a coordinator."""
     refused: Refused = msgspec.UNSET
@@ -168,14 +168,14 @@ class PlannedPath(SharedMessage, frozen=True, kw_only=True):
 
 
 class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A mote or robot that a robot's base station hears."""
+    """A mote or robot that a robot's base station receives."""
 
     peer: Name
     """The mote's or the robot's name."""
     is_robot: bool = False
     """Whether the peer is a robot; otherwise it is a mote."""
     rssi_dbm: Quantity
-    """Strength of the last packet heard."""
+    """Strength of the last packet received."""
     heard_ns: Stamp
     """When that was."""
 
@@ -185,4 +185,4 @@ class RobotLinks(Message, frozen=True, kw_only=True):
 
     robot: Name
     links: Annotated[list[RadioLink], Meta(max_length=10_000)] = msgspec.field(default_factory=list)
-    """One entry for each mote and robot that is heard."""
+    """One entry for each mote and robot that is received."""

@@ -33,7 +33,7 @@ class WitnessRefusal(StrEnum):
     """Why a witness refuses."""
 
     LEADER_HEARD = "leader_heard"
-    """It has heard or elected another coordinator within the last 2 s."""
+    """It has received or elected another coordinator within the last 2 s."""
     OUTVOTED = "outvoted"
     """It has voted in this election for another coordinator, or in a later one."""
     LACKS_CHANGES = "lacks_changes"
@@ -84,7 +84,7 @@ class Lead(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     is_suspended: bool = False
     """Whether it offers no task and renews no lease, because another coordinator may have been elected."""
     heard: Count = 0
-    """Number of witnesses that hear it."""
+    """Number of witnesses that receive it."""
     witnesses: Witnesses = []
     """All witnesses."""
 

@@ -19,19 +19,19 @@ ASKED_MAX = 64
 ASKED_TOLD = 8
 """Of these in one ballot in full."""
 ASKED_BYTES_MAX = 8192
-"""Longest submission among them, as JSON: ballots must not grow beyond what others accept (chosen)."""
+"""Longest submission among them, as JSON: ballots must not grow beyond the limit of their receivers (chosen)."""
 
 
 ENDED_TOLD = 64
-"""Most tasks in one ballot of which a robot says that they have ended."""
+"""Most ended tasks that a robot reports in one ballot."""
 
 ABSENT_MAX = 64
-"""Most tasks in one ballot that robots which are not heard may be at."""
+"""Most tasks in one ballot that unreachable robots may be at."""
 
 CANCELLED_MAX = 64
 """Most cancellations that a robot remembers until a coordinator has noted them; it then accepts no other (chosen)."""
 CANCELLED_TEXT_MAX = 200
-"""Longest name and reason of who cancels a task: every ballot has all cancellations."""
+"""Longest name and reason of a cancellation: every ballot has all cancellations."""
 CancelledText = Annotated[str, Meta(max_length=CANCELLED_TEXT_MAX)]
 
 
@@ -45,7 +45,7 @@ class TaskHeld(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskHeldBy(msgspec.Struct, frozen=True, kw_only=True):
-    """A task that a robot which is not heard now may be at."""
+    """A task that a robot that is unreachable now may be at."""
 
     id: Name
     """Id of the task."""
@@ -67,7 +67,7 @@ class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskAsked(msgspec.Struct, frozen=True, kw_only=True):
-    """A task that a robot has accepted while it heard no coordinator."""
+    """A task that a robot has accepted while it received no coordinator."""
 
     submission: TaskSubmission
     """Request to the robots."""
@@ -85,7 +85,7 @@ class TaskKnown(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskTaken(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot's answer to who submits a task to it. The same submission again has a newer answer."""
+    """A robot's answer to a client that submits a task to it. The same submission again has a newer answer."""
 
     task: Task
     """As it was accepted."""
@@ -96,7 +96,7 @@ class TaskTaken(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskDropped(msgspec.Struct, frozen=True, kw_only=True):
-    """A task that was cancelled at a robot that heard no coordinator. No robot begins it."""
+    """A task that was cancelled at a robot that received no coordinator. No robot begins it."""
 
     id: Name
     """Id of the task."""
@@ -107,7 +107,7 @@ class TaskDropped(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DropTaken(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot's answer to who cancels a task at it. The same request again has a newer answer."""
+    """A robot's answer to a client that cancels a task at it. The same request again has a newer answer."""
 
     task: Task
     """As the robot knows it."""
@@ -118,14 +118,14 @@ class DropTaken(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TeamBallot(Message, frozen=True, kw_only=True):
-    """A robot's part in the allocation of tasks without a coordinator: 5 Hz while it hears none."""
+    """A robot's part in the allocation of tasks without a coordinator: 5 Hz while it receives none."""
 
     robot: Name
     """Name of the sender."""
     ballot: Ballot
     """Its bids."""
     hears_coordinator: bool = False
-    """Whether the robot itself hears a coordinator; then nobody takes tasks that it has queued."""
+    """Whether the robot itself receives a coordinator; then no robot begins tasks that it has queued."""
     is_new: bool = False
     """Whether no coordinator has listed the robot as up since its start; it does not count for a majority then."""
     allocates: bool = False
@@ -143,14 +143,14 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     dropped: Annotated[list[TaskDropped], Meta(max_length=CANCELLED_MAX)] = msgspec.field(default_factory=list)
     """Tasks cancelled without a coordinator that none is known to have noted, also those cancelled at other robots."""
     ended: Annotated[list[Name], Meta(max_length=ENDED_TOLD)] = msgspec.field(default_factory=list)
-    """Tasks that others bid for, or do, although a coordinator has told this robot that they have ended."""
+    """Tasks that others bid for, or do, although a coordinator has reported to this robot that they have ended."""
 
     wants: Name = ""
-    """Id of the task that the robot begins once more than half of the team has heard this; empty for none."""
+    """Id of the task that the robot begins once more than half of the team has received this; empty for none."""
     hears: HeardOf = ()
-    """Of each robot that this one hears itself, the number of its last ballot."""
+    """Of each robot that this one receives directly, the number of its last ballot."""
     absent: Annotated[list[TaskHeldBy], Meta(max_length=ABSENT_MAX)] = msgspec.field(default_factory=list)
-    """Tasks that robots which this one does not hear any more may be at."""
+    """Tasks that may be at robots that this one does not receive any more."""
 
     def __post_init__(self) -> None:
         if self.ballot.robot != self.robot:

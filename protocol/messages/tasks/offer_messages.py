@@ -20,7 +20,7 @@ class TaskOffer(msgspec.Struct, frozen=True, kw_only=True):
     task: Task
     epoch: Epoch
     lease_s: Lease
-    """The robot drops the task when it has not heard the coordinator for this long."""
+    """The robot drops the task when it has received nothing from the coordinator for this time."""
     after: Name = ""
     """Id of the robot's current task: this one begins when that one has ended. Empty: it replaces the current one."""
 
@@ -70,7 +70,7 @@ class TaskEvent(Message, frozen=True, kw_only=True):
 
 
 class CostsRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """The coordinator's query to a robot: tell what these tasks would take at their places."""
+    """The coordinator's query to a robot: the work of these tasks at their places."""
 
     tasks: Annotated[list[Task], Meta(max_length=256)]
     """They need not be meant for this robot."""
@@ -89,4 +89,4 @@ class TaskCost(msgspec.Struct, frozen=True, kw_only=True):
     radio_packets: Count = 0
     """Packets sent to motes."""
     why: Text = ""
-    """Why the robot cannot tell; empty if it can."""
+    """Why the robot cannot estimate it; empty if it can."""

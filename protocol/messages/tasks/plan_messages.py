@@ -94,7 +94,7 @@ class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     behind: Name = ""
     """The robot that uses the charger before it; empty if none."""
     has_set_out: bool = False
-    """It charges, or is on its way; else it waits where it is."""
+    """It charges, or drives to a charger; else it waits where it is."""
     is_there: bool = False
     """It stands at the charger."""
     why: Text = ""

@@ -9,7 +9,7 @@ from robrain.protocol.model.ranges import Count, Name, Stamp, Text
 
 
 class RuleStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One rule, and what it has done since the coordinator started."""
+    """One rule, and its actions since the coordinator started."""
 
     name: Name
     waits: Text = ""

@@ -178,7 +178,7 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
         energy_j: float | None = None,
         time_s: float | None = None,
     ) -> "RobotVerdict":
-        """A verdict whose words are those of its reason."""
+        """A verdict whose text is that of its reason."""
         why_not = told(reason)
         return cls(robot=robot, chosen=chosen, why_not=why_not, reason=reason,
                    distance_m=distance_m, energy_j=energy_j, time_s=time_s)  # fmt: skip

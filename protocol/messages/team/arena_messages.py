@@ -100,15 +100,15 @@ class LinkCounters(msgspec.Struct, kw_only=True):
     """Delivery of messages between radios: samples by receiver, requests and replies of queries."""
 
     delivered: Count = 0
-    """Samples that have arrived or are on their way."""
+    """Samples that have arrived or are in flight."""
     lost: Count = 0
     """Samples that got lost by chance."""
     crowded: Count = 0
     """Samples dropped because a radio had too much to send."""
     out_of_reach: Count = 0
-    """Samples for hearers to whom there was no way."""
+    """Samples for receivers without a path to them."""
     overflowed: Count = 0
-    """Samples and replies dropped because too many were on their way."""
+    """Samples and replies dropped because too many were in flight."""
     outdated: Count = 0
     """Samples of lossless topics that were never delivered: their sender had kept newer ones instead."""
     relayed: Count = 0
@@ -126,7 +126,7 @@ class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
     """The robot, or `coordinator`."""
     place: Point2D
     hears: Annotated[list[Name], Meta(max_length=100_000)]
-    """Parties that it hears without a relay."""
+    """Parties that it receives without a relay."""
     hops: Count | None = None
     """Number of hops to the coordinator; null if there is no way."""
 
@@ -159,7 +159,7 @@ class OutsideInput(Message, frozen=True, kw_only=True):
     """An input of a lockstep run from another process that may have changed the run."""
 
     key: Text
-    """Key that it came under, with `?by=NAME` behind it where a query said who asks."""
+    """Key that it came under, with `?by=NAME` behind it where a query named its caller."""
     payload: bytes
     """The payload, at most the first megabyte."""
 

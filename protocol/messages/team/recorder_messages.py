@@ -27,7 +27,7 @@ class RecorderState(Message, frozen=True, kw_only=True):
     file: Text = ""
     """Name of the file that it writes to."""
     messages: Count = 0
-    """Messages heard."""
+    """Messages received."""
     bytes: Count = 0
     """Written so far."""
     lost: Annotated[list[LostMessages], Meta(max_length=1000)] = msgspec.field(default_factory=list)
@@ -35,7 +35,7 @@ class RecorderState(Message, frozen=True, kw_only=True):
     refused: Refused = msgspec.UNSET
     """Messages that are not in the recording because they break the contract of their topic."""
     waiting: Count = 0
-    """Messages heard that are not written yet."""
+    """Messages received that are not written yet."""
     why: Text = ""
     """Its problem; empty if there is none."""
     closed: bool = False

@@ -48,14 +48,14 @@ class JournalAlarm(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class KnownRobot(msgspec.Struct, frozen=True):
-    """A robot of the team as it was last heard."""
+    """A robot of the team, as last received."""
 
     heard_ns: Stamp
     """When that was."""
     goes_on: bool
     """Whether it may be doing tasks without a coordinator."""
     summary: RobotSummary
-    """Its `task` is empty while the robot is there: then the tasks of the journal say which it has."""
+    """Its `task` is empty while the robot is there: then the tasks of the journal are decisive."""
 
 
 KnownRobots = Annotated[dict[Name, KnownRobot], Meta(max_length=10_000)]
@@ -92,7 +92,7 @@ class JournalChanges(Message, frozen=True, kw_only=True):
     stand_by: Name = ""
     """The process that the coordinator waits for before it acknowledges a change; empty if for none."""
     lead: Lead | msgspec.UnsetType = msgspec.UNSET
-    """By whom the coordinator was elected; absent if the team has no witnesses."""
+    """Witnesses that elected the coordinator; absent if the team has none."""
 
 
 class StandByState(Message, frozen=True, kw_only=True):
@@ -107,7 +107,7 @@ class StandByState(Message, frozen=True, kw_only=True):
     trouble: Text = ""
     """Why it cannot follow, in words; empty if it can."""
     journal: Name | msgspec.UnsetType = msgspec.UNSET
-    """Names its journal, if the team has witnesses who remember that; absent otherwise."""
+    """Names its journal, if the team has witnesses that remember it; absent otherwise."""
     led: Led | msgspec.UnsetType = msgspec.UNSET
     """The elected coordinator that it follows: it does not stand for election within 2 s. Absent if there is none."""
 
@@ -123,7 +123,7 @@ class LeadReply(msgspec.Struct, frozen=True, kw_only=True):
     """Consequence of it."""
 
     left_out: Names
-    """Silent robots that do not count until they are heard again, sorted."""
+    """Silent robots that do not count until their next message, sorted."""
 
 
 class RobotRemoval(msgspec.Struct, frozen=True, kw_only=True):

@@ -104,13 +104,13 @@ class TeamState(Message, frozen=True, kw_only=True):
     messages: Count = 0
     """Messages that the coordinator has received."""
     halt: HaltStatus | None = None
-    """None until somebody halts the team."""
+    """None until the team's first halt."""
     refused: Refused = msgspec.UNSET
     """Refusals of the coordinator, largest count first; absent if there are none."""
     stale: Annotated[list[TopicStale], Meta(max_length=10_000)] | msgspec.UnsetType = msgspec.UNSET
     """Topics that are older than their deadline, of robots that are there; absent if none."""
     rules: Rules = msgspec.UNSET
-    """Its rules, and what they have done."""
+    """Its rules, and their actions."""
     mote_field: MoteFieldState | msgspec.UnsetType = msgspec.UNSET
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | msgspec.UnsetType = msgspec.UNSET
@@ -118,7 +118,7 @@ class TeamState(Message, frozen=True, kw_only=True):
     unwritable: Text | msgspec.UnsetType = msgspec.UNSET
     """Why its journal could not be written the last time; absent if it could. No task is accepted meanwhile."""
     lead: Lead | msgspec.UnsetType = msgspec.UNSET
-    """By whom the coordinator was elected, if the team has witnesses for that; absent if it has none."""
+    """Witnesses that elected the coordinator; absent if the team has none."""
     last_change: Count = 0
     """Number of the last change of a task. A receiver that has missed a change up to it may query the tasks."""
 

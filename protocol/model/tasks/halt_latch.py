@@ -1,13 +1,13 @@
-"""The latch of an emergency halt: who holds it, and who may open it.
+"""The latch of an emergency halt: its holders, and the names that may open it.
 
-The sender of a halt holds the latch and may release it; it opens when it has no holder. An operator opens it for
-everybody. A sender states its own name: the access rules of the wire decide which names it may use.
+The sender of a halt holds the latch and may release it; it opens when it has no holder. An operator opens it for all. A
+sender states its own name: the access rules of the wire decide which names it may use.
 """
 
 from robrain.protocol.model.ranges import STAMP_MAX
 
 OPERATOR = "operator"
-"""Identities that start with this may end anybody's halt: `operator`, `operator:dashboard`, `operator:ann`."""
+"""Identities that start with this may end any halt: `operator`, `operator:dashboard`, `operator:ann`."""
 NAME_LENGTH = 64
 REASON_LENGTH = 200
 MOST_HOLDERS = 64
@@ -16,7 +16,7 @@ LATEST_NS = STAMP_MAX // 2
 
 
 class HaltLatch:
-    """Follows halts and resumes in the order in which they are heard.
+    """Follows halts and resumes in the order of their arrival.
 
     Their stamps come from different clocks. `stamp_ns` only grows, so that receivers of the same messages can decide
     whether a report is new.
@@ -24,7 +24,7 @@ class HaltLatch:
 
     def __init__(self) -> None:
         self.stamp_ns = 0
-        """Of the last halt or resume; greater than that of the one before, whatever its sender's clock says."""
+        """Of the last halt or resume; greater than that of the one before, whatever its sender's clock reads."""
         self.since_ns = 0
         """When it was closed, or opened, by its stamp."""
         self.opened_by = ""
@@ -46,7 +46,7 @@ class HaltLatch:
         return list(self._holders.values())[-1] if self._holders else ""
 
     def hold(self, by: str, reason: str, stamp_ns: int = 0) -> None:
-        """Somebody halts; without a stamp it is the next after the last.
+        """Add a holder; without a stamp it is the next after the last.
 
         >>> latch = HaltLatch()
         >>> latch.hold("ann", "a person is in the way")
@@ -64,7 +64,7 @@ class HaltLatch:
             self._holders[by] = reason[:REASON_LENGTH]
 
     def release(self, by: str, stamp_ns: int = 0) -> str:
-        """Somebody resumes.
+        """Remove a holder.
 
         Returns:
             Why the latch stays closed; empty if it is open.

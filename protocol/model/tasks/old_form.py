@@ -39,7 +39,7 @@ WITHIN = ("because", "before")
 
 
 def upgraded(content: Any) -> Any:
-    """Bring what holds a `task` to today's form.
+    """Convert a record with a `task` to today's form.
 
     Args:
         content: a decoded message, record or request.

@@ -36,7 +36,7 @@ class Inspect(TaskParameters, frozen=True, kw_only=True):
     """Go to a place and take a picture. Result: `image`, the key under which it was published."""
 
     look_at: Point2D | None = None
-    """Point to photograph, arena frame; None takes what is in front of the robot."""
+    """Point to photograph, arena frame; None for the view in front of the robot."""
 
 
 class Collect(TaskParameters, frozen=True, kw_only=True):
@@ -70,7 +70,7 @@ class Relay(TaskParameters, frozen=True, kw_only=True):
 
 
 class Monitor(TaskParameters, frozen=True, kw_only=True):
-    """Watch a room: look around at intervals and tell what has changed. Result: `rounds`, `changes`, `images`.
+    """Watch a room: turn around at intervals and report changes. Result: `rounds`, `changes`, `images`.
 
     With a `quantity` a mote that is there may do it instead. Result then: `rounds`, `least`, `greatest`, `mote`.
     """
@@ -89,13 +89,13 @@ class Sense(TaskParameters, frozen=True, kw_only=True):
 
     quantity: Name = "temperature_c"
     mote: Name = ""
-    """The mote to read; if empty, the one heard best at the place."""
+    """The mote to read; if empty, the one with the strongest signal at the place."""
     timeout_s: PositiveDuration = 30.0
     """Time limit for a reading."""
 
 
 class Seek(TaskParameters, frozen=True, kw_only=True):
-    """Find where a quantity is greatest: climb its field from the place on, by readings on the way.
+    """Find where a quantity is greatest: climb its field from the place on, by readings along the path.
 
     Result: `x_m`, `y_m`, and the `value` there, as fitted to the readings; `sd_m`, the uncertainty of the place.
     `at_wall` is true if the value rises further behind an obstacle to the robot. `samples` were recorded, `heard`
@@ -106,7 +106,7 @@ class Seek(TaskParameters, frozen=True, kw_only=True):
     duration_s: PositiveDuration = 180.0
     """Time limit at the place."""
     reach_m: Annotated[float, Meta(gt=0.0, le=1000.0)] = 15.0
-    """How far from the place it looks."""
+    """Range of the search around the place."""
 
 
 class Replace(TaskParameters, frozen=True, kw_only=True):
@@ -120,7 +120,7 @@ class Replace(TaskParameters, frozen=True, kw_only=True):
 class Recharge(TaskParameters, frozen=True, kw_only=True):
     """Dock at a charger, which is the place, and stay until the battery is full enough.
 
-    Result: `soc`, `docked_m`, and `charged_j`; `energy_j` is what it took to get there.
+    Result: `soc`, `docked_m`, and `charged_j`; `energy_j` is the energy to get there.
     """
 
     yaw_rad: Radians | None = None

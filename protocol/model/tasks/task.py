@@ -1,4 +1,4 @@
-"""Tasks: what a robot can be asked to do, and the states that it goes through.
+"""Tasks: work that a robot can be asked to do, and its states.
 
 A task of any kind is one struct. Fields that only one kind has are in `parameters`, plain JSON. The behavior that does
 this kind reads it as the kind's type (`parameters_of`). A field that has its default does not travel.
@@ -98,7 +98,7 @@ class BadParameters(ValueError):
     Args:
         kind: the kind of task.
         field: the parameter, with dots where it is nested; empty if the mistake is in none alone.
-        why: what is wrong with it; empty if it is missing.
+        why: text of the problem; empty if it is missing.
 
     """
 
