@@ -1,1 +1,1 @@
-"""The robot's plugin host: what plugins are written with and given, and the process that runs them."""
+"""The robot's plugin host: the base of plugins, their environment, and the process that runs them."""

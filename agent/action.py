@@ -22,7 +22,7 @@ class Gripper(Unit):
     def cancel(self, action: str) -> bool:
         return self._actions.cancel(action)
 
-A call that starts another action supersedes the one that runs; so does a call of the plugin's that says
+A call that starts another action supersedes the running one; so does a call of the plugin's that runs
 `action.supersede()`. An action that runs when the plugin is deactivated, faults or is halted ends as cancelled.
 """
 
@@ -74,7 +74,7 @@ class Action:
         """Another action, or another call, has taken its place.
 
         Args:
-            by: name of that; the plugin whose call is under way if empty.
+            by: name of that; the plugin of the current call if empty.
 
         """
         by = by or self._desk.caller() or "a call from outside"
@@ -90,9 +90,9 @@ class ActionDesk:
     """The actions of one plugin. May be used from any thread.
 
     Args:
-        env: the plugin's; the desk hears from it when the plugin ends or is halted.
-        progress: told of each action's progress.
-        finished: told of each action's end.
+        env: the plugin's; it notifies the desk when the plugin ends or is halted.
+        progress: called with each action's progress.
+        finished: called with each action's end.
         several: whether actions run side by side; if not, a new one supersedes the one before.
 
     """
@@ -145,7 +145,7 @@ class ActionDesk:
         return self._env.clock.now_ns()
 
     def caller(self) -> str:
-        """The plugin whose call is under way; empty if none is, or the call comes from outside."""
+        """The plugin of the current call; empty if none is, or the call comes from outside."""
         return self._env.caller
 
     def told_progress(self, progress: ActionProgress) -> None:

@@ -1,4 +1,4 @@
-"""The board: what a robot's plugins know of the robot, and the host tells the team."""
+"""The board: the plugins' facts about the robot, which the host publishes to the team."""
 
 from collections import deque
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -34,12 +34,14 @@ class Board:
         self.T_arena_odom: Pose2D | None = None
         """The frame of dead reckoning in the team's frame; localisation writes it."""
         self.T_odom_robot: Pose2D | None = None
-        """Dead reckoning; mocdevice writes it, and goes on from it after a restart."""
+        """Dead reckoning; mocdevice writes it, and continues from it after a restart."""
         self.wheel_ticks: tuple[int, ...] | None = None
         """Counts of the wheel encoders at that pose."""
         self.odometry: tuple[tuple[int, Pose2D], ...] = ()
         """Dead reckoning of the last 0.6 s: time of measurement (ns, robot's clock) and T_odom_robot, the oldest first.
-        mocdevice writes it in each step if a plugin requests it."""
+
+        mocdevice writes it in each step if a plugin requests it.
+        """
         self.wants_odometry = False
         """Whether a lidar needs `odometry`, as the robot moves while it turns; scan writes it."""
         self.published_odometry: tuple[Pose2D, int] | None = None

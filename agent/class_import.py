@@ -71,7 +71,7 @@ def import_file(path: Path, *, fresh: bool = False) -> ModuleType:
         fresh: execute the file again in any case.
 
     Raises:
-        Exception: what the file raised; all modules stay as they were.
+        Exception: the error that the file raised; all modules stay as they were.
 
     """
     folder = str(path.resolve().parent)

@@ -65,7 +65,7 @@ class RobotHalting(Protocol):
 
 
 class CommandDoor(Protocol):
-    """The way to the robot's plugins by text commands."""
+    """Access to the robot's plugins by text commands."""
 
     def plugins(self) -> list[PluginInfo]:
         """The plugins that are open to the outside."""
@@ -115,7 +115,7 @@ class Environment:
 
     @property
     def has_gone(self) -> bool:
-        """The instance was closed, or somebody is stuck in it: what it does from now on has no consequence."""
+        """The instance was closed, or a caller is stuck in it: its later actions have no effect."""
         return bool(self.gone)
 
     def abandon(self) -> None:
@@ -150,8 +150,8 @@ class Environment:
     def hurry(self) -> None:
         """Have this plugin's next step run at once instead of when it is due; its period starts again then.
 
-        For what must not wait for the period, such as the first command after a standstill. In lockstep it is run in
-        this tick or the next one.
+        For messages that must not wait for the period, such as the first command after a standstill. In lockstep it is
+        run in this tick or the next one.
         """
         self.__requests.mailbox.hurry()
 
@@ -209,7 +209,7 @@ class Environment:
         for function in self._at_end:
             try:
                 function(why)
-            except FOREIGN_ERRORS:  # foreign plugin code; the others must be told all the same
+            except FOREIGN_ERRORS:  # foreign plugin code; the others must be notified all the same
                 logger.exception("%s: plugin %s failed while it was ended", self.robot, self.plugin)
 
     def end(self, why: str) -> None:

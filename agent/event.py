@@ -4,7 +4,7 @@ A plugin declares `finished = Event[str]()` in its class and calls `self.finishe
 notified through their own mailbox: never on the notifier's thread, never under its lock.
 
 Notifications of an `Event[str](outside=True)` also leave the robot, as messages on its `event/` topic. These are put by
-the notifier's own thread; putting waits for nobody.
+the notifier's own thread; a put never blocks.
 """
 
 import logging
@@ -41,7 +41,7 @@ class Mailbox:
         self.is_hurried = False
         """Whether the observer's next step should run at once; the runner resets it."""
         self.bell: bytearray | None = None
-        """Set at `bell_index` after each arrival, for a runner that looks at it in its own time."""
+        """Set at `bell_index` after each arrival, for a runner that polls it in its own time."""
         self.bell_index = 0
 
     def post(self, function: Callable[[Any], None], value: Any) -> bool:
@@ -115,11 +115,11 @@ class Event(Generic[T]):
         return own
 
     def add(self, function: Callable[[T], None], mailbox: Mailbox) -> None:
-        """Tell `function` from now on, through `mailbox`; plugins use `env.observe` instead."""
+        """Notify `function` from now on, through `mailbox`; plugins use `env.observe` instead."""
         self._observers.append((function, mailbox))
 
     def remove(self, mailbox: Mailbox) -> None:
-        """Tell nobody of that mailbox any more."""
+        """Notify no observer of that mailbox any more."""
         self._observers = [(function, box) for function, box in self._observers if box is not mailbox]
 
     def notify(self, value: T) -> None:
@@ -149,11 +149,11 @@ class ObservableEvent(Generic[T]):
 
 
 class EventsOutside:
-    """Puts what one plugin notifies on the robot's `event/` topic.
+    """Puts the notifications of one plugin on the robot's `event/` topic.
 
     Args:
         wire: the plugin's place on the wire.
-        robot: whose plugin it is.
+        robot: owner plugin.
         plugin: its name.
 
     """
@@ -173,7 +173,7 @@ class EventsOutside:
                 self._exits.append(_WayOut(event, publisher, self._robot, self._plugin, name))
 
     def close(self) -> None:
-        """Undeclare all; what is notified from now on stays in the robot."""
+        """Undeclare all; later notifications stay in the robot."""
         ways_out, self._exits = self._exits, []
         for way_out in ways_out:
             way_out.close(declared=not self._wire.is_closed)

@@ -1,4 +1,4 @@
-"""Manifests: the TOML file beside a plugin's class with its name, its requirements and who may use it."""
+"""Manifests: the TOML file beside a plugin's class with its name, its requirements and its permitted users."""
 
 import os
 import re
@@ -24,7 +24,7 @@ COMMAND = "command"
 _PLUGIN_TABLE = re.compile(rb"^\s*\[\s*plugin\s*\]", re.MULTILINE)
 _LOOKED_AT_BYTES = 65536
 TEXTS_KEPT = 512
-"""Manifests whose parsed text is remembered."""
+"""Manifests whose parsed text is cached."""
 
 
 class PluginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"class_path": "class"}):
@@ -33,15 +33,15 @@ class PluginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, renam
     class_path: str
     """`module:Class`; the module lies beside the manifest or can be imported."""
     role: str = ""
-    """The plugin whose place it can take, such as `scan`; it is loaded, under that name, only if `[robot.roles]` says
-    so."""
+    """The plugin that it can replace, such as `scan`; it is loaded, under that name, only if `[robot.roles]` names
+    it."""
 
 
 class TagTable(Checked, frozen=True, forbid_unknown_fields=True):
     """`[tag]`."""
 
     visibility: list[str] = msgspec.field(default_factory=lambda: [COMMAND])
-    """Plugins that may use this one; `command` for the outside, `*` for anybody inside."""
+    """Plugins that may use this one; `command` for the outside, `*` for any plugin inside."""
     requires: list[str] = msgspec.field(default_factory=list)
     """Plugins that this one calls."""
     shared: bool = True
@@ -57,7 +57,7 @@ class TagTable(Checked, frozen=True, forbid_unknown_fields=True):
     hang_s: Positive = 5.0
     """A step or call that takes longer is taken for hung, in live."""
     start_s: Positive = 20.0
-    """To import it, its `init` and its `activate` may take so long each, in live."""
+    """Time limit for each of its import, `init` and `activate`, in live."""
     essential: bool = False
     """Whether the robot is halted, and stays so, while this does not run."""
     isolation: Literal["none", "process"] = "none"
@@ -94,7 +94,7 @@ def read_manifest(path: Path) -> Manifest:
     """Read one manifest.
 
     Raises:
-        ManifestError: naming file, key and what was expected.
+        ManifestError: with file, key and expected value.
 
     """
     try:
@@ -112,7 +112,7 @@ def read_manifest(path: Path) -> Manifest:
 
 @lru_cache(maxsize=TEXTS_KEPT)
 def _manifest(name: str, path: Path, text: str) -> Manifest:
-    """By its text, so that the robots of one process read a file again and parse it once; nobody changes a manifest."""
+    """By its text, so that the robots of one process read a file again and parse it once; a manifest is read-only."""
     try:
         raw = parse_toml(text)
     except BadToml as error:
@@ -135,8 +135,8 @@ def _manifest(name: str, path: Path, text: str) -> Manifest:
 def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
     """All manifests below a place, ordered by name: TOML files that have a [plugin] table.
 
-    A file that cannot be parsed is included if it looks like a manifest: `read_manifest` then raises the error that
-    says what is wrong. Links to folders are not followed.
+    A file that cannot be parsed is included if it resembles a manifest: `read_manifest` then raises the error with the
+    reason. Links to folders are not followed.
 
     Args:
         place: a folder.
@@ -160,7 +160,7 @@ def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
 
 
 def role_in(path: Path) -> str:
-    """The role that a manifest names; empty if it names none, or cannot be read, which `read_manifest` tells."""
+    """The role that a manifest names; empty if it names none, or cannot be read, which `read_manifest` reports."""
     try:
         return _role(read_toml_text(path))
     except (FileNotFoundError, BadToml):
@@ -204,7 +204,7 @@ def _resembles_manifest(path: Path) -> bool:
 def key_and_problem(
     error: msgspec.ValidationError, document: dict[str, Any], struct: type[msgspec.Struct], path: str = ""
 ) -> tuple[str, str]:
-    """A validation error as the key that it is about and what was expected there; an unknown name with the nearest one.
+    """A validation error as its key and the expected value; an unknown name with the nearest one.
 
     >>> key_and_problem(msgspec.ValidationError("Expected `int`, got `str` - at `$.tag.shared`"), {}, ManifestTables)
     ('tag.shared', 'Expected `int`, got `str`')

@@ -68,7 +68,7 @@ class Plugin:
 
     level: ClassVar[Level]
     interface: ClassVar[type | None] = None
-    """Protocol of what other plugins may call; None if nothing."""
+    """Protocol of the functions that other plugins may call; None if there are none."""
     Parameters: ClassVar[type[msgspec.Struct]] = NoParameters
     """Type of the manifest's [parameters]."""
     period_s: float | None = None
@@ -79,7 +79,7 @@ class Plugin:
         self.parameters = parameters
 
     def init(self) -> None:
-        """Set up what needs no other plugin."""
+        """Set up all that needs no other plugin."""
 
     def activate(self) -> None:
         """Get hold of the plugins that are required, and start."""
@@ -91,7 +91,7 @@ class Plugin:
         """Stop, and release everything that `activate` took."""
 
     def emergency_halt(self) -> None:
-        """Stop what moves, at once. May be called at any time, from another thread, without the plugin's lock."""
+        """Stop all motion, at once. May be called at any time, from another thread, without the plugin's lock."""
 
 
 class Device(Plugin):
@@ -142,7 +142,7 @@ def external(marked: Any, /) -> Any:
 
 
 def unlocked(function: Function) -> Function:
-    """Have a function called without the plugin's lock: it calls upwards, or only reads what one step writes."""
+    """Have a function called without the plugin's lock: it calls upwards, or only reads values that one step writes."""
     setattr(function, UNLOCKED_MARK, True)
     return function
 

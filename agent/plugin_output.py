@@ -1,4 +1,4 @@
-"""Output of plugins: what they print and log, by line, with a limit for each plugin."""
+"""Output of plugins: their prints and logs, by line, with a limit for each plugin."""
 
 import logging
 import time

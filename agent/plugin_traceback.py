@@ -54,7 +54,7 @@ def raised_elsewhere(error: ErrorT, where: Raised) -> ErrorT:
 
 
 def log_error(logger: logging.Logger, what: str, error: BaseException) -> str:
-    """Log at level error what failed, with `plugin_traceback(error)`; returns that traceback."""
+    """Log a failure at level error, with `plugin_traceback(error)`; returns that traceback."""
     detail = plugin_traceback(error)
     logger.error("%s: %s%s", what, error, f"\n{detail}" if detail else "")
     return detail

@@ -1,12 +1,12 @@
 """How long a source has been silent, for plugins that fault when it is."""
 
 FIRST_WORD_NS = 10_000_000_000
-"""A source that is not heard for this long after the start is named in the log (chosen)."""
+"""A source without a message for this long after the start is named in the log (chosen)."""
 NEVER_NS = 1 << 63
 
 
 class Silence:
-    """Counts the silence of one source, as far as its plugin was awake to hear it.
+    """Counts the silence of one source, while its plugin was awake to receive it.
 
     A plugin asks in each step once the source has been silent for `begins_ns`. The time since the last check counts for
     at most half of the limit. A process that was paused, on a busy machine or a slow disk, thus does not count its own
@@ -21,12 +21,12 @@ class Silence:
     def __init__(self, limit_ns: int) -> None:
         self.limit_ns = limit_ns
         self.begins_ns = limit_ns // 4
-        """Before this there is nothing to count: plugins whose source speaks do not ask."""
+        """Before this there is nothing to count: plugins whose source sends do not ask."""
         self._received_ns: int | None = None
         self._silent_ns = self._asked_ns = 0
 
     def since(self, heard_ns: int, now_ns: int) -> int:
-        """Silence so far, in nanoseconds, of a source that was last heard at `heard_ns`."""
+        """Silence, in nanoseconds, of a source whose last message came at `heard_ns`."""
         if heard_ns != self._received_ns:
             self._received_ns, self._asked_ns, self._silent_ns = heard_ns, heard_ns, 0
         self._silent_ns += min(max(0, now_ns - self._asked_ns), self.limit_ns // 2)
@@ -35,7 +35,7 @@ class Silence:
 
 
 class FirstWord:
-    """Tells once that a source has not been heard since the start: it may be starting, or not be there at all.
+    """Reports once that no message has arrived since the start: the source may be starting, or be absent.
 
     Args:
         since_ns: the start.
@@ -46,7 +46,7 @@ class FirstWord:
         self._due_ns = since_ns + FIRST_WORD_NS
 
     def is_missing(self, now_ns: int) -> bool:
-        """True once, if it is asked while the source has not been heard."""
+        """True once, if it is asked before the source's first message."""
         if now_ns < self._due_ns:
             return False
         self._due_ns = NEVER_NS

@@ -108,9 +108,9 @@ class TaskDesk:
         self._said: deque[_Said] = deque()
         self.coordinator_seen_ns: int | None = None
         self.goes_on_ns = 0
-        """A task goes on without its coordinator for so long, if that is longer than the lease."""
+        """A task continues without its coordinator for this long, if that is longer than the lease."""
         self.trusted_ns: int | None = None
-        """When somebody else last vouched for the robot's tasks, as a coordinator does by being heard."""
+        """Time when another participant last vouched for the robot's tasks, as a coordinator does by its messages."""
         self.coordinator_ahead_ns = 0
         """How far the coordinator's clock is ahead of the robot's; 0 unless they differ."""
         self._epoch = 0
@@ -121,7 +121,7 @@ class TaskDesk:
         self._own: _Own | None = None
         self._recalled = ""
         self.on_line: Callable[[], None] | None = None
-        """Called, on any thread, when a behavior has said how its task ended: `status` is about to change."""
+        """Called, on any thread, when a behavior has reported how its task ended: `status` is about to change."""
 
     @property
     def status(self) -> TaskStatus | None:
@@ -136,7 +136,7 @@ class TaskDesk:
         return TaskSituation(self.status, self.held.status if self.held is not None else None, self._before)
 
     def differs_from(self, told: TaskSituation) -> bool:
-        """Whether any task stands otherwise than in `told`, an earlier `facts`; as that, and in less time."""
+        """Whether the state of any task differs from `told`, an earlier `facts`; as that, and faster."""
         if self._said:
             return self.facts != told
         held = self.held.status if self.held is not None else None
@@ -144,7 +144,7 @@ class TaskDesk:
         return not is_same and self.facts != told
 
     def standing(self, now_ns: int) -> TaskSituation:
-        """The same, with what is known of when the running task ends."""
+        """The same, with the expected end of the running task."""
         facts, foreseen = self.facts, self._foreseen
         status = facts.task
         if status is None or status.state.ended or foreseen is None or foreseen[0] != status.id:
@@ -153,10 +153,10 @@ class TaskDesk:
         return facts._replace(task=msgspec.structs.replace(status, left_s=left_s))
 
     def renew_lease(self, summary: TeamState, robot: str, now_ns: int) -> None:
-        """Renew the lease by the coordinator's summary: it counts from the state of this robot that was heard last.
+        """Renew the lease by the coordinator's summary: it counts from the state of this robot that arrived there last.
 
-        A coordinator gives a silent robot's task to another, also when that robot hears it. One that has not heard the
-        robot yet counts from its own start, which its first summaries tell.
+        A coordinator gives a silent robot's task to another, also when that robot receives it. One that has not
+        received the robot yet counts from its own start, which its first summaries contain.
         """
         for mine in summary.robots:
             if mine.name == robot:
@@ -168,7 +168,7 @@ class TaskDesk:
         self.coordinator_seen_ns = now_ns
 
     def foresee(self, task_id: str, end_ns: int | None) -> None:
-        """A behavior says when its task will end, as well as it knows, if it does; on any thread."""
+        """A behavior reports when its task will end, by its estimate, if it has one; on any thread."""
         self._foreseen = None if end_ns is None else (task_id, end_ns)
 
     @property
@@ -178,7 +178,7 @@ class TaskDesk:
         return status is not None and not status.state.ended
 
     def may_begin(self, task_id: str) -> bool:
-        """Whether the behavior that accepted a task may move the robot: the one before has let go. On any thread."""
+        """Whether the behavior of a task may move the robot: the one before has released it. On any thread."""
         return self._begun == task_id and self.is_busy
 
     def occupy(self, name: str, *, firm: str = "") -> bool:
@@ -200,27 +200,27 @@ class TaskDesk:
         return True
 
     def occupies(self, name: str) -> bool:
-        """Whether what a behavior said by `occupy` still holds; on any thread."""
+        """Whether a behavior's report by `occupy` still holds; on any thread."""
         own = self._own
         return own is not None and own.name == name and not self.is_busy
 
     def vacate(self, name: str) -> None:
-        """The behavior is done with what it did by itself; on any thread."""
+        """The behavior has ended its own activity; on any thread."""
         if self._own is not None and self._own.name == name:
             self._own = None
 
     def recall(self, why: str) -> None:
-        """Have the running task end as failed: the robot cannot go on with it. On any thread; done at the next step."""
+        """Have the running task end as failed: the robot cannot continue it. On any thread; done at the next step."""
         self._recalled = why
 
     def register(self, kind: str, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
-        """A behavior says that it can do tasks of a kind.
+        """A behavior registers a kind of tasks that it can do.
 
         Args:
             kind: as it stands in `Task.kind`.
             accept: called with an offered task; starts it, or refuses with why.
             let_go: called with the reason when the task is taken away.
-            work: asked what a task would take, also of tasks that the robot is never offered.
+            work: estimates the work of a task, also of tasks that the robot is never offered.
 
         """
         self._executors[kind] = _Executor(accept, let_go, work)
@@ -305,13 +305,13 @@ class TaskDesk:
             self._let_go(TaskState.CANCELLED, why)
 
     def go_on(self, now_ns: int) -> bool:
-        """Begin what is held if the task before it has ended; whether it was begun."""
+        """Begin the held task if the task before it has ended; whether it was begun."""
         held, ended = self.held, self.status
         if held is None or (ended is not None and not ended.state.ended):
             return False
         self.held = None
         try:
-            answer = self._begin(held.offer)  # does not renew the lease: the robot has heard nothing
+            answer = self._begin(held.offer)  # does not renew the lease: no message has arrived
         except FOREIGN_ERRORS as error:  # foreign plugin code
             answer = TaskAnswer.refused(PlainReason(cut(str(error))))
         if not answer.accepted:
@@ -378,7 +378,7 @@ class TaskDesk:
         return TaskAnswer(accepted=True)
 
     def end(self, task_id: str, state: TaskState, why: str = "", result: dict[str, Any] | None = None) -> None:
-        """The behavior says, on whatever thread it runs, how its task ended and what came of it.
+        """The behavior reports, on any thread, how its task ended and its result.
 
         Raises:
             ValueError: the result is no JSON, or more than 1024 bytes of it.
@@ -439,7 +439,7 @@ class TaskDesk:
 
     @property
     def _vouched_ns(self) -> int | None:
-        """When the coordinator was heard, or another vouched for the robot's tasks; None if never."""
+        """Time of the coordinator's last message, or when another vouched for the robot's tasks; None if never."""
         heard_ns, trusted_ns = self.coordinator_seen_ns, self.trusted_ns
         return heard_ns if trusted_ns is None else max(trusted_ns, heard_ns or 0)
 

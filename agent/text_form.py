@@ -97,13 +97,13 @@ def register_text_form(
     to_json: Callable[[T], Any] | None = None,
     from_json: Callable[[Any], T] | None = None,
 ) -> None:
-    """Say how a type is written, so that external functions may take and return it (the paper's `<<` and `>>`).
+    """Define how a type is written, so that external functions may accept and return it (the paper's `<<` and `>>`).
 
     Args:
         kind: the type.
         parse: makes one out of text; raises ValueError if it cannot.
         print: the text of one.
-        to_json: what JSON knows of it; its text if absent. Structs and dataclasses need none.
+        to_json: its JSON form; its text if absent. Structs and dataclasses need none.
         from_json: the reverse.
 
     Raises:
@@ -135,7 +135,7 @@ def register_text_form(
 
 
 def encode_own(value: Any) -> Any:
-    """The `enc_hook` of msgspec: a registered type as what JSON knows (TypeError if it is none)."""
+    """The `enc_hook` of msgspec: a registered type as its JSON form (TypeError if it is none)."""
     form = _form_of_value(value)
     if form is None:
         kind = type(value).__name__
@@ -195,7 +195,7 @@ def parse_value(text: str, hint: Any) -> Any:
         hint: a type hint.
 
     Raises:
-        ValueError: saying what was expected, and what was got.
+        ValueError: with the expected and the actual value.
 
     >>> parse_value("1.5", float), parse_value("hello you", str), parse_value("[1, 2]", list[int])
     (1.5, 'hello you', [1, 2])
@@ -368,7 +368,7 @@ def _parse_union(text: str, hint: Any) -> Any:
         try:
             return msgspec.json.decode(text, type=hint, dec_hook=decode_own)
         except (msgspec.DecodeError, TypeError, ValueError, RecursionError):
-            pass  # not JSON, or types that msgspec does not tell apart: each is tried
+            pass  # not JSON, or types that msgspec does not distinguish: each is tried
     complaints = []
     # Any text is a str: it comes last, unless the text is quoted.
     for member in sorted(members, key=lambda member: (member is str) != is_quoted(text)):

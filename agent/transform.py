@@ -1,7 +1,7 @@
 """`[transform]`: words that a plugin's callers send and receive in place of the plugin's (paper, section 4.1).
 
-Inspired by `#define` in C. `incoming = { BEGIN = "1" }` is the paper's `BEGIN>1`, `outgoing = { 0 = "END" }` its
-`END<0`, and `both = { ROSES = "2" }` its `ROSES=2`.
+Inspired by `#define` in C. `incoming = { BEGIN = "1" }` is the paper's `BEGIN>1`. `outgoing = { 0 = "END" }` is its
+`END<0`. `both = { ROSES = "2" }` is its `ROSES=2`.
 """
 
 import re
@@ -15,12 +15,12 @@ _QUOTED_OR_WORD = re.compile(rf'"(?:[^"\\]|\\.)*"|(?<![^{_BREAKS}])\'[^\']*\'|[^
 
 
 class TransformTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """`[transform]`; each table says what becomes of a word."""
+    """`[transform]`; each table gives the replacement of a word."""
 
     incoming: dict[str, str] = {}
-    """A word of the caller: what the plugin gets."""
+    """A word of the caller: the plugin's word."""
     outgoing: dict[str, str] = {}
-    """A word of the plugin: what the caller gets."""
+    """A word of the plugin: the caller's word."""
     both: dict[str, str] = {}
     """A word of the caller: the plugin's word, and the other way round."""
 

@@ -81,7 +81,7 @@ class ForeignBench:
             arguments: a list by position, a dict by name; bytes are sent as they are.
 
         Raises:
-            CallError: the call is refused, or the plugin fails; the text says why.
+            CallError: the call is refused, or the plugin fails; the text gives the reason.
 
         """
         payload = arguments if isinstance(arguments, bytes) else b"" if arguments is None else _json(arguments)
@@ -102,7 +102,7 @@ class ForeignBench:
         """A handle as another plugin of the robot gets it.
 
         Args:
-            interface: Protocol of what the caller wants.
+            interface: Protocol that the caller requires.
             caller: name of that plugin.
             level: its level.
 

@@ -31,7 +31,7 @@ BY_NAME = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ON
 def interface_differences(plugin_class: type[Plugin]) -> Iterator[tuple[str, str]]:
     """Members of its interface that a class lacks or defines otherwise: the name, and the problem.
 
-    Types are compared where both sides give them; what cannot be decided is not complained of.
+    Types are compared where both sides give them; undecidable cases are not reported.
     """
     interface: object = plugin_class.interface  # whatever its author has put there
     if interface is None:
@@ -85,7 +85,7 @@ def _function_differences(plugin_class: type, interface: type, name: str) -> Ite
         return
     try:
         own_signature, wanted = _signature(plugin_class, name), _signature(interface, name)
-    except (TypeError, ValueError):  # Python cannot tell the signature of what is written in C
+    except (TypeError, ValueError):  # Python has no signature of functions written in C
         return
     if not _fits(own_signature, wanted):
         yield (
@@ -213,7 +213,7 @@ class _Check:
                 try:
                     self._all[path.stem] = read_manifest(path)
                 except ManifestError:
-                    continue  # somebody else's mistake
+                    continue  # a mistake of another plugin
         self._roles = {manifest.name for manifest in self._all.values()}
         others = dict(self._all)
         for path in find_manifests(self._folder):

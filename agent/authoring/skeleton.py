@@ -24,7 +24,7 @@ class Example(NamedTuple):
 
     requires: tuple[str, ...]
     called: str
-    """External function that the test calls; empty if it looks at the task's kind."""
+    """External function that the test calls; empty if it checks the task's kind."""
     result: str
     """The test's expectation: operator and value."""
 

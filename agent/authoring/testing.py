@@ -32,7 +32,7 @@ from robrain.protocol.wire.session import open_lockstep_session
 ROBOT = "r1"
 TICK_S = 0.02
 HANG_CPU_S, HANG_S = 10.0, 120.0
-"""A plugin of a `PluginBench` hangs if one call takes so much time of the processor, or of the wall's clock."""
+"""A plugin of a `PluginBench` hangs if one call needs this much time of the processor, or of the wall's clock."""
 WATCH_S = 0.25
 
 
@@ -86,7 +86,7 @@ class PluginBench:
 
     Args:
         folders: places with the plugins under test; the stock plugins are there as well.
-        load: plugins to load, with what they require; all that lie in `folders` if None.
+        load: plugins to load, with the plugins that they require; all in `folders` if None.
         parameters: for each plugin, parameters that override its manifest's.
         roles: by plugin: which other takes its place; those in `folders` with a role take it.
         seed: of everything random.
@@ -152,7 +152,7 @@ class PluginBench:
         """Call an external function over the wire; the result as JSON has it.
 
         Raises:
-            CallError: the call was refused, or the plugin raised; the text says why.
+            CallError: the call was refused, or the plugin raised; the text gives the reason.
             PluginHung: a plugin does not come back; the text names file and line.
 
         """
@@ -169,10 +169,10 @@ class PluginBench:
         return self._bench.infos()[plugin]
 
     def plugin(self, name: str) -> Any:
-        """The plugin itself, while it is active, for what is not open to the outside.
+        """The plugin itself, while it is active, for members that are not external.
 
         Raises:
-            PluginMissing, PluginInactive: there is none, or it is not active; the text says why.
+            PluginMissing, PluginInactive: there is none, or it is not active; the text gives the reason.
 
         """
         return self.host.manager.get(name).live_plugin()

@@ -1,8 +1,8 @@
-"""Allocates open tasks among robots by consensus while they hear no coordinator.
+"""Allocates open tasks among robots by consensus while they receive no coordinator.
 
 A robot begins tasks that a coordinator had queued only under two conditions. It receives more than half of the team, as
 the last coordinator listed it, and none of these robots receives a coordinator. Two such groups would share a robot, so
-there is at most one. A coordinator that lives hears no robot of that group.
+there is at most one. A live coordinator receives no robot of that group.
 """
 
 import math
@@ -53,7 +53,7 @@ class TaskClaim:
     """One task at a time.
 
     Args:
-        robot: who claims.
+        robot: robot that claims.
 
     """
 
@@ -78,7 +78,7 @@ class TaskClaim:
             self._numbers = [*self._numbers[1 - NUMBERS_MAX :], number]
 
     def record_echo(self, teammate: str, heard: Iterable[Heard]) -> None:
-        """A teammate says whose ballots it has heard last."""
+        """A teammate reports whose ballots it has received last."""
         if any(one.robot == self._robot and one.number in self._numbers for one in heard):
             self._heard_by.add(teammate)
 
@@ -86,7 +86,7 @@ class TaskClaim:
         """Whether, with the robot itself, more than half of the team knows of the claim.
 
         Args:
-            teammates: the robots that are heard now.
+            teammates: the robots that are reachable now.
             team: number of robots of the team.
 
         """
@@ -102,13 +102,14 @@ PERIOD_NS = to_ns(0.2)
 ROUNDS_PERIOD_NS = to_ns(0.1)
 """How often while tasks are negotiated: rounds are to end before the tasks are begun."""
 REPORT_NS = to_ns(1.0)
-"""Once a coordinator is heard again, the robot reports for this long what was done, and refuses offers."""
+"""Once a coordinator is received again, the robot reports completed work for this long, and refuses offers."""
 REPORT_DONE_NS, REPORT_DONE_PERIOD_NS = to_ns(60.0), to_ns(1.0)
-"""For this long after that, it reports more rarely what the coordinator has not recorded: the disk may be full."""
+"""For this long after that, it reports more rarely the changes that the coordinator has not recorded: the disk may be
+full."""
 ANSWER_NS = to_ns(2.0)
-"""Those that hear a coordinator say so for this long after the ballot of one that hears none."""
+"""Robots that receive a coordinator report it for this long after the ballot of one that receives none."""
 STALL_NS = to_ns(5.0)
-"""A negotiation that leads to nothing for so long is started again."""
+"""A negotiation without a result for this long is started again."""
 ROUNDS = 20
 """Rounds of improvement, while the robots work already (measured: `docs/explanation/no-centre.md`)."""
 AGAIN_NS = to_ns(30.0)
@@ -141,7 +142,7 @@ class Consensus:
     Args:
         wire: the host's Zenoh endpoint.
         robot: the robot's name.
-        board: what the robot knows of itself.
+        board: the robot's facts about itself.
         desk: where tasks are begun.
         chargers: those that the robot knows, arena frame.
         follows: whether a summary is of a coordinator that leads.
@@ -173,9 +174,10 @@ class Consensus:
         self._was_alone = False
         self._fenced_until_ns = self._publish_until_ns = self._due_ns = 0
         self._up_ns: dict[str, int] = {}
-        """When each robot was last up, as coordinators said."""
+        """When each robot was last up, by the coordinators' reports."""
         self._team: frozenset[str] = frozenset()
-        """The robots that were up lately when a coordinator was heard last: also one that was just out of its reach."""
+        """The robots that were up lately when a coordinator was last received: also one that was just out of its
+        reach."""
         self._is_new = True
         """Whether no coordinator has listed this robot as up since its start."""
         self._others: dict[str, _Teammate] = {}
@@ -194,7 +196,7 @@ class Consensus:
         desk.goes_on_ns = to_ns(GOES_ON_S)
 
     def step(self, now_ns: int, *, may_begin: bool) -> None:
-        """Hear, decide, act, tell.
+        """Receive, decide, act, report.
 
         Args:
             now_ns: the time.
@@ -256,7 +258,7 @@ class Consensus:
         return f"a coordinator is heard: {verb} it there"
 
     def is_reporting(self, now_ns: int) -> bool:
-        """Whether a coordinator has just returned, and may not know yet what was done without it."""
+        """Whether a coordinator has just returned, and may not know yet the work done without it."""
         return now_ns < self._fenced_until_ns
 
     def offer_refusal(self, task_id: str, now_ns: int) -> Occupied | None:
@@ -342,7 +344,7 @@ class Consensus:
                 self._desk.cancel_for_team(held.id, dropped.why or f"cancelled by {dropped.by or 'a client'}")
 
     def _has_quorum(self) -> bool:
-        """Whether more than half of the team hear each other.
+        """Whether more than half of the team receive each other.
 
         A restarted robot does not count until a coordinator lists it as up, because that coordinator may be leading the
         others. It joins a majority of robots that do count. If no robot counts, there was no coordinator, and all do.
@@ -362,7 +364,7 @@ class Consensus:
     # -- deciding -------------------------------------------------------------------------------------------
 
     def _allocate(self, now_ns: int, *, may_begin: bool) -> str:
-        """Negotiate, and begin what the others know of; the id of the task that the robot wants to begin."""
+        """Negotiate, and begin tasks that the others know; the id of the task that the robot wants to begin."""
         tasks = {task.id: task for task in self._free(now_ns)}
         teammates, negotiation = frozenset(self._others), self._negotiation
         if negotiation.round != self._opened.round:
@@ -387,7 +389,10 @@ class Consensus:
         return ""
 
     def _free(self, now_ns: int) -> list[Task]:
-        """Open tasks that nobody does; of those that may have ended unheard none before others would be given them."""
+        """Open tasks without a robot.
+
+        Tasks that may have ended unreported are included only once others would be given them.
+        """
         held = {one.id for one in self._held()}
         there = {self._robot, *self._others}
         lost = now_ns - self._received_ns > GIVEN_UP_NS
@@ -410,7 +415,7 @@ class Consensus:
         if pose is not None and not self._board.lost:
             able = [task for name, task in tasks.items() if name not in self._not_mine and self._desk.can(task)]
         here = Point2D(0.0, 0.0) if pose is None else Point2D(pose.x_m, pose.y_m)
-        for held in self._held():  # it goes on from there
+        for held in self._held():  # it continues from there
             here = self.known.open[held.id].task.place if held.id in self.known.open else here
         ends = self._chargers or [here]
         negotiation.bidder.scorer = task_scorer(able, here, ends, self._board.energy, now_ns, self._desk.work_of)
@@ -445,7 +450,7 @@ class Consensus:
             Task(id=f"recharge-{self._robot}-{self._charges}", kind=RECHARGE, place=place, parameters=wanted)
         )
 
-    # -- telling --------------------------------------------------------------------------------------------
+    # -- reporting ------------------------------------------------------------------------------------------
 
     def _held(self) -> list[TaskHeld]:
         facts = self._desk.facts
@@ -467,7 +472,7 @@ class Consensus:
         there = {self._robot, *self._others}
         reported = self._holders.to_report(there, now_ns)
         left_s, names = to_seconds(self._received_ns + GIVEN_UP_NS - now_ns), {one.id for one in reported}
-        if left_s <= 0.0 or now_ns - self._received_ns <= SILENT_NS:  # a coordinator knows itself what it gave
+        if left_s <= 0.0 or now_ns - self._received_ns <= SILENT_NS:  # a coordinator knows its own assignments
             return reported
         reported += [
             TaskHeldBy(id=name, robot=one.robot, left_s=left_s)
@@ -504,7 +509,7 @@ def chargers_in(parameters: Mapping[str, Mapping[str, Any]]) -> list[Point2D]:
 
 
 def consensus_extension(host: ExtendedHost) -> HostExtension:
-    """Consensus for a robot whose file says `consensus = true`; for others an extension that refuses tasks."""
+    """Consensus for a robot whose file has `consensus = true`; for others an extension that refuses tasks."""
     return ConsensusExtension(host) if host.robot_file.robot.consensus else NoConsensus(host)
 
 
@@ -531,7 +536,7 @@ class ConsensusExtension(HostExtension):
         return self.desk.offer_refusal(task_id, now_ns)
 
     def withdrawal_refusal(self, now_ns: int) -> OfferRefusal | None:
-        """Refuse while the robot reports to a coordinator what was done without it."""
+        """Refuse while the robot reports to a coordinator the work done without it."""
         return REPORTING if self.desk.is_reporting(now_ns) else None
 
     def extend_state(self, state: RobotState) -> RobotState:

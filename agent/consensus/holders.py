@@ -1,4 +1,4 @@
-"""Tasks that other robots do, hold or are about to begin, as they said last: who is cut off goes on with them."""
+"""Tasks that other robots do, hold or are about to begin, by their last reports: a cut-off robot continues them."""
 
 from collections.abc import Container
 
@@ -18,7 +18,7 @@ class Holders:
     """Holder of each task, and the end of its hold.
 
     Args:
-        robot: whose memory it is; it knows itself what it does.
+        robot: owner of the memory; it knows its own tasks itself.
 
     """
 
@@ -28,7 +28,7 @@ class Holders:
         """By task: its holder, and the time at which that robot has released it if it stays silent."""
 
     def receive(self, said: TeamBallot, present: Container[str], now_ns: int) -> bool:
-        """Take in what a robot says of itself, and of robots that this one does not hear; whether a task is new.
+        """Record a robot's report on itself, and on robots that this one does not receive; whether a task is new.
 
         Args:
             said: the robot's ballot.
@@ -52,7 +52,7 @@ class Holders:
         return robot if until_ns > now_ns else ""
 
     def to_report(self, present: Container[str], now_ns: int) -> list[TaskHeldBy]:
-        """The tasks of robots that are not there to say so."""
+        """The tasks of robots that are not there to report them."""
         reported = [
             TaskHeldBy(id=task, robot=robot, left_s=to_seconds(until_ns - now_ns))
             for task, (robot, until_ns) in sorted(self._until.items())

@@ -29,15 +29,15 @@ from robrain.protocol.table.topics import TASK_LIST
 from robrain.protocol.wire.endpoint import Endpoint
 
 TASKS_MAX = 256
-"""Open tasks that a robot remembers (chosen: what is allocated at a time)."""
+"""Open tasks that a robot remembers (chosen: the number allocated at a time)."""
 ENDED_MAX = 1024
-"""Tasks that have ended that a robot remembers, the last ones (chosen: four times what may be open)."""
+"""Ended tasks that a robot remembers, the last ones (chosen: four times the maximum of open ones)."""
 OWN_KINDS = frozenset({EXPLORE, RECHARGE})
-"""Kinds that a coordinator makes by itself as the team needs them; nobody takes them over."""
+"""Kinds that a coordinator makes by itself as the team needs them; no robot begins them without it."""
 
 
 class KnownTask(NamedTuple):
-    """An open task as the coordinator told of it last."""
+    """An open task by the coordinator's last report."""
 
     task: Task
     robot: str
@@ -47,7 +47,7 @@ class KnownTask(NamedTuple):
 
 
 class KnownTasks:
-    """Open tasks, and what no coordinator is known to have noted: tasks that were done or that robots have accepted."""
+    """Open tasks, and tasks that no coordinator is known to have recorded: those done or accepted by robots."""
 
     def __init__(self) -> None:
         self.open: dict[str, KnownTask] = {}
@@ -56,7 +56,7 @@ class KnownTasks:
         self.dropped: dict[str, TaskDropped] = {}
         """Tasks that were cancelled and that no coordinator is known to have noted as ended."""
         self._ended: dict[str, bool] = {}
-        """Tasks that a coordinator said to have ended, and whether they were not done, as far as that was heard."""
+        """Tasks that a coordinator reported as ended, and whether they were not done, by the reports received."""
 
     @property
     def is_full(self) -> bool:
@@ -69,7 +69,7 @@ class KnownTasks:
         return len(self.asked) < ASKED_MAX and len(self.open) < TASKS_MAX
 
     def receive(self, event: TaskEvent, now_ns: int = 0) -> None:
-        """Take in what the coordinator says of a task."""
+        """Record a coordinator's report of a task."""
         task = event.task
         self.asked.pop(task.id, None)
         if event.state.ended:
@@ -94,7 +94,7 @@ class KnownTasks:
         there = {event.task.id: event for event in events}
         ended = [name for name, one in self.open.items() if name not in there and one.heard_ns < asked_ns]
         for name in ended if len(there) < TASKS_MAX else ():
-            if name not in self.asked:  # it may not know yet what robots have accepted
+            if name not in self.asked:  # it may not know yet which tasks robots have accepted
                 self.record_ended([name])
                 self.done.pop(name, None)
                 self.dropped.pop(name, None)
@@ -116,7 +116,7 @@ class KnownTasks:
         try:
             task = asked.submission.task_at(asked.at_ns - ahead_ns)
         except (ValueError, msgspec.ValidationError):
-            return  # what the robot that is asked refuses in words; a teammate does not say so
+            return  # the robot that is asked refuses it with a reason
         if task.kind not in OWN_KINDS:
             self.open[task_id] = KnownTask(task, "")
             self.asked[task_id] = asked
@@ -126,13 +126,13 @@ class KnownTasks:
         return [TaskKnown(id=task_id, at_ns=one.at_ns) for task_id, one in self.asked.items()]
 
     def record_done(self, done: Iterable[TaskDone]) -> None:
-        """Tasks were done; of two robots that did one the first heard counts."""
+        """Tasks were done; of two robots that did one the first received counts."""
         for one in done:
             if one.id in self.open and one.id not in self.done and not self.is_full:
                 self.done[one.id] = one
 
     def record_ended(self, tasks: Iterable[str]) -> None:
-        """A coordinator has said that tasks have ended, to this robot or to a teammate."""
+        """A coordinator has reported to this robot or a teammate that tasks have ended."""
         for task_id in tasks:
             self.open.pop(task_id, None)
             self.asked.pop(task_id, None)
@@ -141,11 +141,11 @@ class KnownTasks:
                 del self._ended[next(iter(self._ended))]
 
     def has_ended(self, task_id: str) -> bool:
-        """Whether a coordinator is known to have said that a task has ended; of the last ones only."""
+        """Whether a coordinator is known to have reported that a task has ended; of the last ones only."""
         return task_id in self._ended
 
     def drop(self, dropped: Iterable[TaskDropped]) -> None:
-        """Tasks were cancelled; of two cancellations of one the first heard counts, and none counts once it is done."""
+        """Tasks were cancelled; of two cancellations the first received counts, none once the task is done."""
         for one in dropped:
             if one.id not in self.dropped and one.id not in self.done and len(self.dropped) < CANCELLED_MAX:
                 self.dropped[one.id] = one
@@ -155,9 +155,9 @@ class KnownTasks:
         return task_id in self.done
 
     def ready(self, now_ns: int) -> list[Task]:
-        """Tasks for one robot that may begin now: what comes before them has ended, and is not known as not done.
+        """Tasks for one robot that may begin now: their predecessors have ended, and are not known as not done.
 
-        A coordinator lets the tasks fail that wait for one that was not done; what it says of that may be lost.
+        A coordinator fails the tasks that wait for one that was not done; its report of that may be lost.
         """
         return [
             known.task
@@ -172,7 +172,7 @@ class KnownTasks:
 
 
 GRACE_NS = to_ns(0.3)
-"""An event may be under way for so long after the summary that counts it (chosen)."""
+"""An event may be in flight for this long after the summary that counts it (chosen)."""
 ASK_AGAIN_NS = to_ns(1.0)
 """A request is repeated after this (chosen)."""
 TIMEOUT_S = 2.0
@@ -182,7 +182,7 @@ OPEN = [state for state in TaskState if not state.ended]
 
 
 class TaskSync:
-    """Keeps a robot's known tasks complete while a coordinator is heard.
+    """Keeps a robot's known tasks complete while a coordinator is received.
 
     Args:
         wire: the robot's Zenoh endpoint.
@@ -202,14 +202,14 @@ class TaskSync:
         self._asked_ns = self._due_ns = self._published_then = 0
 
     def receive(self, event: TaskEvent, now_ns: int) -> None:
-        """Take in a change."""
+        """Record a change."""
         if event.change > self.last and len(self._ahead) < AHEAD_MAX:
             self._ahead.add(event.change)
             self._count()
         self._record(max(event.change, self._said), now_ns)
 
     def receive_summary(self, last_change: int, now_ns: int) -> None:
-        """Take in the number of the last change; a smaller one than before is that of another journal."""
+        """Record the number of the last change; a smaller one than before is that of another journal."""
         if last_change < self._said:
             self.last = 0
             self._ahead.clear()
@@ -217,7 +217,7 @@ class TaskSync:
         self._record(last_change, now_ns)
 
     def step(self, now_ns: int) -> None:
-        """Ask for what is missing, and take it in."""
+        """Ask for missing changes, and record them."""
         if self._asked is None:
             if self.behind_since_ns is None or now_ns < max(self._due_ns, self.behind_since_ns + GRACE_NS):
                 return

@@ -1,7 +1,7 @@
 """Tasks that are submitted to a robot, or cancelled at it, because there is no coordinator.
 
-The robot tells the others in its ballots. The client repeats the request until more than half of the team knows of it:
-then some robot of any group that allocates tasks does.
+The robot reports to the others in its ballots. The client repeats the request until more than half of the team knows of
+it: then some robot of any group that allocates tasks does.
 """
 
 from collections.abc import Mapping, Sequence, Set
@@ -34,7 +34,7 @@ Known = Mapping[str, Sequence[TaskKnown]]
 
 
 Dropped = Mapping[str, Set[str]]
-"""Ids of the tasks that each of the other robots has said to be cancelled."""
+"""Ids of the tasks that each of the other robots has reported as cancelled."""
 
 
 class TaskIntake:
@@ -52,12 +52,12 @@ class TaskIntake:
         self._reported = 0
 
     def take(self, asked: TaskSubmission, now_ns: int, teammates: Known, team: int) -> TaskTaken:
-        """Accept a task, and say which robots have it.
+        """Accept a task, and report which robots have it.
 
         Args:
-            asked: what is submitted; the same as before changes nothing.
+            asked: the submission; the same as before changes nothing.
             now_ns: the time.
-            teammates: what the others have.
+            teammates: the others' tasks.
             team: number of robots of the team.
 
         Raises:
@@ -80,13 +80,13 @@ class TaskIntake:
         return TaskTaken(task=task, known_to=known_to, is_kept=2 * len(known_to) > team)
 
     def drop(self, asked: TaskRequest, teammates: Dropped, team: int, holder: str = "") -> DropTaken:
-        """Accept a cancellation, and say which robots know of it.
+        """Accept a cancellation, and report which robots know of it.
 
         Args:
             asked: which task; the same again changes nothing.
-            teammates: what the others know to be cancelled.
+            teammates: the cancellations that the others know.
             team: number of robots of the team.
-            holder: the robot that has the task; if it is heard it must know too, as it may just have done it.
+            holder: the robot that has the task; if it is reachable it must know too, as it may just have done it.
 
         Raises:
             CallError: it is refused, in words.
@@ -109,7 +109,7 @@ class TaskIntake:
         return DropTaken(task=found.task, known_to=known_to, is_kept=is_kept)
 
     def to_report(self, teammates: Known, *, everything: bool) -> list[TaskAsked]:
-        """The tasks to tell in full in the next ballot: those that some robot has not, or all, some at a time."""
+        """The tasks to report in full in the next ballot: those that some robot has not, or all, some at a time."""
         asked = self._known.asked
         if not asked:
             return []

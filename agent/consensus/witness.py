@@ -28,7 +28,7 @@ from robrain.protocol.wire.endpoint import Request, Serve
 logger = logging.getLogger(__name__)
 
 SILENT_NS = to_ns(2.0)
-"""Time for which a witness votes for no other coordinator than the one that it heard or elected last. A coordinator
+"""Time for which a witness votes for no other coordinator than the one that it received or elected last. A coordinator
 without contact suspends itself sooner: `LEASE_NS` in `coordinator/leadership/mandate.py`."""
 
 
@@ -36,7 +36,7 @@ class Kept(msgspec.Struct, frozen=True, kw_only=True):
     """Contents of a witness's store."""
 
     election: Count = 0
-    """Greatest number of an election in which it has voted, or of a coordinator whose wish it has stored."""
+    """Greatest number of an election in which it has voted, or of a coordinator whose request it has stored."""
     journal: Name = ""
     """The journal of the coordinator of that election."""
     began_ns: Stamp = 0
@@ -78,7 +78,7 @@ class Witness:
     """Answers coordinators that ask for votes, and decides whose summaries count.
 
     Args:
-        memory: where it stores what it has answered.
+        memory: place where it stores its answers.
         now_ns: when the robot's host starts. It may have obeyed a coordinator just before.
 
     """
@@ -87,13 +87,13 @@ class Witness:
         self._memory = memory
         self._received_ns = now_ns
         self._obeyed = ""
-        """Journal of the coordinator that was heard or elected last."""
+        """Journal of the coordinator that was received or elected last."""
         self._heard = Led(election=0, stamp_ns=0)
         """The last summary of a coordinator that was elected and leads."""
         self.led: Led | None = None
         """The coordinator that the robot follows, and its last summary; None if none was ever elected.
 
-        A coordinator that it has elected since, and has not heard yet, has sent none (stamp 0).
+        A coordinator that it has elected since, and has not received yet, has sent none (stamp 0).
         """
         self._is_readable = True
         try:
@@ -111,7 +111,7 @@ class Witness:
         return not lead.is_suspended and lead.election >= self._greatest
 
     def receive(self, said: TeamState, now_ns: int) -> bool:
-        """Take in a summary; returns whether it is of a coordinator that leads."""
+        """Record a summary; returns whether it is of a coordinator that leads."""
         if said.lead is msgspec.UNSET:
             return True  # of a team without witnesses
         if not self.follows(said):
@@ -197,7 +197,7 @@ class WitnessExtension(HostExtension):
 
     Args:
         host: the robot's host.
-        memory: stores what the witness has answered; None forgets it when the process ends.
+        memory: stores the witness's answers; None forgets them when the process ends.
 
     """
 

@@ -76,7 +76,7 @@ it."""
 WOKEN_PASSES = 2
 """For a task that follows another at once: the first pass notifies its behavior, the second the driver."""
 IDLE_S = 1.0
-"""A thread that has started plugins ends when there has been nothing to start for so long."""
+"""A thread that has started plugins ends when there has been nothing to start for this long."""
 START_POOL_TIMEOUT_S = 1.0
 """How long the end waits for plugins that are being started."""
 
@@ -133,7 +133,7 @@ class LockstepSchedule:
                     plugin.due_ns = min(plugin.due_ns, now_ns - plugin.period_ns)
             if now_ns >= plugin.due_ns:
                 plugin.due_ns += plugin.period_ns
-                if plugin.due_ns <= now_ns:  # what was missed is not made up for
+                if plugin.due_ns <= now_ns:  # missed steps are not caught up
                     plugin.due_ns = now_ns + plugin.period_ns
                 if self._has_one_thread:
                     turn = plugin.turn
@@ -168,11 +168,11 @@ class AgentHost:
         base: folder that the file's places are relative to.
         session: shared in lockstep, the process's own in live.
         clock: the run's clock.
-        drive: who moves time.
+        drive: source of time.
         seed: of the run; each plugin draws from its own generator, made from seed, robot and plugin.
-        on_outside: told of queries from other processes, in lockstep.
+        on_outside: called with queries from other processes, in lockstep.
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
-        distributions: `entry_point_places()`, where several robots share a process; None looks for them.
+        distributions: `entry_point_places()`, where several robots share a process; None searches for them.
         manifests: files found by the robots of a run that were set up before, by folder; None searches again.
         extensions: host extensions that take the place of those of the same name.
 
@@ -210,7 +210,7 @@ class AgentHost:
         self._guard = RecordGuard(self.refusals)
         bytes_per_s = robot_file.zenoh.telemetry_bytes_per_s
         self.thinning = None if not bytes_per_s else Thinning(bytes_per_s, clock)
-        """Leaves telemetry out on a thin link; None if the robot's file does not say that it is."""
+        """Drops telemetry on a thin link; None if the robot's file sets no limit."""
         self.wire = self._open_wire()
         live = drive is Drive.LIVE
         self._registry = PluginRegistry(
@@ -229,7 +229,7 @@ class AgentHost:
         self._state_due_ns = 0
         self._stepped_ns = self.clock.now_ns()
         self._slept_ns, self._awake_ns = 0, 0
-        """When its process last began to stand still, and from when on nothing that waited for it arrives any more."""
+        """When its process was last paused, and the time from which no message that waited for it arrives any more."""
         self._halts = 0
         self.log = RobotLog(self.wire, self.name)
         self._faults: dict[str, PluginFault] = {}
@@ -272,10 +272,10 @@ class AgentHost:
         self.desk.on_line = wake
 
     def start(self) -> None:
-        """Find, load and start the plugins, then say that the robot is there.
+        """Find, load and start the plugins, then announce the robot.
 
         Raises:
-            ManifestError, PluginMissing, RobotFileError: the robot's plugins are not as its file says.
+            ManifestError, PluginMissing, RobotFileError: the robot's plugins differ from its file.
 
         """
         found = self.manager.discover(self._places, self._load, self._manifests, self._roles)
@@ -326,7 +326,7 @@ class AgentHost:
             self.desk.halted()
         if self._registry.halted:
             self.board.behavior = HALTED
-        elif self.board.behavior == HALTED:  # what it did before is over
+        elif self.board.behavior == HALTED:  # its earlier actions are over
             self.board.behavior = IDLE
         for name, step in self._steps:
             self._guard.stage(name, None, step, now_ns, may_begin=not self._registry.halted)

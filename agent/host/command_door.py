@@ -45,7 +45,7 @@ def parse_command(text: str) -> TextCall | Question:
     """Take any command apart.
 
     Raises:
-        CallError: `bad_arguments`, saying what was expected.
+        CallError: `bad_arguments`, with the expected arguments.
 
     """
     found = _QUESTION.fullmatch(text.strip())
@@ -58,7 +58,7 @@ def parse_call(text: str) -> TextCall:
     """Take a call apart; without brackets it has no arguments.
 
     Raises:
-        CallError: `bad_arguments`, saying what was expected.
+        CallError: `bad_arguments`, with the expected arguments.
 
     >>> parse_call('call driver drive(distance_m=1.0, "a, b")')
     TextCall(plugin='driver', function='drive', arguments=['distance_m=1.0', '"a, b"'])
@@ -137,14 +137,14 @@ class TextCommandDoor:
 
         Args:
             text: the command.
-            by: who asks, for plugins that one caller at a time may use; see `ManagedPlugin.call_external`.
+            by: name of the caller, for plugins that one caller at a time may use; see `ManagedPlugin.call_external`.
 
         Returns:
             A call's result, through the plugin's `[transform]`, empty if it has none; names with blanks between
             them; lines of help.
 
         Raises:
-            CallError: the command, or what it calls, is wrong or refused.
+            CallError: the command, or its call, is wrong or refused.
 
         """
         command = parse_command(text)

@@ -1,4 +1,4 @@
-"""Host extensions: what a robot's host does beyond running plugins, such as allocation without a coordinator.
+"""Host extensions: functions of a robot's host beyond running plugins, such as allocation without a coordinator.
 
 Another distribution brings an extension by an entry point in the group `robrain.host_extensions`; each robot's host
 calls it once, when the host is made:
@@ -64,7 +64,7 @@ class HostExtension:
         return None
 
     def step(self, now_ns: int, *, may_begin: bool) -> None:
-        """Do what is due.
+        """Run due actions.
 
         Args:
             now_ns: the time.

@@ -1,4 +1,4 @@
-"""The verbs of a robot's host, `robot/R/host/VERB`: a registry of them, and what each does.
+"""The verbs of a robot's host, `robot/R/host/VERB`: a registry of them, and their functions.
 
 A distribution adds a verb by an entry point in the group `robrain.host_verbs`:
 
@@ -71,7 +71,7 @@ def answer_verb(host: VerbHost, wire: Endpoint, request: Request[bytes]) -> byte
     """Run the verb in a query's key; the reply, encoded.
 
     Raises:
-        CallError: it is unknown (counted as a refused message) or refused, or its request is not as its row says.
+        CallError: it is unknown (counted as a refused message) or refused, or its request does not match its row.
 
     """
     name = request.names["verb"]

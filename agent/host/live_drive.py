@@ -1,6 +1,6 @@
 """The live drive of one robot: a few threads for all its plugins, and the host's own loop.
 
-Emergency halts are heard on a thread that is neither; see `robrain.agent.host.robot_halts`.
+Emergency halts arrive on a thread that is neither; see `robrain.agent.host.robot_halts`.
 """
 
 import math
@@ -47,7 +47,7 @@ class DrivenPlugin:
         return self.is_wanted or self.due_s <= now_s
 
     def turn(self) -> None:
-        """Deliver what waits for the plugin, then its own step if that is due."""
+        """Deliver the plugin's waiting notifications, then its own step if that is due."""
         plugin = self.plugin
         mailbox = plugin.mailbox
         if mailbox and not self.has_gone:
@@ -64,7 +64,7 @@ class DrivenPlugin:
             plugin.run_step()
             self._step_due_s += period_s
             now_s = time.monotonic()
-            if now_s > self._step_due_s:  # the step took longer than its period: what was missed is not made up for
+            if now_s > self._step_due_s:  # the step took longer than its period: missed steps are not caught up
                 plugin.overruns += 1
                 self._step_due_s = now_s
         self.due_s = math.inf if period_s is None else self._step_due_s
@@ -93,7 +93,7 @@ class PluginThreads:
         self._stopping = False
 
     def follow(self) -> None:
-        """Take in plugins that are new, let go those that have gone."""
+        """Add new plugins, release those that have gone."""
         plugins = self._host.manager.plugins.values()
         wanted = {(plugin.name, id(plugin), plugin.generation): plugin for plugin in plugins}
         if wanted.keys() == self._members.keys():
@@ -145,7 +145,7 @@ class PluginThreads:
             thread.name = f"plugin-{member.plugin.name}"
             try:
                 member.turn()
-            except FOREIGN_ERRORS as error:  # what a plugin says of itself is foreign too
+            except FOREIGN_ERRORS as error:  # a plugin's own description is foreign too
                 member.plugin.fault(error)
             finally:
                 thread.name = own_name
@@ -189,7 +189,7 @@ class PluginThreads:
         return min(self._watches, default=math.inf)
 
     def _next(self) -> DrivenPlugin | None:
-        """The plugin whose turn is due first, among those in which nobody is."""
+        """The plugin whose turn is due first, among those without a thread in them."""
         first, first_s = None, math.inf
         for member in self._members.values():
             if member.is_busy:

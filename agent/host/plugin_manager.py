@@ -39,7 +39,7 @@ from robrain.protocol.clock import NS_PER_S, to_ns
 FLOOD_DROPS_A_SECOND = 1000
 """A plugin whose notifications overflow others' mailboxes faster than this floods."""
 STEADY_S = 60.0
-"""A plugin that has run for so long has its restarts forgiven."""
+"""A plugin that has run for this long has its restarts forgiven."""
 HUNG_PERIOD_NS = to_ns(0.1)
 
 
@@ -82,7 +82,7 @@ class FaultHandler:
         """Handle a fault: set the time of the restart, deactivate the plugin's users, and clean up after it."""
         if self._registry.plugins.get(plugin.name) is not plugin or plugin.state is not PluginState.FAULTED:
             return
-        self._schedule_restart(plugin, now_ns)  # first: it is restarted even if what follows fails
+        self._schedule_restart(plugin, now_ns)  # first: it is restarted even if a later action fails
         stuck = plugin.turn.owner
         for user in self._registry.users_of(plugin.name):
             if user.state.is_running:
@@ -92,7 +92,7 @@ class FaultHandler:
                         user.apply(Trigger.ABANDON, reason, lacks=plugin.name)
                     else:
                         user.apply(Trigger.DEACTIVATE, reason, lacks=plugin.name)
-                except FOREIGN_ERRORS as error:  # foreign plugin code; it may have called what has faulted
+                except FOREIGN_ERRORS as error:  # foreign plugin code; it may have called a faulted plugin
                     logger.debug("%s: %s while it was deactivated: %s", self._registry.robot, user.name, error)
         plugin.apply(Trigger.CLEAN_UP)
 
@@ -113,14 +113,14 @@ class FaultHandler:
         self._drops.pop(plugin.name, None)
 
     def check(self, now_ns: int) -> None:
-        """Restart what is due; see who hangs and who floods."""
+        """Restart due plugins; check which hang and which flood."""
         for case in list(self._cases.values()):
             if case.again_ns is not None and now_ns >= case.again_ns and not self._registry.halted:
                 case.again_ns = None
                 self._later(partial(self._restart, case, now_ns))
             elif case.started_ns and now_ns - case.started_ns > to_ns(STEADY_S):
                 case.attempts = 0
-        has_one_thread = self._registry.has_one_thread  # then nobody is in a plugin now
+        has_one_thread = self._registry.has_one_thread  # then no thread is in a plugin now
         if not has_one_thread and now_ns - self._checked_hung_ns >= HUNG_PERIOD_NS:
             self._checked_hung_ns = now_ns
             self._check_hung(now_ns)
@@ -223,8 +223,8 @@ class PluginManager:
         Args:
             places: folders.
             wanted: names to take; all if None. Required plugins are loaded as well.
-            known: files of folders that were looked at before, to which others are added.
-            roles: by plugin: whose manifest takes its place.
+            known: files of folders that were read before, to which others are added.
+            roles: by plugin: the one whose manifest replaces it.
 
         Returns:
             The names of all plugins that were found.
@@ -253,12 +253,12 @@ class PluginManager:
     def start(self) -> None:
         """Load and initialise each plugin, then activate each, requirements first.
 
-        A plugin that cannot start is left out with the reason, and so is what requires it; the rest goes on.
+        A plugin that cannot start is skipped with the reason, with all that require it; the rest continues.
         """
         self._starter.start_all()
 
     def stop(self) -> None:
-        """Deactivate all, users before what they use, and close what they held."""
+        """Deactivate all, users before their providers, and close their resources."""
         self._stopped = True
         for plugin in reversed(self.plugins.values()):
             try:
@@ -272,7 +272,7 @@ class PluginManager:
             plugin.apply(Trigger.CLOSE)
 
     def load(self, name_or_path: str, within: Iterable[Path] | None = None) -> list[ManagedPlugin]:
-        """Load and activate a plugin, with what it requires, and whatever was left out for lack of these.
+        """Load and activate a plugin, with all that it requires, and all that were skipped for lack of these.
 
         Args:
             name_or_path: a name in the robot's places, or the path of a manifest or of a folder with one or more.
@@ -378,8 +378,8 @@ class PluginManager:
         """Emergency halt; latches until `resume`: all plugins refuse calls, then devices stop, then the levels above.
 
         Args:
-            pool: halts the plugins of a level side by side and goes on without those that hang; without one they are
-                halted one after the other.
+            pool: halts the plugins of a level in parallel and continues without those that hang; without it they are
+                halted one after another.
 
         Returns:
             The names of those that failed, or have not come back in time.

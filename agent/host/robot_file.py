@@ -1,4 +1,4 @@
-"""ROBOT.toml: what one robot's agent needs to know before it starts."""
+"""ROBOT.toml: configuration of one robot's agent before it starts."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -25,11 +25,11 @@ class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     """Folders, besides `places`, that plugins may be loaded from by path while the robot runs; not searched at start.
     Relative to the file; `~` is the home folder of the user that runs the robot."""
     load: list[str] | None = None
-    """Plugins to load, with what they require; all that are found if absent."""
+    """Plugins to load, with all that they require; all that are found if absent."""
     roles: dict[str, str] = {}
     """By plugin: which other takes its place, such as `scan = "ld19"`, under its name and with its parameters."""
     consensus: bool = False
-    """Whether the robot goes on without a coordinator, and allocates open tasks with the others."""
+    """Whether the robot continues without a coordinator, and allocates open tasks with the others."""
 
     def __post_init__(self) -> None:
         try:
@@ -69,7 +69,7 @@ class ZenohTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RobotFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file. `[parameters.PLUGIN]` overrides what a plugin's manifest says."""
+    """The whole file. `[parameters.PLUGIN]` overrides a plugin's manifest."""
 
     robot: RobotTable
     zenoh: ZenohTable = ZenohTable()
@@ -97,7 +97,7 @@ def read_robot_file(path: Path) -> RobotFile:
     """Read a ROBOT.toml.
 
     Raises:
-        RobotFileError: naming file, key and what was expected.
+        RobotFileError: with file, key and expected value.
 
     """
     try:

@@ -1,8 +1,8 @@
-"""A robot's emergency halt: it hears of halts, has the plugins stopped, says so at once, and resumes only when it may.
+"""A robot's emergency halt: it receives halts, stops the plugins, reports it at once, and resumes only when it may.
 
 Halts come with the topic `halt`, from an operator's query, or, for a robot that was not there in time, from the
-coordinator's summary. A direct halt always counts; the summary only if it is newer than all that was heard directly,
-and it never resumes anybody.
+coordinator's summary. A direct halt always counts; the summary only if it is newer than all direct ones, and it never
+resumes a robot.
 """
 
 import logging
@@ -70,15 +70,15 @@ class RobotHalts:
         self._team_halt_ns = 0
         self._not_halted: list[str] = []
         self._guards: dict[str, Callable[[], str]] = {}
-        """By plugin: says why a halt must not end yet."""
+        """By plugin: the reason why a halt must not end yet."""
         self._is_started = self._is_closed = False
         self._stopping = False
-        """The plugins are being told to stop."""
+        """The plugins are being stopped."""
         self._acting = threading.RLock()
         self._pool = WorkerPool(f"halt-{self._robot}", LIMIT_S) if live else None
 
     def listen(self) -> None:
-        """Hear of halts from now on; of one that is in force, by asking the coordinator if there is one."""
+        """Receive halts from now on; one that is in force by a query to the coordinator, if there is one."""
         self._wire.subscribe(self.arrivals, HALT)
         self._wire.subscribe(self.summaries, COORDINATOR_STATE)
         try:
@@ -89,7 +89,7 @@ class RobotHalts:
             self._record_team(status)
 
     def started(self) -> None:
-        """The plugins have been started, and nothing has called them yet: see to what was heard meanwhile."""
+        """The plugins have been started, and nothing has called them yet: handle the halts that arrived meanwhile."""
         self.stand_by()
         with self._acting:
             self._is_started = True
@@ -103,7 +103,7 @@ class RobotHalts:
             self._pool.stand_by(min(THREADS, self._manager.most_to_halt()))
 
     def receive(self) -> None:
-        """Halt or resume as the team was told to, in the order of arrival.
+        """Halt or resume by the team's orders, in the order of arrival.
 
         The host's step does this. In live a halt itself does not wait for it, only the coordinator's summary does.
         """
@@ -135,7 +135,7 @@ class RobotHalts:
         """End this robot's halt.
 
         Raises:
-            CallError: somebody else holds it; the robot stays halted.
+            CallError: another name holds it; the robot stays halted.
 
         """
         with self._acting:
@@ -150,7 +150,7 @@ class RobotHalts:
             self._guards[plugin] = why_not
 
     def mark(self, state: RobotState) -> RobotState:
-        """The robot's state with how it stands to halts; it is halted when its plugins have been told to stop."""
+        """The robot's state with its halts; it is halted when its plugins have been ordered to stop."""
         halted = self._manager.registry.halted and not self._stopping
         if not halted:
             return state
@@ -163,7 +163,7 @@ class RobotHalts:
         )
 
     def close(self) -> None:
-        """Hear no more, and end the threads."""
+        """Receive no more, and end the threads."""
         with self._acting:
             self._is_closed = True
         if self._pool is not None:
@@ -207,7 +207,7 @@ class RobotHalts:
         return ""
 
     def _halt_guard_reason(self) -> str:
-        """Why nobody may end the halt yet; the plugin that says so holds the halt from now on."""
+        """Why the halt may not end yet; the plugin that gives the reason holds the halt from now on."""
         if not self._latch.is_held:
             return ""
         for name, plugin in self._manager.plugins.items():

@@ -1,4 +1,4 @@
-"""The robot's log: faults, halts, and what its plugins print and log."""
+"""The robot's log: faults, halts, and the output and log of its plugins."""
 
 import logging
 import sys

@@ -65,7 +65,7 @@ _NUMBER = msgspec.msgpack.Decoder(int)
 
 
 class Parent:
-    """The way to the robot's process: in its own turn for the plugin's turn, aside for other threads.
+    """Access to the robot's process: in its own turn for the plugin's turn, aside for other threads.
 
     Args:
         calls: the conversation in which the plugin is called, on the thread that makes this.
@@ -83,7 +83,7 @@ class Parent:
         return self._peer().ask(request)
 
     def tell(self, request: Request) -> None:
-        """Say what is not answered."""
+        """Send a message without an answer."""
         self._peer().tell(request)
 
     def _peer(self) -> Peer:
@@ -212,14 +212,14 @@ class ChildEnvironment(Environment):
 
     @property
     def caller(self) -> str:
-        """Empty: the parent does not report who calls."""
+        """Empty: the parent does not report the caller."""
         return ""
 
     def hurry(self) -> None:
         """Nothing: the step of an isolated plugin comes when it is due."""
 
     def belongs_to(self, module: str) -> None:
-        """Say where the plugin's class is declared: its parent has that module under another name."""
+        """Report where the plugin's class is declared: its parent has that module under another name."""
         self._own_module = module
 
     def close(self) -> None:
@@ -240,7 +240,7 @@ class ChildEnvironment(Environment):
 
 
 class PluginChild:
-    """Holds the real plugin, and does what the parent asks."""
+    """Holds the real plugin, and handles the parent's requests."""
 
     def __init__(self, name: str, calls: socket.socket, halts: socket.socket, asides: socket.socket) -> None:
         self._name = name
@@ -261,7 +261,7 @@ class PluginChild:
             self._env.close()
 
     def serve(self, request: Request) -> bytes:
-        """Do what was asked for, in the plugin's turn."""
+        """Handle the request, in the plugin's turn."""
         with self._turn:
             self._output.report_dropped()
             match request:
@@ -314,7 +314,7 @@ class PluginChild:
             event.add(partial(self._notify, name), _Straight())
 
     def _log(self, _plugin: str, level: str, text: str) -> None:
-        with suppress(PeerLost):  # the parent has ended and this process is about to, so nobody reads the log
+        with suppress(PeerLost):  # the parent has ended and this process is about to, so the log has no reader
             self._parent.tell(Log(level, text))
 
     def _notify(self, name: str, value: Any) -> None:

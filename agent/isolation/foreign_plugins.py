@@ -2,7 +2,8 @@
 
 Such a process declares the liveliness token `robot/R/foreign/NAME`, answers `…/info` with a PluginInfo, and answers
 `…/call/FUNCTION`. It does not answer under the robot's `call/` keys itself. The host answers those for all plugins, its
-own and the foreign ones, whose calls it relays. Thus there is one answer, and one place that checks who may call.
+own and the foreign ones, whose calls it relays. Thus there is one answer, and one place that checks the caller's
+rights.
 """
 
 import inspect
@@ -30,9 +31,9 @@ InterfaceT = TypeVar("InterfaceT")
 
 CALL_TIMEOUT_S = 2.0
 RETRY_NS = to_ns(0.5)
-"""A plugin that has announced itself and says nothing of itself is asked again after this."""
+"""A plugin that has announced itself without a description is asked again after this."""
 REFRESH_NS = to_ns(10.0)
-"""How often it is asked what it is, in case another one has taken its place unnoticed."""
+"""Period of queries for its description, in case another one has replaced it unnoticed."""
 
 
 class ForeignPlugins:
@@ -41,7 +42,7 @@ class ForeignPlugins:
     Args:
         wire: the host's; closing it ends this.
         robot: its name.
-        is_halted: whether the robot is; nobody is called then.
+        is_halted: whether the robot is; no plugin is called then.
 
     """
 
@@ -55,7 +56,7 @@ class ForeignPlugins:
         self._infos: dict[str, PluginInfo] = {}  # replaced, never changed: other threads read it
 
     def follow(self) -> list[str]:
-        """See who has come and gone; called by the host in its step. The names of those that have come."""
+        """Check which plugins have come and gone; called by the host in its step. The names of those that have come."""
         came: list[str] = []
         now_ns = self._wire.clock.now_ns()
         infos = dict(self._infos)
@@ -112,7 +113,7 @@ class ForeignPlugins:
             timeout_s: how long to wait for it.
 
         Raises:
-            CallError: who calls may not, there is no such plugin or function, or the plugin has answered so.
+            CallError: the caller has no right, there is no such plugin or function, or the plugin has answered with it.
 
         """
         info = self._infos.get(name)
@@ -206,7 +207,7 @@ class ForeignPlugins:
             reason = f"expected level {levels}, got {info.level!r}"
             logger.warning("%s: foreign plugin %s is not listed: %s", self._robot, name, reason)
             return None
-        # Under the name of its key and nobody else's; what it says of holders and the like is the host's to say.
+        # Under the name of its key alone; the host adds holders and the like.
         return PluginInfo(
             name=name,
             level=info.level.lower(),
@@ -249,7 +250,7 @@ def _over_the_wire(
         arguments = list(given.items())[1:]
         try:
             reply = plugins.relay(name, function, msgspec.json.encode(dict(arguments)), caller=caller)
-        except CallError as error:  # what is no fault of the caller's, as with a plugin of the robot's own
+        except CallError as error:  # errors that are no fault of the caller's, as with a plugin of the robot's own
             if error.code is ErrorCode.HALTED:
                 raise PluginInactive(name, error.message) from error
             if error.code in (ErrorCode.UNLOADED, ErrorCode.UNKNOWN_PLUGIN):

@@ -4,8 +4,7 @@
 interface, parameters, period and external functions; steps, calls and notifications reach it in the same turns.
 
 The robot reads the class to know its level, interface and functions, so its module is imported in the robot's process
-too. Its top-level code runs first in a process that may crash or hang (`try_import`); what comes through that is
-imported.
+too. Its top-level code runs first in a process that may crash or hang (`try_import`); code that passes is imported.
 """
 
 import functools
@@ -73,7 +72,7 @@ import_file(pathlib.Path(sys.argv[2])) if sys.argv[2] else importlib.import_modu
 
 
 END_TIMEOUT_S = 1.0
-"""A process that was told to end is killed after this."""
+"""A process that was asked to end is killed after this."""
 STDERR = 2
 
 OnLost = Callable[[str], None]
@@ -84,7 +83,7 @@ class ChildProcess:
 
     Args:
         plugin: its name.
-        serve: does what the plugin asks for.
+        serve: handles the plugin's requests.
         on_lost: called with the reason, on a separate thread, when the process ends by itself; held by a weak
             reference.
 
@@ -173,7 +172,7 @@ class Limits(msgspec.Struct, frozen=True):
     call_s: float = 4.0
     """A step, a call, a notification."""
     start_s: float = 6.0
-    """The start of the process, its `init`, and its `activate`: code is imported, hardware looked for."""
+    """The start of the process, its `init`, and its `activate`: code is imported, hardware searched."""
     halt_s: float = 0.2
     """A process that has not acknowledged an emergency halt by then is killed."""
     memory_mb: int = 4096
@@ -225,7 +224,7 @@ class IsolatedPlugin(Plugin):
         """Run the plugin's own, in a new process if there is none."""
         if self._child is None:
             self.init()
-        # Through the plugin's own mailbox, so that its host learns of a crash that nobody's call has run into.
+        # Through the plugin's own mailbox, so that its host learns of a crash outside of any call.
         self.env.observe(self._lost, self._raise_lost)
         self._do("activate", self._limits.start_s)
 
@@ -278,7 +277,7 @@ class IsolatedPlugin(Plugin):
         except OSError as error:
             raise PluginError(self.env.plugin, f"no process for {self.env.plugin}: {error}") from error
         self._child = child
-        # Nobody tells a plugin that its host has dropped it without having deactivated it.
+        # A plugin gets no notice that its host has dropped it without having deactivated it.
         self._forget = weakref.finalize(self, child.end)
         self._ask(self._begin(), self._limits.start_s)
 
@@ -339,14 +338,14 @@ class IsolatedPlugin(Plugin):
         return PluginCrashed(self.env.plugin, f"{self.env.plugin} {reason}")
 
     def _on_lost(self, reason: str) -> None:
-        """On the thread that watches the process: it has ended while nobody was calling."""
+        """On the thread that watches the process: it has ended without a call in progress."""
         child = self._child
         if child is not None:
             self._gone_reason = reason
             self._lost.notify(child)
 
     def _raise_lost(self, child: ChildProcess) -> None:
-        if self._child is child:  # else somebody's call has run into it already, or another one has been started
+        if self._child is child:  # else a call has run into it already, or another one has been started
             raise self._crashed(child, self._gone_reason)
 
 
@@ -455,7 +454,7 @@ class ParentServer:
     Args:
         env: the plugin's.
         plugin: stands for it here, and has its events.
-        contract: what it offers.
+        contract: its functions.
         own_module: where its class is declared.
         hear: takes a subscription's number and the value of an event that has happened.
 
@@ -472,10 +471,10 @@ class ParentServer:
         self._held: list[_Held] = []
 
     def serve(self, request: Request) -> bytes:
-        """Do what was asked.
+        """Handle the request.
 
         Raises:
-            Exception: whatever was raised by whom it concerns.
+            Exception: the error of the plugin concerned.
 
         """
         match request:

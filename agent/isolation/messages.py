@@ -74,7 +74,7 @@ class Use(PipeMessage, frozen=True):
 
 
 class Observe(PipeMessage, frozen=True):
-    """Be told of an event."""
+    """Observe an event."""
 
     handle: int
     event: str
@@ -143,4 +143,5 @@ BOARD_TYPES: dict[str, Any] = {field.name: field.type for field in msgspec.struc
     "has_scanned": bool,
     "doubted_scan": list[int] | None,
 }
-"""The board's facts are those of the state, the frames of dead reckoning, and what devices keep over a restart."""
+"""The board's facts are those of the state, the frames of dead reckoning, and values that devices keep over a
+restart."""

@@ -22,7 +22,7 @@ RECEIVE_BYTES = 1 << 16
 _LENGTH = struct.Struct("!I")
 
 Serve = Callable[[Request], bytes]
-"""Does what was asked, or raises."""
+"""Handles the request, or raises."""
 
 
 class PeerLost(Exception):
@@ -53,16 +53,16 @@ class Peer:
         self._decoder = msgspec.msgpack.Decoder(Frame)
 
     def ask(self, request: Request, limit_s: float | None = None) -> bytes:
-        """Ask, and return the answer; what the other end asks meanwhile is answered on this thread.
+        """Send a request, and return the answer; requests of the other end meanwhile are answered on this thread.
 
         Args:
-            request: what to ask.
-            limit_s: how long the other end may take; time spent on what it asks back does not count.
+            request: the request.
+            limit_s: time limit of the other end; time spent on its own requests does not count.
 
         Raises:
             PeerLost: the other end has gone.
             PeerLate: it took too long.
-            Exception: what was raised there.
+            Exception: the error raised there.
 
         """
         with self._lock:
@@ -81,7 +81,7 @@ class Peer:
                 self._answer(frame, limit_s)
 
     def tell(self, request: Request) -> None:
-        """Say what is not answered."""
+        """Send a message without an answer."""
         with self._lock:
             self._send(request, None)
 

@@ -1,6 +1,6 @@
-"""Access to a plugin: who may use it, handles, exclusive use, and calls that enter it from outside its own step.
+"""Access to a plugin: rights, handles, exclusive use, and calls that enter it from outside its own step.
 
-The name of an outside holder is what the caller says it is: leases keep those who mean well from meddling with each
+The name of an outside holder is the caller's own statement: leases keep well-meaning clients from disturbing each
 other. The router decides which participants may address a robot at all.
 """
 
@@ -67,7 +67,7 @@ class AccessiblePlugin(Protocol):
 
 
 def check_use(callee: AccessiblePlugin, caller: AccessiblePlugin, interface: type) -> None:
-    """Whether one plugin may use another by an interface (AccessDenied, saying what speaks against it)."""
+    """Whether one plugin may use another by an interface (AccessDenied with the objection)."""
     own = callee.plugin_class
     if own.level >= caller.plugin_class.level:
         raise AccessDenied(
@@ -83,7 +83,7 @@ def check_use(callee: AccessiblePlugin, caller: AccessiblePlugin, interface: typ
 
 
 def level_refusal(caller: str, level: Level, callee: str, callee_level: Level) -> str:
-    """Why a plugin may not call one that is not of a lower level, and what makes it possible."""
+    """Why a plugin may not call one that is not of a lower level, and the remedy."""
     if callee_level is Level.BEHAVIOR:  # no level is above it
         advice = f"put what {caller} needs of {callee} into a skill that both use"
     else:
@@ -126,7 +126,7 @@ class ExternalLeases:
         """How long each was given for."""
 
     def grant(self, plugin: str, holder: str, lease_s: float) -> Lease:
-        """Give a plugin to a holder, from now on for so long; the holder's own lease is renewed by it.
+        """Give a plugin to a holder, from now on for this long; the holder's own lease is renewed by it.
 
         Raises:
             PluginBusy: another one holds it.
@@ -201,7 +201,7 @@ class ExclusiveUse:
         return self.inside or (outside if outside != by else "")
 
     def keep(self, user: AccessiblePlugin, *, granted: bool = False) -> None:
-        """Let a plugin that runs, or is granted a handle, have it from now on (PluginBusy if somebody else has)."""
+        """Give it to a plugin that runs, or is granted a handle, from now on (PluginBusy if another holds it)."""
         if self.inside == user.name:
             return
         with self._deciding:
@@ -211,10 +211,10 @@ class ExclusiveUse:
                 self.inside = user.name
 
     def lease(self, by: str, lease_s: float) -> Lease:
-        """Let somebody outside have it for a time, or longer if they have it.
+        """Lease it to a client for a time, or longer if the client has it.
 
         Raises:
-            PluginBusy: somebody else has it.
+            PluginBusy: another holder has it.
             BadName: the holder's name cannot be one.
 
         """
@@ -256,7 +256,7 @@ class Handle:
         if name[0] == "_" and name.startswith("_Handle__"):  # of a copy that `__init__` never ran for
             raise AttributeError(name)
         callee, interface, user, caller = self.__callee, self.__interface, self.__user, self.__caller
-        own = callee.plugin_class.interface  # what the caller shows may be another one of the same name
+        own = callee.plugin_class.interface  # the caller's interface may be another one of the same name
         if name.startswith("_") or name not in _offered(interface) or own is None or name not in _offered(own):
             raise AccessDenied(callee.name, f"{name} is not in {interface.__name__}, the interface of {callee.name}")
         value = getattr(callee.live_plugin(), name)
@@ -300,7 +300,7 @@ def _locked_call(
 def _lockstep_call(
     callee: AccessiblePlugin, caller: AccessiblePlugin, user: Environment | None, name: str
 ) -> Callable[..., Any]:
-    """As `_locked_call`, for one thread: nobody else can be in the plugin."""
+    """As `_locked_call`, for one thread: no other thread can be in the plugin."""
     is_gone, own_name = user.gone if user is not None else (), caller.name
 
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -344,15 +344,15 @@ def _names_in(interface: type) -> set[str]:
 
 
 def external_function(callee: AccessiblePlugin, function: str, by: str) -> ExternalFunction:
-    """An external function that somebody outside may call now.
+    """An external function that a client may call now.
 
     Args:
-        callee: whose function it is.
+        callee: plugin of the function.
         function: its external name, or that of one signature.
-        by: who calls; only that one may call a plugin that it holds.
+        by: name of the caller; only the holder may call a plugin that is held.
 
     Raises:
-        CallError: with the code that says why not.
+        CallError: with the code of the reason.
 
     """
     if COMMAND not in callee.manifest.tag.visibility:
@@ -395,7 +395,7 @@ def task_handlers(
 ) -> tuple[Accept, LetGo, TaskWork]:
     """The same three, called with the plugin's lock held.
 
-    `accept` is called only while the plugin is active; what `accept` or `let_go` raises is a fault of the plugin.
+    `accept` is called only while the plugin is active; an error of `accept` or `let_go` is a fault of the plugin.
     """
 
     def accept_in_turn(task: Task) -> TaskAnswer:

@@ -50,7 +50,7 @@ class Signature:
         function: the plain function of the class (takes the plugin first).
 
     Raises:
-        TypeError: it takes arguments that have no name, or of types that nobody can write.
+        TypeError: it takes arguments that have no name, or of types without a written form.
 
     """
 
@@ -98,13 +98,13 @@ class Signature:
         )
 
     def run(self, plugin: Plugin, arguments: dict[str, Any]) -> Any:
-        """Call it; what JSON has no word for is returned as JSON knows it."""
+        """Call it; a value that JSON cannot express is returned as its JSON form."""
         return self._as_json(self._function(plugin, **arguments))
 
     def read_json(self, payload: bytes) -> tuple[Any, ...] | None:
-        """The arguments in order, straight out of JSON: the way of nearly all calls, in a third of the time.
+        """The arguments in order, straight out of JSON: the path of nearly all calls, in a third of the time.
 
-        None if that cannot be: `fit_json` tells then what is wrong.
+        None if that cannot be: `fit_json` then gives the reason.
         """
         kind = self._in_order if payload[:1] == b"[" else self._struct
         try:
@@ -113,7 +113,7 @@ class Signature:
             return None
 
     def run_in_order(self, plugin: Plugin, arguments: tuple[Any, ...]) -> Any:
-        """Call it with these; what JSON has no word for is returned as JSON knows it."""
+        """Call it with these; a value that JSON cannot express is returned as its JSON form."""
         if self._by_name_only:
             return self.run(plugin, dict(zip(self.hints, arguments, strict=True)))
         return self._as_json(self._function(plugin, *arguments))
@@ -227,7 +227,7 @@ class ExternalFunction:
         """Call it with JSON arguments: an array by position, an object by name, nothing for none.
 
         Returns:
-            What JSON has a word for.
+            A value that JSON can express.
 
         Raises:
             CallError: `bad_arguments`, naming the argument or the signatures that there are.
@@ -284,7 +284,7 @@ def external_functions(plugin_class: type[Plugin]) -> dict[str, ExternalFunction
     """The external functions of a plugin class, by external name.
 
     Raises:
-        TypeError: one cannot be described, or two cannot be told apart.
+        TypeError: one cannot be described, or two cannot be distinguished.
 
     """
     # Not dir(): overloads are listed in the order of their definition.

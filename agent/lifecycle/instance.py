@@ -1,4 +1,4 @@
-"""One instance of a plugin with all that was made for it, and what the plugin holds while it is active."""
+"""One instance of a plugin with all objects made for it, and its resources while it is active."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -25,7 +25,7 @@ class RobotContext:
         robot: its name.
         clock: the run's clock.
         desk: where behaviors register for tasks.
-        make_environment: makes what a plugin is given.
+        make_environment: makes the environment of a plugin.
         parameters: for each plugin, parameters that override its manifest's.
         has_one_thread: whether nothing but the lockstep runner's own thread ever calls a plugin.
         starters: starts plugins, in live; one that hangs while it is started is abandoned.
@@ -127,7 +127,7 @@ class Instance(msgspec.Struct, frozen=True, eq=False):
 
 
 class Holdings:
-    """Notes what one plugin takes, and gives all of it back at once.
+    """Records the resources of one plugin, and releases all of them at once.
 
     Args:
         plugin: its name.
@@ -144,7 +144,7 @@ class Holdings:
         self._tasks: list[tuple[TaskDesk, str]] = []
 
     def observe(self, event: Event[Any] | ObservableEvent[Any], function: Callable[[Any], None]) -> None:
-        """Have the plugin told of an event, through its mailbox."""
+        """Notify the plugin of an event, through its mailbox."""
         event.add(function, self.mailbox)
         self._observed.append(event)
 
@@ -158,7 +158,7 @@ class Holdings:
         self._tasks.append((desk, kind))
 
     def release(self) -> None:
-        """Give everything back, each thing once; what waits in the mailbox is not delivered any more."""
+        """Release all resources, each once; messages in the mailbox are not delivered any more."""
         observed, self._observed = self._observed, []
         tasks, self._tasks = self._tasks, []
         before, self.mailbox = self.mailbox, Mailbox()

@@ -57,7 +57,7 @@ WAITS_S = {Effect.ASK: 2.0, Effect.ASK_FAILED: 0.1}
 
 
 class ManagedPlugin:
-    """Manages one plugin: its lifecycle, its step, and who may use it.
+    """Manages one plugin: its lifecycle, its step, and access to it.
 
     Args:
         manifest: the plugin's.
@@ -76,7 +76,7 @@ class ManagedPlugin:
         self.lacks = ""
         """The plugin that it requires and for lack of which it does not run; empty if it is not for that."""
         self.raised = raised(None)
-        """Where the plugin's code raised what has led to the state."""
+        """Where the plugin's code raised the error that has led to the state."""
         self._context = context
         self.turn = self._new_turn()
         """The plugin's lock."""
@@ -84,7 +84,7 @@ class ManagedPlugin:
         """The plugin's exclusive use, if it is not shared."""
         self.overruns = self.restarts = 0
         self.generation = 0
-        """Grows when an instance is abandoned in which somebody is stuck."""
+        """Grows when an instance is abandoned with a stuck caller."""
         self.period_ns = 0
         """How often the plugin wants its step; 0 if it is passive."""
         self.due_ns = NEVER_NS
@@ -101,7 +101,7 @@ class ManagedPlugin:
         self._stuck: int | None = None
         """The thread that was in the instance which was abandoned last."""
         self._deciding = threading.Lock()
-        """Held while a state is looked at and changed; no other lock is taken meanwhile."""
+        """Held while a state is checked and changed; no other lock is acquired meanwhile."""
 
     @property
     def code(self) -> PluginCode:
@@ -188,17 +188,17 @@ class ManagedPlugin:
         return {**self.manifest.parameters, **self._context.parameters_of(self.name)}
 
     def apply(self, trigger: Trigger, why: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
-        """Change the state as the table of transitions says, and do what the table says; the only way to do either.
+        """Change the state by the table of transitions, and run its actions; the only way to do either.
 
         Args:
-            trigger: what happens to the plugin.
+            trigger: trigger of the transition.
             why: the reason in words; the state keeps its reason if this is empty and the state stays.
-            error: what the plugin's code raised, if anything.
+            error: error of the plugin's code, if any.
             lacks: the plugin that it requires and that does not run, if this is the reason.
 
         Raises:
             TransitionRefused: that cannot happen in its state.
-            Exception: what the plugin's `deactivate` raised; all the rest has been done.
+            Exception: error of the plugin's `deactivate`; all other actions have run.
 
         """
         steps = transition(self.name, self.state, trigger).steps
@@ -261,7 +261,7 @@ class ManagedPlugin:
         except FOREIGN_ERRORS as error:  # foreign plugin code, and faulted at that
             logger.debug("%s: plugin %s could not clean up: %s", self._context.robot, self.name, error)
         finally:
-            self._context.release(self.name)  # what it used once more for that
+            self._context.release(self.name)  # once more the resources that it used for that
 
     def stuck_at(self) -> TracebackType | None:
         """Where a thread is in the plugin, also in an instance that was abandoned; None if none is."""
@@ -314,7 +314,7 @@ class ManagedPlugin:
         return instance
 
     def leave_new(self) -> None:
-        """Close an instance that is being made, and leave it to who is stuck in its `init`."""
+        """Close an instance that is being made, and leave it to the thread that is stuck in its `init`."""
         making, self._making = self._making, None
         if making is not None:
             making.abandon()
@@ -340,7 +340,7 @@ class ManagedPlugin:
             self.period_ns = to_ns(period_s) if period_s is not None else 0
             self.due_ns = 0 if self.period_ns else NEVER_NS
             self.apply(Trigger.ACTIVATED)
-            if self._context.halted:  # looked at last: a halt that comes now sees that it is active
+            if self._context.halted:  # checked last: a halt that comes now finds it active
                 self.refuse_calls()
 
     def fault(self, error: ForeignError) -> None:
@@ -367,7 +367,7 @@ class ManagedPlugin:
             instance.environment.end_actions("emergency halt")
 
     def unload(self) -> None:
-        """End the plugin for good: handles on it say so (what its `deactivate` raises is raised afterwards)."""
+        """End the plugin for good: handles on it report that (an error of its `deactivate` is raised afterwards)."""
         try:
             self.apply(Trigger.UNLOAD, "it is being unloaded")
         finally:
@@ -391,11 +391,11 @@ class ManagedPlugin:
             raise PluginHung(self.name, f"this instance of {self.name} was abandoned")
 
     def run_step(self) -> None:
-        """Deliver what was notified, then the plugin's own step; a plugin that raises is faulted."""
+        """Deliver its notifications, then run the plugin's own step; a plugin that raises is faulted."""
         self._run(self.step_in_turn)
 
     def deliver(self) -> None:
-        """Deliver what was notified, between two steps or to a passive plugin."""
+        """Deliver its notifications, between two steps or to a passive plugin."""
         self._run(self.deliver_in_turn)
 
     def _run(self, do: Callable[[], None]) -> None:
@@ -445,7 +445,7 @@ class ManagedPlugin:
         return cast(InterfaceT, self._context.request(self, name, interface))
 
     def observe(self, event: Event[Any] | ObservableEvent[Any], function: Callable[[Any], None]) -> None:
-        """Have the plugin told of an event, through its mailbox."""
+        """Notify the plugin of an event, through its mailbox."""
         self.holdings.observe(event, function)
 
     def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
@@ -466,7 +466,7 @@ class ManagedPlugin:
 
         Raises:
             AccessDenied: the level, the visibility or the interface speaks against it.
-            PluginBusy: somebody else holds it.
+            PluginBusy: another holder has it.
 
         """
         check_use(self, caller, interface)
@@ -475,10 +475,10 @@ class ManagedPlugin:
         return Handle(self, interface, caller, locks=not self._context.has_one_thread)
 
     def hold(self, by: str, lease_s: float) -> Lease:
-        """Let somebody outside have the plugin for themselves for a time, or longer if they have it.
+        """Lease the plugin to a client alone for a time, or longer if the client has it.
 
         Raises:
-            PluginBusy: somebody else holds it.
+            PluginBusy: another holder has it.
             PluginError: it cannot be held, or not now.
             BadName: the holder's name cannot be one.
 

@@ -23,7 +23,7 @@ _CODE = "_robrain_plugin_code"
 
 
 class PluginCode(msgspec.Struct, frozen=True):
-    """A plugin's class, and what it opens to the outside."""
+    """A plugin's class, and its external functions."""
 
     plugin_class: type[Plugin]
     functions: dict[str, ExternalFunction]
@@ -34,7 +34,7 @@ class PluginCode(msgspec.Struct, frozen=True):
 
 
 def import_code(manifest: Manifest, *, fresh: bool = False, live: bool = True) -> PluginCode:
-    """Import the class that a manifest names, and read what it opens to the outside.
+    """Import the class that a manifest names, and read its external functions.
 
     Args:
         manifest: see `import_class`, as for `fresh`.
@@ -79,7 +79,7 @@ def check_parameters(manifest: Manifest, code: PluginCode, overrides: Mapping[st
     """The parameters of a plugin: its manifest's, overridden by the robot's file.
 
     Raises:
-        ManifestError: naming the key and what was expected.
+        ManifestError: with the key and the expected value.
 
     """
     values, struct = {**manifest.parameters, **overrides}, code.plugin_class.Parameters

@@ -1,4 +1,4 @@
-"""Places: folders in which a robot looks for plugins, its own and those that installed distributions bring.
+"""Places: folders in which a robot searches for plugins, its own and those of installed distributions.
 
 A distribution is found by the entry-point group `robrain.plugins`. It names one of its packages whose folder is a
 place, in its pyproject.toml:
@@ -61,11 +61,11 @@ def _distribution(point: metadata.EntryPoint) -> str:
 
 
 class PluginFolders:
-    """The folders in which a robot looks for plugins.
+    """The folders in which a robot searches for plugins.
 
     Args:
         folders: of two plugins with one name the one in the later folder wins.
-        roles: by plugin: whose manifest takes its place, as the robot's file says.
+        roles: by plugin: the one whose manifest replaces it, by the robot's file.
 
     """
 
@@ -74,7 +74,7 @@ class PluginFolders:
         self._roles = dict(roles)
 
     def find(self, known: dict[Path, list[Path]] | None = None) -> dict[str, Path]:
-        """The manifests that there are, by the plugin's name; folders in `known` are not looked at again.
+        """The manifests that exist, by the plugin's name; folders in `known` are not read again.
 
         Those with a role are left out, but for the ones that `roles` names.
 

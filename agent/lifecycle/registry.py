@@ -1,4 +1,4 @@
-"""The plugins of one robot: which there are, who requires whom, who holds whom, and how they are described."""
+"""The plugins of one robot: their requirements, their holders, and their descriptions."""
 
 import zlib
 from collections import defaultdict, deque
@@ -70,7 +70,7 @@ class PluginRegistry(RobotContext):
         return {name: plugin.manifest.tag.requires for name, plugin in self.plugins.items()}
 
     def users_of(self, name: str) -> list[ManagedPlugin]:
-        """All that require a plugin, also by way of others; users before what they use."""
+        """All that require a plugin, also through others; users before their providers."""
         needed = {name}
         users = []
         for plugin in self.plugins.values():  # requirements first
@@ -102,7 +102,7 @@ class PluginRegistry(RobotContext):
         return (self.halted and isinstance(error, PluginInactive)) or bool(self.lacked_by(plugin, error))
 
     def check_requirements(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
-        """Whether what a plugin requires runs, and is of lower levels (PluginError if not)."""
+        """Whether all plugins that a plugin requires run, and are of lower levels (PluginError if not)."""
         for required in manifest.tag.requires:
             if self.is_foreign(required):
                 continue
@@ -115,10 +115,10 @@ class PluginRegistry(RobotContext):
                 )
 
     def check_fit(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
-        """Whether a plugin, edited, still fits in with what it requires, and with those that require it.
+        """Whether a plugin, edited, still fits its requirements, and the plugins that require it.
 
         Raises:
-            PluginError: a level speaks against it, or what it requires does not run.
+            PluginError: a level forbids it, or a required plugin does not run.
 
         """
         self.check_requirements(manifest, plugin_class)
@@ -157,7 +157,7 @@ Requires = Mapping[str, Sequence[str]]
 
 
 def start_order(requires: Requires) -> tuple[list[str], list[list[str]]]:
-    """The plugins, requirements first, and the circles among them, each as the way round.
+    """The plugins, requirements first, and the circles among them, each as the path round.
 
     >>> start_order({"b": ["a"], "a": []})
     (['a', 'b'], [])

@@ -1,4 +1,4 @@
-"""The start of plugins: what can start does; what cannot is left out with the reason, and so is what requires it."""
+"""The start of plugins: all that can start do; the others are skipped with the reason, with all that require them."""
 
 import logging
 from collections.abc import Callable
@@ -46,7 +46,7 @@ class Replacement:
     """Replaces the instance of one plugin.
 
     Args:
-        plugin: whose instance it is.
+        plugin: plugin of the instance.
         manifest: the plugin's, read again.
         check: whether the edited plugin fits in.
         live: as in `import_code`.
@@ -88,13 +88,13 @@ class Replacement:
             self._old.close()
 
     def give_up(self, why: str) -> Callable[[], None]:
-        """Somebody is stuck in the new instance: leave it to them and put the old one back in its place.
+        """A thread is stuck in the new instance: abandon it and restore the old one in its place.
 
         Args:
             why: the reason, for a plugin that has no instance then: they are stuck in the old one.
 
         Returns:
-            What is left to do, and may take its time.
+            The remaining work, which may be slow.
 
         """
         stage, self._stage = self._stage, _Stage.GIVEN_UP
@@ -215,7 +215,7 @@ class Starter:
         return begun
 
     def sort(self) -> None:
-        """Find the start order again, and leave out what requires itself or cannot be imported."""
+        """Find the start order again, and skip plugins that require themselves or cannot be imported."""
         registry = self._registry
         for plugin in registry.plugins.values():
             if plugin.state is PluginState.DISCOVERED:

@@ -1,4 +1,4 @@
-"""The states of a plugin, what may happen to it in each, and what is done then: one table.
+"""The states of a plugin, the possible transitions of each, and their actions: one table.
 
 Pairs that are not in the table are refused. `ManagedPlugin.apply` is the only code that changes a state.
 """
@@ -23,11 +23,11 @@ class Trigger(Enum):
     FAIL = "faulted"
     """It raised, hangs or floods; the host cleans up after it in its own step."""
     CLEAN_UP = "cleaned up after"
-    """The host sees to what has faulted."""
+    """The host handles faulted plugins."""
     LEAVE_OUT = "left out"
     """It cannot be started."""
     ABANDON = "abandoned"
-    """Somebody is stuck in its instance."""
+    """A thread is stuck in its instance."""
     RESTART = "restarted"
     """It is to be loaded again."""
     REACTIVATE = "activated again"
@@ -35,7 +35,7 @@ class Trigger(Enum):
     REJECT = "restored"
     """The instance that was to replace another has failed to start."""
     REJECT_STUCK = "restored from one that hangs"
-    """Somebody is stuck in the instance that was to replace another."""
+    """A thread is stuck in the instance that was to replace another."""
     UNLOAD = "unloaded"
     CLOSE = "closed"
     """Its host ends."""
@@ -45,11 +45,11 @@ class Effect(Enum):
     """A step of a transition; in the order of a row."""
 
     ASK = auto()
-    """Call the plugin's `deactivate`, with its lock; what it raises is raised, after all other steps."""
+    """Call the plugin's `deactivate`, with its lock; its error is raised, after all other steps."""
     ASK_FAILED = auto()
-    """As ASK, of a plugin that has failed already: what it raises is only logged."""
+    """As ASK, of a plugin that has failed already: its error is only logged."""
     RELEASE = auto()
-    """Give back what the plugin holds: other plugins, leases, observed events, tasks; end its actions."""
+    """Release the plugin's resources: other plugins, leases, observed events, tasks; end its actions."""
     END_ACTIONS = auto()
     """End its actions."""
     END_WIRE = auto()
@@ -57,13 +57,13 @@ class Effect(Enum):
     DISCARD = auto()
     """Close the instance, with all its queries and subscriptions, and have none."""
     LEAVE = auto()
-    """Leave the instance, its lock and its thread to who is stuck in it."""
+    """Leave the instance, its lock and its thread to the stuck caller."""
     REPORT = auto()
     """Have the host see to the fault."""
 
 
 class Transition(NamedTuple):
-    """The state that follows, and what is done."""
+    """The state that follows, and the actions."""
 
     to: PluginState
     steps: tuple[Effect, ...] = ()

@@ -1,4 +1,4 @@
-"""Turns: one at a time in a plugin, and nobody waits for ever for one that hangs."""
+"""Turns: one at a time in a plugin, and no caller waits for ever for one that hangs."""
 
 import sys
 import threading
@@ -17,9 +17,9 @@ class PluginLock:
     Locks are only acquired downwards: a caller that waits here is of a higher level, or comes from outside.
 
     Args:
-        plugin: whose lock it is.
+        plugin: plugin of the lock.
         limit_s: how long a step or call may take; also how long one waits for a turn.
-        clock: tells how long the plugin has been at it.
+        clock: returns how long the plugin has been in its turn.
 
     """
 
@@ -30,7 +30,7 @@ class PluginLock:
         self._now_ns = clock.now_ns
         self._lock = threading.RLock()
         self.depth = 0
-        """How often the thread that is in the plugin has taken the turn; 0 if nobody is."""
+        """How often the thread that is in the plugin has entered the turn; 0 if there is none."""
         self.caller = ""
         """The plugin that calls this one at present; empty if none does."""
         self._since_ns: int
@@ -62,7 +62,7 @@ class PluginLock:
         self._lock.release()
 
     def is_overdue(self, now_ns: int) -> bool:
-        """Whether somebody has been in the plugin for longer than the limit."""
+        """Whether a thread has been in the plugin for longer than the limit."""
         return self.depth > 0 and now_ns - self._since_ns > self._limit_ns
 
     @property
@@ -105,7 +105,7 @@ class LockstepTurn(PluginLock):
         self.depth -= 1
 
     def is_overdue(self, now_ns: int) -> bool:
-        """False: time stands still while somebody is in a plugin."""
+        """False: time does not advance while a thread is in a plugin."""
         return False
 
     def __enter__(self) -> None:

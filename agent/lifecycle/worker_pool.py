@@ -18,7 +18,7 @@ STALL_S = 0.002
 
 
 class NotBack(TimeoutError):
-    """A call has not come back in time; it goes on by itself."""
+    """A call has not come back in time; it continues by itself."""
 
 
 class WorkerPool:
@@ -26,8 +26,8 @@ class WorkerPool:
 
     Args:
         name: of the threads.
-        limit_s: how long a call is waited for, unless told otherwise; one that takes longer goes on by itself.
-        idle_s: a thread that has had nothing to do for so long ends; None keeps all.
+        limit_s: time limit of a call, unless another is given; one that takes longer continues by itself.
+        idle_s: a thread that has been idle for this long ends; None keeps all.
 
     """
 
@@ -50,7 +50,7 @@ class WorkerPool:
         """Make calls in parallel, and wait for them up to the limit.
 
         Returns:
-            What those raised that failed; NotBack for those that have not come back.
+            The errors of those that failed; NotBack for those that have not come back.
 
         """
         limit_s = self._limit_s if limit_s is None else limit_s
@@ -116,13 +116,13 @@ class WorkerPool:
                 return self._jobs.get(timeout=self._idle_s)
             except Empty:
                 with self._counting:
-                    if self._free > self._jobs.qsize():  # nobody counts on this one
+                    if self._free > self._jobs.qsize():  # no caller waits for this one
                         self._free -= 1
                         return None
 
 
 def run_in_turn(calls: Mapping[str, Call]) -> dict[str, BaseException]:
-    """Make calls one after the other, on this thread; what those raised that failed."""
+    """Make calls one after another, on this thread; returns the errors of those that failed."""
     outcomes = {name: _outcome(call) for name, call in calls.items()}
     return {name: error for name, error in outcomes.items() if error is not None}
 

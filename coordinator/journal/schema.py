@@ -101,7 +101,7 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
     """Bring a journal to the schema of today; returns which it had (0 for a new file).
 
     Raises:
-        JournalError: it is a database of another program, or of a newer robrain; it is left as it is.
+        JournalError: it is of another program or a newer robrain, and stays as it is.
         sqlite3.Error: it is damaged, locked, or cannot be written.
 
     """
