@@ -19,7 +19,7 @@ from robrain.dashboard.state.parts import parts_of, topics_of_parts
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.wire.endpoint import Endpoint
 
-if TYPE_CHECKING:  # loads what compares recordings
+if TYPE_CHECKING:  # loads the comparison of recordings
     from robrain.dashboard.panels.what_if import ForkRunner
 
 logger = logging.getLogger(__name__)
@@ -47,8 +47,8 @@ class Dashboard:
 
     Args:
         team: endpoint of a live team; or a recording.
-        host: address to serve the page on. There is no log-in: anyone who reaches it can halt and resume the team.
-        port: 0 takes a free one.
+        host: address to serve the page on. There is no log-in: any client that reaches it can halt and resume the team.
+        port: 0 uses a free one.
         forks: of a recording: runs it otherwise from the time shown; the dashboard closes it.
 
     Raises:
@@ -97,7 +97,7 @@ class Dashboard:
         return f"http://{host}:{self._server.get_port()}"
 
     def step(self, now_s: float) -> None:
-        """Process what arrived and draw what changed; waits neither for the team nor for a browser.
+        """Process arrived messages and draw the changes; waits neither for the team nor for a browser.
 
         Args:
             now_s: seconds of a monotonic clock.
@@ -132,7 +132,7 @@ class Dashboard:
         close_server(self._server)
 
     def _find_needed_layers(self) -> None:
-        """Draw only the layers that a browser shows; without a browser, those that are shown at first."""
+        """Draw only the layers that a browser shows; without a browser, the layers that are shown at first."""
         seen = {switch.layer for page in self._pages.values() for switch in page.switches if switch.shown}
         for layer in self._scene.layers:
             layer.needed = layer in seen if self._pages else layer.wanted
@@ -144,7 +144,7 @@ class Dashboard:
         try:
             with page.client.atomic():
                 page.step(now_s)
-        except Exception:  # viser may raise anything; other browsers must not notice
+        except Exception:  # viser may raise any exception; other browsers must not be affected
             pause_s = page.retry.fail(now_s)
             logger.exception("a browser's page cannot be updated; next try in %.0f s", pause_s)
             page.release()
@@ -163,7 +163,7 @@ class Dashboard:
             try:
                 with client.atomic():
                     self._pages[client.client_id] = ClientPage(client, self._context)
-            except Exception:  # viser may raise anything; other browsers must not notice
+            except Exception:  # viser may raise any exception; other browsers must not be affected
                 logger.exception("a browser's page cannot be built; reload it")
 
     def _click(self, event: viser.SceneClickEvent) -> None:
@@ -192,7 +192,7 @@ def run_dashboard(
     Args:
         team: endpoint of a live team, which stays open; or a recording, which is closed.
         host: address to serve on.
-        port: 0 takes a free one.
+        port: 0 uses a free one.
         on_ready: called with the page's address once it is served.
         should_stop: called before each step.
         forks: of a recording: runs it otherwise from the time shown; closed at the end.

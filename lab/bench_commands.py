@@ -17,7 +17,7 @@ BENCHES = {
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
     "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
 }
-"""Name, and what it measures."""
+"""Name, and subject of the measurement."""
 
 bench_app = typer.Typer(
     rich_help_panel=SIMULATE,

@@ -39,7 +39,7 @@ TASK_STATES: dict[TaskState, tuple[str, str]] = {
 CLOSE_MARK = '<div class="rb-close-mark"></div>'
 """Marks the close button of a window, which follows it; Escape presses that button."""
 Tile = tuple[str, str, str, str]
-"""A figure with its label: label, `data-testid`, value, and its kind: good, warn, bad or nothing."""
+"""A figure with its label: label, `data-testid`, value, and its kind: good, warn, bad or empty."""
 
 
 def render(template: str, macro: str, **values: object) -> str:

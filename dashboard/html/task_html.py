@@ -31,7 +31,7 @@ def short_id(task_id: str) -> str:
 
 
 def queue_html(view: ShownTeam, *, is_live: bool, done: int = 0) -> str:
-    """Open tasks, then those that ended last; `done` is the number that the team reports as done."""
+    """Open tasks, then the tasks that ended last; `done` is the number that the team reports as done."""
     open_tasks = list(view.tasks.values())[-OPEN_ROWS:][::-1]
     open_tasks.sort(key=lambda event: (event.task.kind == "explore", event.state is not TaskState.RUNNING))
     ended = [event for event in list(view.board.ended)[::-1] if event.task.kind != "explore"][:ENDED_ROWS]

@@ -1,6 +1,6 @@
 """The team's strip, figures and tables as HTML; templates in `templates/team.html`.
 
-Values carry `data-testid` so that browser tests, and people's own scripts, can read them.
+Values carry `data-testid` so that browser tests, and users' scripts, can read them.
 """
 
 import math
@@ -44,7 +44,7 @@ def by_name(named: Iterable[NamedT]) -> list[NamedT]:
 
 
 def acknowledgements(view: ShownTeam) -> tuple[list[str], list[str]]:
-    """Names of the robots that have stopped, and of those that have not confirmed it, lost ones included; sorted."""
+    """Names of the robots that have stopped, and of robots that have not confirmed it, lost ones included; sorted."""
     robots = by_name(view.robots.values())
     stopped = [robot.name for robot in robots if robot.state is not None and robot.state.has_stopped]
     missing = [robot.name for robot in robots if robot.state is None or not robot.state.has_stopped]

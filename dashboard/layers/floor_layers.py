@@ -77,7 +77,7 @@ class FieldLayer(Layer):
     def __init__(self, scene: viser.SceneApi) -> None:
         super().__init__(scene)
         self.range: tuple[str, float, float] | None = None
-        """Quantity, lowest and highest value of what is drawn; for a legend."""
+        """Quantity, lowest and highest value of the drawn field; for a legend."""
         self._picture = FloorPicture(scene, self.node("picture"))
 
     def _draw(self, view: ShownTeam, now_s: float) -> None:
@@ -152,7 +152,7 @@ NO_WAY = frozenset({LeftKind.TOO_NARROW, LeftKind.UNREACHABLE})
 
 
 class LeftLayer(MeshLayer):
-    """Regions that exploration has left, once it has ended; others than those that robots can never enter are amber."""
+    """Unexplored regions, once exploration has ended; regions that robots could enter are amber."""
 
     name, label, period_s = "left", "Left unexplored", 1.0
 

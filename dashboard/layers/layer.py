@@ -28,7 +28,7 @@ FIRST_RETRY_S, LONGEST_RETRY_S = 5.0, 300.0
 
 MANY_ROBOTS = 25
 SLOWER = 3.0
-"""Factor of all periods for a larger team: nobody can watch each robot, and a browser has much to draw."""
+"""Factor of all periods for a larger team: no person can watch each robot, and a browser has much to draw."""
 
 
 class Layer(ABC):
@@ -78,7 +78,7 @@ class Layer(ABC):
         return self.retry.failures > 0
 
     def draw(self, view: ShownTeam, now_s: float) -> None:
-        """Draw what changed, if drawing is due.
+        """Draw the changes, if drawing is due.
 
         A layer that fails is hidden and retried later, so that the page and its halt keep working.
         """
@@ -89,7 +89,7 @@ class Layer(ABC):
         self._drawn_s = now_s
         try:
             self._draw(view, now_s)
-        except Exception:  # viser may raise anything; the page and its halt must keep working
+        except Exception:  # viser may raise any exception; the page and its halt must keep working
             pause_s = self.retry.fail(now_s)
             logger.exception("the layer %s cannot be drawn; it is hidden, next try in %.0f s", self.label, pause_s)
         else:
@@ -120,7 +120,7 @@ class OwnLayer(Layer):
     focus = Focus()
 
     def draw_for(self, focus: Focus, view: ShownTeam, now_s: float) -> None:
-        """Draw what changed, if drawing is due; at once if the selection or the zoom state changed."""
+        """Draw the changes, if drawing is due; at once if the selection or the zoom state changed."""
         if focus.is_another(self.focus):
             self.hurry()
         self.focus = focus
@@ -179,7 +179,7 @@ class LayerSwitch:
         self._show()
 
     def draw(self, view: ShownTeam, focus: Focus, now_s: float) -> None:
-        """Draw the browser's own layer, and hide what could not be drawn."""
+        """Draw the browser's own layer, and hide it if that fails."""
         self._show()
         if self._own is not None:
             self._own.draw_for(focus, view, now_s)

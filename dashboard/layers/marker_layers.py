@@ -37,7 +37,7 @@ class ChargerLayer(MeshLayer):
 
 
 class TaskLayer(MeshLayer):
-    """Open tasks that somebody asked for: a flag waits for a robot, a pin in a robot's colour has one."""
+    """Open tasks requested by a client: a flag waits for a robot, a pin in a robot's colour has one."""
 
     name, label, period_s = "tasks", "Tasks", 0.5
 
@@ -167,7 +167,7 @@ class ScanLayer(OwnLayer):
 
 
 def scan_points(robot: ShownRobot) -> Rows:
-    """Ends of the beams that hit something, float32 (N, 3), metres, arena frame."""
+    """Ends of the beams with a hit, float32 (N, 3), metres, arena frame."""
     pose = robot.pose_at(robot.scan.stamp_ns) if robot.scan is not None else None
     if robot.scan is None or pose is None:
         return np.empty((0, 3), np.float32)

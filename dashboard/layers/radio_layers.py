@@ -1,4 +1,4 @@
-"""Radio links as lines: which robots and motes hear each other, how well, and which robots are relays.
+"""Radio links as lines: connected robots and motes, the quality of each link, and the relays.
 
 A stronger link is wider, and a weaker one has shorter dashes, so that they are distinguishable without colours.
 """
@@ -23,7 +23,7 @@ STRONG_DBM, WEAK_DBM = -80.0, -87.0
 RELAY_M = 0.14
 ROUTE_M = 0.09
 ROUTE_TIP_M = 0.02
-"""A route is wide at the mote that sends and narrow at the one that takes."""
+"""A route is wide at the mote that sends and narrow at the receiver."""
 ROUTES = 600
 TEAM_WIDER = 1.8
 """Factor of the width of motes' links: over the team's links its own messages can be relayed."""
@@ -31,7 +31,7 @@ LINKS = 600
 DASHES = 30
 ALL_DASHES = 1200
 OPACITY = 0.6
-"""Links are always shown, so they are paler than what moves."""
+"""Links are always shown, so they are paler than moving objects."""
 
 
 class LinkStyle(NamedTuple):
@@ -104,7 +104,7 @@ def link_meshes(links: list[DrawnLink], z_m: float, widen: float, wider: float =
 
 
 def taper(start: Point2D, end: Point2D, z_m: float, widen: float) -> Mesh:
-    """A flat strip that narrows towards its end: where something goes."""
+    """A flat strip that narrows towards its end: the direction of a flow."""
     length_m = max(start.distance_m(end), 1e-9)
     across_x, across_y = (start.y_m - end.y_m) / length_m, (end.x_m - start.x_m) / length_m
     corners = []

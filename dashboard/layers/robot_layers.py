@@ -31,7 +31,7 @@ LARGEST_M = 50.0
 
 
 class RobotLayer(Layer):
-    """All bodies as one batched mesh, rims and noses as two more; those lost are grey, those halted rimmed in red.
+    """All bodies as one batched mesh, rims and noses as two more; lost robots are grey, halted ones rimmed in red.
 
     Robots of a large team are darts instead: each batched mesh costs its share of the browser's frames.
     """

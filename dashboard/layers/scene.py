@@ -53,7 +53,7 @@ class Scene:
         self._set_initial_camera()
 
     def draw(self, view: ShownTeam, now_s: float) -> None:
-        """Draw what changed."""
+        """Draw the changes."""
         is_another = view is not self._view
         self._view = view
         for layer in self.layers:
@@ -77,7 +77,7 @@ class Scene:
         self._move(client, camera.TOP_ELEVATION_RAD)
 
     def keep_framed(self, client: viser.ClientHandle) -> None:
-        """Frame a new map, or the same one if the window's aspect ratio changed and nobody moved the camera."""
+        """Frame a new map, or the same one if the window's aspect ratio changed and no user moved the camera."""
         framed = self._framed.get(client.client_id)
         if framed is None:
             return

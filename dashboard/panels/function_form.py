@@ -28,7 +28,7 @@ class FieldKind(StrEnum):
     TEXT = "string"
     CHOICE = "choice"
     JSON = "json"
-    """Anything else, as JSON."""
+    """Any other value, as JSON."""
 
 
 JSON_TYPES = (FieldKind.NUMBER, FieldKind.INTEGER, FieldKind.BOOLEAN, FieldKind.TEXT)

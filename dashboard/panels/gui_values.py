@@ -33,7 +33,7 @@ def set_visible(handle: Any, visible: bool) -> None:
 
 
 def on_choice(handle: viser.GuiInputHandle[Any], act: Callable[[Any], None]) -> None:
-    """Call `act` on viser's thread with each value that a person chooses, but not with those that code sets."""
+    """Call `act` on viser's thread with each value that a person chooses, but not with values that code sets."""
 
     @handle.on_update
     def _(event: viser.GuiEvent[Any]) -> None:

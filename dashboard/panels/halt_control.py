@@ -1,8 +1,8 @@
 """The emergency halt: one click or the key H halts the team; resuming needs a confirmation.
 
 `page.js` draws the button, because viser's panels lie below viser's windows. It triggers the same command as the key.
-Commands run on viser's threads, not in the dashboard's step, so that a halt is sent at once whatever the dashboard is
-drawing or querying.
+Commands run on viser's threads, not in the dashboard's step. A halt is thus sent at once, also while the dashboard
+draws or waits for queries.
 """
 
 import threading
@@ -60,7 +60,7 @@ class HaltControl(Panel):
         return {"resume": lambda _: self.ask_to_resume(client)}
 
     def draw(self, view: ShownTeam, now_s: float) -> None:
-        """Show which robots have stopped, twice a second, with a new beat each time: it tells pages that this runs."""
+        """Show the stopped robots, twice a second, with a new beat each time: pages see by it that this runs."""
         self._connected = view.connected
         if self._drawn_s is not None and now_s - self._drawn_s < PERIOD_S:
             return

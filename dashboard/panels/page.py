@@ -105,7 +105,7 @@ class ClientPage:
         self.context.scene.forget(self.client.client_id)
 
     def release(self) -> None:
-        """Release what this browser holds, as a robot that it drives."""
+        """Release resources of this browser, such as a robot that it drives."""
         for tab in self._tabs:
             tab.close()
 

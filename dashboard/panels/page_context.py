@@ -1,4 +1,4 @@
-"""Tabs and panels of a page, and what they use: the browser's page, what all pages share, and periodic queries."""
+"""Tabs and panels of a page, and their resources: the browser's page, all pages' shared state, and queries."""
 
 import contextlib
 from collections.abc import Callable, Collection, Mapping
@@ -25,7 +25,7 @@ from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
 from robrain.protocol.wire.endpoint import Endpoint
 
-if TYPE_CHECKING:  # loads what compares recordings
+if TYPE_CHECKING:  # loads the comparison of recordings
     from robrain.dashboard.panels.what_if import ForkRunner
 
 BY = "operator:dashboard"
@@ -62,7 +62,7 @@ class Inquiries:
         self._planning_s: float | None = None
 
     def step(self, selected: Collection[str], now_s: float) -> None:
-        """Ask what is due."""
+        """Send due queries."""
         for robot in selected:
             known = self._plugins.setdefault(robot, PluginsOf())
             if not known.waiting and (known.asked_s is None or now_s - known.asked_s >= PLUGINS_S):
@@ -189,7 +189,7 @@ class Tab:
         raise NotImplementedError
 
     def step(self) -> None:
-        """Do what must not wait for the next `draw`; called about ten times a second."""
+        """Do work that must not wait for the next `draw`; called about ten times a second."""
 
     def hurry(self) -> None:
         """Update everything at the next `draw`, even if that is before it is due."""
@@ -206,7 +206,7 @@ class Tab:
         return NO_ACTIONS
 
     def close(self) -> None:
-        """Release what belongs to the browser: it has disconnected, or its page cannot be updated."""
+        """Release resources of the browser: it has disconnected, or its page cannot be updated."""
 
 
 @dataclass
@@ -242,4 +242,4 @@ class Panel:
         return NO_ACTIONS
 
     def close(self) -> None:
-        """Stop what runs."""
+        """Stop running queries and processes."""

@@ -11,7 +11,7 @@ from robrain.dashboard.replay.replay_index import Mark
 from robrain.dashboard.replay.replay_source import SPEEDS, ReplaySource
 from robrain.dashboard.state.shown_team import ShownTeam
 
-if TYPE_CHECKING:  # loads what compares recordings
+if TYPE_CHECKING:  # loads the comparison of recordings
     from robrain.dashboard.panels.what_if import ForkRunner, WhatIfTab
 
 WIDTH_PX = 560
@@ -30,8 +30,9 @@ class ReplayBar(Panel):
         self._source = source
         self._drawn_s: float | None = None
         self._shown_s = 0.0
-        """Last value of the slider that was set or taken. If it differs, somebody has moved it, and `_slid` is about to
-        be called: setting it back would undo that."""
+        """Last value of the slider that was set or taken. If it differs, the user has moved it, and `_slid` is about to
+        be called: setting it back would undo that.
+        """
         gui = server.gui
         panel = gui.add_panel(order=0)
         duration_s = max(source.player.duration_s, 0.1)

@@ -80,7 +80,7 @@ class HandDrive:
             self._arm()
 
     def step(self) -> None:
-        """Show how the drive goes; it goes on without this."""
+        """Show the state of the drive; it continues without this."""
         pilot = self._pilot
         if pilot is None or not pilot.told or pilot.told == self._shown:
             return

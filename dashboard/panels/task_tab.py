@@ -179,7 +179,7 @@ class TaskTab(Tab):
         if status is None:
             set_html(self._planning, "")
             return
-        if status.objective != self._known_objective:  # else keep what somebody has just chosen
+        if status.objective != self._known_objective:  # else keep the user's last choice
             self._known_objective = status.objective
             set_value(self._objective, status.objective)
         set_html(self._planning, render("tasks", "planning", status=status))

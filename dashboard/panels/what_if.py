@@ -40,7 +40,7 @@ class ForkState(NamedTuple):
     url: str = ""
     """Page that replays it; empty until it is served."""
     runs: TwoRuns | None = None
-    """Both runs beside each other, once it has ended."""
+    """Both runs beside each other, once the fork has ended."""
 
 
 class ForkRunner(Protocol):
@@ -106,7 +106,7 @@ class WhatIfTab:
         self._button.on_click(lambda _: self._asked.append(self._press))
 
     def draw(self) -> None:
-        """Do what was asked for, and show how the fork is doing."""
+        """Start a requested fork, and show the state of the fork."""
         if self._button is None:
             return
         while self._asked:
@@ -120,7 +120,7 @@ class WhatIfTab:
         set_html(self._outcome, html)
 
     def close(self) -> None:
-        """Stop what runs."""
+        """Stop a running fork."""
         self._forks.close()
 
     def _press(self) -> None:

@@ -27,7 +27,7 @@ def write_html(
     Args:
         recording: an MCAP file.
         path: a file that does not exist yet.
-        on_progress: told the share that is done, 0 to 1.
+        on_progress: called with the share that is done, 0 to 1.
         frames_max: maximum number of frames.
 
     Raises:
@@ -43,7 +43,7 @@ def write_html(
 def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tuple[str, int]:
     frame_s = max(FRAME_S, player.duration_s / frames_max)
     frames = max(int(player.duration_s / frame_s), 1)
-    # The scene is made by a server that nobody calls, on a port that nobody knows.
+    # The scene is made by a server without clients, on a port that is not published.
     server = open_server("127.0.0.1", 0)
     try:
         scene, view, decoder = Scene(server), ShownTeam(), MessageDecoder()
@@ -68,7 +68,7 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
 
 
 def _frame(scene: Scene, player: Player, decoder: MessageDecoder) -> None:
-    """Point the camera at the whole map, of which the first frame knows nothing; viser's player does so only once."""
+    """Point the camera at the whole map, which the first frame does not have; viser's player does so only once."""
     end = ShownTeam()
     for recorded in player.seek(player.duration_s):
         received = decoder.decode(recorded)

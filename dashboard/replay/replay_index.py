@@ -20,7 +20,7 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table import topics
 from robrain.protocol.table.topic import Topic
 
-if TYPE_CHECKING:  # loads what reads recordings
+if TYPE_CHECKING:  # loads the reader of recordings
     from robrain.recording.reader.reading import RecordedMessage
 
 MARKS = 400
@@ -39,7 +39,7 @@ class Mark(NamedTuple):
 
 
 class MessageDecoder:
-    """Decodes recorded messages; those of unknown topics and those that do not decode are left out."""
+    """Decodes recorded messages; messages of unknown topics and messages that do not decode are skipped."""
 
     def __init__(self) -> None:
         self._topics: dict[str, tuple[Topic[Any], dict[str, str]] | None] = {}

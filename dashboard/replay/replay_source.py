@@ -67,7 +67,7 @@ class ReplaySource:
         return self._index.robots
 
     def receive(self, now_s: float) -> None:
-        """Process what has become due."""
+        """Process due messages."""
         while self._asked:
             self._asked.popleft()(now_s)
         self._age(now_s)

@@ -12,9 +12,9 @@ FOV_RAD = math.radians(45)
 """Vertical field of view; narrower than viser's 75°, which bends a floor plan."""
 OVERVIEW_ELEVATION_RAD = math.radians(58)
 TOP_ELEVATION_RAD = math.radians(89.5)
-"""Not quite 90°, where the camera would not know which way is up; so that +y is up on the screen."""
+"""Slightly below 90°, where the camera has no up direction; so that +y is up on the screen."""
 FILL = 0.92
-"""Share of the picture that the map may take."""
+"""Share of the picture that the map may fill."""
 
 Bounds = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max; metres, arena frame."""

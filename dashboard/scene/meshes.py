@@ -1,4 +1,4 @@
-"""Triangles of what stands on the floor: vertices float32 (V, 3) in metres, faces uint32 (F, 3)."""
+"""Triangles of an object on the floor: vertices float32 (V, 3) in metres, faces uint32 (F, 3)."""
 
 import math
 from collections.abc import Sequence

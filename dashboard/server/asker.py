@@ -30,7 +30,7 @@ class QueryOutcome(Generic[R]):
         """The reply.
 
         Raises:
-            ValueError: there is none; the text says why.
+            ValueError: there is none; the text gives the reason.
 
         """
         if self.error or self.known is None:
@@ -84,6 +84,6 @@ class Asker:
             then(answer)
 
     def close(self) -> None:
-        """Ask no more; returns when queries under way are answered or have timed out."""
+        """Send no more queries; returns when queries under way are answered or have timed out."""
         self._endpoint = None
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -59,7 +59,7 @@ class HandPilot:
     def __init__(self, control: HandControl, robot: str) -> None:
         self.robot = robot
         self.told = ""
-        """How it goes, in words; empty before anything was pressed."""
+        """State of the drive, in words; empty before the first key."""
         self.has_failed = False
         self._control = control
         self._lock = threading.Lock()
@@ -76,7 +76,7 @@ class HandPilot:
 
         Args:
             button: which one.
-            velocity: what it asks for.
+            velocity: query for the drive.
             now_s: seconds of the monotonic clock.
 
         """
@@ -86,7 +86,7 @@ class HandPilot:
         self._pressed.set()
 
     def end(self) -> None:
-        """Give the robot back; waits for nothing."""
+        """Release the robot; waits for no answer."""
         with self._lock:
             self._ended.set()
             self._held.clear()
@@ -123,4 +123,4 @@ class HandPilot:
             else:
                 self._pressed.wait()
                 self._pressed.clear()
-        self.step(time.monotonic())  # nothing is held any more: the robot is given back
+        self.step(time.monotonic())  # no key is held any more: the robot is released

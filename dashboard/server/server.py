@@ -31,7 +31,7 @@ _swapping = threading.Lock()
 
 
 class PageGuard:
-    """Stands before viser's own handler of requests: refuses strangers, and serves the page with what we add to it.
+    """Runs before viser's own handler of requests: refuses strangers, and serves the page with our additions.
 
     Args:
         host: the address that is listened at; it may be asked for by this name, too.
@@ -45,7 +45,7 @@ class PageGuard:
         self.is_installed = False
         bare = f"[{host}]" if ":" in host else host
         self._names = {*LOOPBACK_NAMES, bare.lower()}
-        # Only scripts with the nonce run: what slips through as markup is then still no program.
+        # Only scripts with the nonce run: injected markup is then still no program.
         nonce = secrets.token_urlsafe(16)
         page = resources.files("viser").joinpath("client/build/index.html").read_text(encoding="utf-8")
         page = page.replace('e.type="module";', f'e.type="module";e.nonce="{nonce}";')
@@ -70,7 +70,7 @@ class PageGuard:
 
     @contextlib.contextmanager
     def installed(self) -> Iterator[None]:
-        """While this lasts, a server that viser starts has the guard before it; viser has no way to hand it in."""
+        """Within the block, a server that viser starts has the guard before it; viser has no parameter for it."""
         serve = websockets.asyncio.server.serve
 
         def guarded(*arguments: Any, process_request: ProcessRequest, **options: Any) -> Any:
@@ -160,7 +160,7 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
 
     Raises:
         PortTaken: another process listens on that port.
-        WireError: `host` is not an address of this computer, or this viser takes no guard.
+        WireError: `host` is not an address of this computer, or this viser accepts no guard.
     """
     _check_free(host, port)
     # A browser may disconnect at any moment; a message to it then is no mistake.
@@ -185,7 +185,8 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
 def page_head(*, has_halt: bool) -> str:
     """HTML for the head of viser's page: a style, and a script that makes keys and rows of tables work.
 
-    viser's own elements report neither a click on a row nor a held key; `page.js` turns both into what they report.
+    viser's own elements report neither a click on a row nor a held key; `page.js` turns both into events that they
+    report.
 
     Args:
         has_halt: add the halt button; a recording has none.
@@ -209,7 +210,7 @@ def close_server(server: viser.ViserServer) -> None:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress what viser prints when it starts and stops; it has no option for that."""
+    """Suppress viser's output when it starts and stops; it has no option for that."""
     console = rich.get_console()
     before = console.quiet
     console.quiet = True

@@ -1,1 +1,1 @@
-"""The state of the team as the dashboard knows it; no browser."""
+"""The dashboard's state of the team; no browser."""

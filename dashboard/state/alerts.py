@@ -56,7 +56,7 @@ def alerts_of(view: ShownTeam, now_s: float) -> list[Alert]:
 
 
 def _of_tasks(team: TeamState) -> list[Alert]:
-    """Alerts for a coordinator that takes no tasks, or offers none."""
+    """Alerts for a coordinator that accepts no tasks, or offers none."""
     found: list[Alert] = []
     if team.unwritable:
         found.append(Alert(AlertLevel.BAD, "Coordinator", f"takes no tasks: {team.unwritable}"))

@@ -30,7 +30,7 @@ class Focus(NamedTuple):
 
 
 def motes_in_focus(view: ShownTeam, focus: Focus) -> list[ShownMote]:
-    """The selected mote, motes that the selected robot hears, then visible ones, nearest first; at most `MOTES`."""
+    """The selected mote, motes in reach of the selected robot, then visible ones, nearest first; at most `MOTES`."""
     robot = view.robots.get(focus.robot) if focus.chosen else None
     received = {link.peer for link in robot.links if not link.is_robot} if robot is not None else set()
     found: list[tuple[float, str]] = []

@@ -67,8 +67,8 @@ class MapLoading:
 
 
 def load(patch: MapPatch) -> None:
-    """Load what merges a patch."""
-    with contextlib.suppress(ValueError):  # the view that it is meant for refuses it as well, and says so
+    """Load the merge of patches."""
+    with contextlib.suppress(ValueError):  # its view refuses it as well, and reports it
         ComposedMap().merge(patch)
 
 
@@ -85,7 +85,7 @@ class LiveSource:
 
     Args:
         endpoint: of the team; its owner closes it.
-        topics: to listen to beside those that the view knows.
+        topics: topics to subscribe to beside those of the view.
 
     """
 
@@ -105,7 +105,7 @@ class LiveSource:
         self._coordinator = endpoint.watch(COORDINATOR_ALIVE)
 
     def receive(self, now_s: float) -> None:
-        """Process what has arrived; never waits for the team."""
+        """Process arrived messages; never waits for the team."""
         self._check_link(now_s)
         come = [change.names["robot"] for change in self._robots.changes() if self.view.apply_presence(change)]
         for robot in come:
@@ -132,7 +132,7 @@ class LiveSource:
         self._loading.close()
 
     def _check_link(self, now_s: float) -> None:
-        """Tell a lost link from absent robots: a client that loses its router sees all tokens vanish."""
+        """Distinguish a lost link from absent robots: a client that loses its router sees all tokens vanish."""
         if self._linked_s is not None and now_s - self._linked_s < LINK_PERIOD_S:
             return
         self._linked_s = now_s
@@ -158,7 +158,7 @@ class MapFetcher:
             self._pool.submit(self._fetch, robot)
 
     def close(self) -> None:
-        """Ask no more; returns within about a second if a query is under way."""
+        """Send no more queries; returns within about a second if a query is under way."""
         self._stopping.set()
         self._pool.shutdown(wait=True, cancel_futures=True)
 

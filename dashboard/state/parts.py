@@ -46,12 +46,12 @@ STOCK = {
     "halt": f"{_PANELS}.halt_control:HaltControl",
     "replay": f"{_PANELS}.replay_bar:ReplayBar",
 }
-"""Those of robrain, in the order in which the page shows them."""
+"""robrain's own parts, in the order in which the page shows them."""
 DASHBOARD_PARTS: Registry[type] = Registry("dashboard part", "robrain.dashboard_parts", STOCK)
 
 
 def parts_of(kind: type[PartT]) -> list[type[PartT]]:
-    """The parts derived from a class, those of robrain first; one that cannot be imported is skipped, and logged."""
+    """The parts derived from a class, robrain's own first; a part that cannot be imported is skipped, and logged."""
     found: list[type[PartT]] = []
     for name in [*STOCK, *(name for name in DASHBOARD_PARTS.names if name not in STOCK)]:
         try:

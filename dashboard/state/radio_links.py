@@ -20,7 +20,7 @@ class DrawnLink(NamedTuple):
 
 
 def best_links(view: ShownTeam, motes: Iterable[ShownMote]) -> list[DrawnLink]:
-    """The strongest of the newest links of each of these motes; drawing all links would hide everything else."""
+    """The strongest of the newest links of each of these motes; drawing all links would hide all other objects."""
     found = []
     for mote in motes:
         link = max(mote.links.values(), key=lambda link: (link.stamp_ns, link.rssi_dbm), default=None)
@@ -31,7 +31,7 @@ def best_links(view: ShownTeam, motes: Iterable[ShownMote]) -> list[DrawnLink]:
 
 
 def links_of_robot(view: ShownTeam, name: str, now_s: float) -> list[DrawnLink]:
-    """All that a robot hears: motes by its base station's list or by their readings, and other robots."""
+    """All links of a robot: motes by its base station's list or by their readings, and other robots."""
     here = place_of_robot(view, name)
     if here is None:
         return []
@@ -81,7 +81,7 @@ def team_links(view: ShownTeam, now_s: float) -> list[DrawnLink]:
 def spanning_forest(pairs: Mapping[tuple[str, str], float]) -> dict[tuple[str, str], float]:
     """The pairs of a maximum spanning forest, strongest first (Kruskal 1956).
 
-    Own code for ten lines: SciPy's takes as long to load as the rest of the page's scene.
+    Own code for ten lines: SciPy's needs as long to load as the rest of the page's scene.
     """
     group = {name: name for pair in pairs for name in pair}
     forest = {}
@@ -112,7 +112,7 @@ def robot_pairs(view: ShownTeam, now_s: float) -> dict[tuple[str, str], float]:
 
 
 def mote_routes(view: ShownTeam) -> list[tuple[Point2D, Point2D]]:
-    """From each mote to the mote or gateway that takes its readings, according to its latest reading."""
+    """From each mote to the mote or gateway that receives its readings, according to its latest reading."""
     lines = []
     for mote in view.motes.values():
         following = view.motes.get(mote.next_hop)

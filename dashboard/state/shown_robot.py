@@ -47,7 +47,7 @@ class RobotHealth(StrEnum):
     FAULTED = "faulted"
     """A plugin of it does not run."""
     ASTRAY = "astray"
-    """It does not know where it is."""
+    """It does not know its pose."""
     READY = "ready"
     """It waits at its start for the run to begin."""
     UP = "up"
@@ -90,7 +90,7 @@ class ShownRobot:
 
     @property
     def has_gone(self) -> bool:
-        """Whether it has left the network, and the coordinator has said so."""
+        """Whether it has left the network, by the coordinator's report."""
         return not self.present and self.summary is not None and isinstance(self.summary.out, Gone)
 
     @property
@@ -165,9 +165,9 @@ class ShownMote:
     readings: dict[str, MoteReading] = field(default_factory=dict)
     """The latest reading of each quantity."""
     links: dict[str, MoteReading] = field(default_factory=dict)
-    """The latest reading that each robot or gateway has heard from it."""
+    """The latest reading that each robot or gateway has received from it."""
     next_hop: str = ""
-    """The mote that passes its readings on, or the gateway that hears it; empty if a robot hears it."""
+    """The mote that forwards its readings, or the gateway that receives it; empty if a robot receives it."""
 
     @property
     def latest(self) -> MoteReading | None:

@@ -76,7 +76,7 @@ class RateMeter:
 
 
 class FloorVersion(NamedTuple):
-    """Changes with everything that the drawn floor shows."""
+    """Changes with each part of the drawn floor."""
 
     run: int
     map: int
@@ -315,7 +315,7 @@ class ShownTeam:
 
     def _handle_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
         name = names["recorder"]
-        if name not in self.recorders:  # it follows those that have ended without a word
+        if name not in self.recorders:  # it follows tasks that have ended without a report
             self.recorders = {other: view for other, view in self.recorders.items() if not view.is_silent(now_s)}
         if name in self.recorders or len(self.recorders) < RECORDERS:
             self.recorders.setdefault(name, ShownRecorder(name)).handle(state, now_s)

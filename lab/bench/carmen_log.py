@@ -24,13 +24,13 @@ LINE_BYTES_MAX = 1 << 17
 LINES_MAX = 1_000_000
 BEAMS_MIN, BEAMS_MAX = 2, 4096
 RANGE_MAX_M = 80.0
-"""FLASER does not say how far its lidar sees; those of SICK tell 81.9 m where they measured nothing."""
+"""FLASER does not give the lidar's range; SICK lidars report 81.9 m for a beam without a return."""
 PLACE_MAX_M, STAMP_MAX_S = 1e6, 1e10
 DURATION_MAX_S = 6 * 3600.0
 
 
 class LoggedScan(msgspec.Struct, frozen=True, eq=False):
-    """One turn of the lidar; ranges (N,) of 0 are beams of which nothing is known."""
+    """One turn of the lidar; ranges (N,) of 0 are beams without data."""
 
     angles_rad: NDArray[np.float64]
     ranges_m: NDArray[np.float64]
@@ -38,7 +38,7 @@ class LoggedScan(msgspec.Struct, frozen=True, eq=False):
 
 
 class LogEntry(msgspec.Struct, frozen=True, eq=False):
-    """Where the odometry had the robot, and what the lidar saw from there, if it did."""
+    """The robot's pose by odometry, and the lidar's scan from there, if there is one."""
 
     stamp_s: float
     """Of the log's clock; the stamp of the measurement, not of the logger."""
@@ -66,8 +66,8 @@ class CarmenLog(msgspec.Struct, frozen=True, eq=False):
 def read_carmen_log(path: Path) -> CarmenLog:
     """Read a log.
 
-    The pose of a scan is that of the lidar by odometry, so that the lidar is at the centre of what is localised.
-    Entries are sorted by stamp: some loggers wrote them in another order.
+    The pose of a scan is that of the lidar by odometry, so that the localised body has the lidar at its centre. Entries
+    are sorted by stamp: some loggers wrote them in another order.
 
     Raises:
         LogError: the file cannot be read, is too large, a line is wrong, or there are not two scans in it.
@@ -129,7 +129,7 @@ def _entry(path: Path, number: int, line: str) -> LogEntry | None:
 
 
 class _Words:
-    """The words of a line, taken one after the other; ValueError for what cannot be."""
+    """The words of a line, read one after the other; ValueError for an impossible value."""
 
     def __init__(self, words: list[str]) -> None:
         self._words = words
@@ -201,7 +201,7 @@ def _odom(words: _Words) -> LogEntry:
 
 
 def _scan(start_rad: float, step_rad: float, ranges_m: NDArray[np.float64], range_max_m: float) -> LoggedScan:
-    # A real lidar that tells no range has seen something dark, slanting or too near as often as nothing at all.
+    # A missing range of a real lidar means a dark, slanting or near surface as often as no surface.
     known_m = np.where(ranges_m < range_max_m, ranges_m, 0.0)
     angles_rad = start_rad + step_rad * np.arange(len(ranges_m), dtype=np.float64)
     return LoggedScan(angles_rad, known_m, range_max_m)

@@ -133,7 +133,7 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
     """Period in which robots may be given another goal; None: as planning has it."""
     time_limit_s: float = 900.0
     with_sight: bool = False
-    """Whether `sight_s` is computed, which takes some seconds."""
+    """Whether `sight_s` is computed, which needs some seconds."""
 
     def scenario(self) -> Scenario:
         """The scenario of the run (RobrainError if the map cannot be read)."""
@@ -156,13 +156,13 @@ class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
     why_not: str = ""
     """Why it could not be run; then the other fields are empty."""
     explored_percent_s: dict[int, float] = {}
-    """Simulated time at which 90, 95 and 99 % were known; without those that were not reached."""
+    """Simulated time at which 90, 95 and 99 % were known, without shares that were not reached."""
     explored_fraction: float = 0.0
     sim_time_s: float = 0.0
     bound_s: float = 0.0
     """No team can know 95 % before: `bound_s`."""
     sight_s: float | None = None
-    """No team can have seen 95 % before, even one that knows the floor: `sight_bound_s`; None unless asked for."""
+    """No team can have seen 95 % before, even with the map of the floor: `sight_bound_s`; None unless requested."""
     distance_m: float = 0.0
     energy_j: float = 0.0
     explored_m2: float = 0.0
@@ -236,7 +236,7 @@ class _Floor:
         self._sight = world.plan, starts[0], hardware.radius_m, hardware.lidar.range_max_m, SPEED_M_S
 
     def sight_s(self) -> float:
-        """The least time in which robots that know the floor can have seen 95 % of it."""
+        """The least time in which robots with the map of the floor can have seen 95 % of it."""
         return sight_bound_s(*self._sight)
 
 
@@ -247,7 +247,7 @@ def times_table(runs: Iterable[ExplorationRun], motion: str) -> str:
 
     Args:
         runs: of any motion.
-        motion: whose runs are shown, of `MOTIONS`.
+        motion: motions of the shown runs, of `MOTIONS`.
 
     """
     made = [run for run in runs if run.case.motion == motion and not run.why_not]
@@ -276,7 +276,7 @@ def write_page(path: Path, runs: Sequence[ExplorationRun]) -> None:
 
     Args:
         path: of the page.
-        runs: what the tables tell.
+        runs: content of the tables.
 
     Raises:
         UsageError: the file cannot be read or written, or is there and has no block.
@@ -353,7 +353,7 @@ def choose(
     """Make a plan from the options: each map with each number of robots, strategy, motion and seed.
 
     Raises:
-        UsageError: an option is wrong; the text names it and what was expected.
+        UsageError: an option is wrong; the text names it and the expected value.
 
     """
     chosen, absent = choose_maps(maps, map_folder)
@@ -393,7 +393,7 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path |
 
     Args:
         plan: the runs.
-        json_file: written after each group, so that what was measured is kept if the benchmark is interrupted.
+        json_file: written after each group, so that results are kept if the benchmark is interrupted.
         page: a Markdown page whose tables of times are replaced after each group, too.
 
     Raises:
@@ -492,7 +492,7 @@ def figures(runs: Sequence[ExplorationRun]) -> Iterator[Figure]:
 
 
 def by_group(runs: Iterable[ExplorationRun]) -> dict[Group, list[ExplorationRun]]:
-    """The runs that could be made, by what they have in common but the seed."""
+    """The runs that could be made, grouped by all properties but the seed."""
     groups: dict[Group, list[ExplorationRun]] = {}
     for run in runs:
         if not run.why_not:

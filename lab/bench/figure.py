@@ -63,8 +63,8 @@ class Bound(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
 class Figure(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
     """One measured number.
 
-    A value that is not finite becomes None: there was nothing to measure. `kept` is computed from value and bound,
-    whatever was passed; None without a bound.
+    A value that is not finite becomes None: there is no measurement. `kept` is computed from value and bound, whatever
+    argument was passed; None without a bound.
     """
 
     name: str
@@ -165,7 +165,7 @@ class BenchReport(msgspec.Struct, Generic[Run], frozen=True, kw_only=True):
 
 
 def write_json(path: Path | None, bench: str, runs: list[Run], figures: Iterable[Figure]) -> None:
-    """Write what `--json FILE` asks for, if it does."""
+    """Write the output of `--json FILE`, if it is requested."""
     if path is not None:
         found = list(figures)
         write_report(path, BenchReport(bench=bench, runs=runs, figures=found, all_kept=are_kept(found)))

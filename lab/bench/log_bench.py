@@ -1,4 +1,4 @@
-"""`robrain bench log`: how right a robot's trajectory is on a public lidar log, beside what others have published."""
+"""`robrain bench log`: accuracy of a robot's trajectory on a public lidar log, beside published results of others."""
 
 import bisect
 import math
@@ -53,7 +53,7 @@ LOOP_S = 5.0
 
 
 class LogScan(Device):
-    """Stands in for the stock lidar; beams of which nothing is known have the range 0."""
+    """Stands in for the stock lidar; beams without data have the range 0."""
 
     Parameters = ScanDevice.Parameters
     interface = ScanInterface
@@ -126,7 +126,7 @@ BEGIN_NS = 1_000_000_000
 SETTLE_NS = 5_000_000_000
 """After the end of the log, so that the pose graph is solved once more."""
 MARGIN_M = 10.0
-"""The map reaches so far beyond what the lidar can have seen by odometry."""
+"""Margin of the map around the area that the lidar can have seen by odometry."""
 RESOLUTION_M = 0.1
 AREA_MAX_CELLS = 6000
 """Of either side of the map."""
@@ -142,11 +142,11 @@ class PlayedLog(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     odometry: list[Pose2D]
     """Where the odometry alone had the lidar; it begins at the origin."""
     told: list[Pose2D]
-    """Where the robot said that it was, when it had laid the scan on its map."""
+    """Pose that the robot reported after it had put the scan on its map."""
     poses: list[Pose2D]
     """The same after all loop closures."""
     lost: int
-    """Scans during which the robot said that it is lost."""
+    """Scans during which the robot reported that it is lost."""
     counters: MapperCounters
     map: OccupancyGrid
 
@@ -155,9 +155,9 @@ def play(log: CarmenLog, parameters: Parameters | None = None) -> PlayedLog:
     """Play a log to the plugins.
 
     Args:
-        log: what is played.
-        parameters: of the plugins, by name, as in a robot's file; the map's area is chosen by the log if they do not
-            say it.
+        log: the log.
+        parameters: parameters of the plugins, by name, as in a robot's file; the log sets the map's area if they do
+            not.
 
     Raises:
         LogError: the log covers too large an area.
@@ -271,10 +271,10 @@ def _submaps(wire: Endpoint) -> dict[int, Pose2D]:
 
 
 def _area(log: CarmenLog, mapper: dict[str, Any]) -> dict[str, Any]:
-    """The mapper's parameters, with an area that holds the log if they do not say one."""
+    """The mapper's parameters, with an area that holds the log if they have none."""
     start = log.entries[0].odometry
     seen_m = max(float(entry.scan.ranges_m.max()) for entry in log.entries if entry.scan is not None)
-    # The odometry may have turned in the meantime: nobody knows on which side of the start the robot has been.
+    # The odometry may have turned in the meantime: the robot's side of the start is unknown.
     away_m = max(entry.odometry.distance_m(start) for entry in log.entries)
     side_m = 2.0 * (away_m + seen_m + MARGIN_M)
     resolution_m = mapper.get("resolution_m", RESOLUTION_M)
@@ -335,7 +335,7 @@ def read_relations(path: Path) -> list[Relation]:
 
 
 def relations_between(stamps_s: Sequence[float], relations: Sequence[Relation]) -> list[tuple[int, int, Relation]]:
-    """Those relations both of whose stamps are a scan's, with the indices of the scans; stamps ascend."""
+    """Relations with the stamps of two scans, with the indices of the scans; stamps ascend."""
     found = []
     for relation in relations:
         first, second = _index(stamps_s, relation.from_s), _index(stamps_s, relation.to_s)
@@ -419,7 +419,7 @@ class LogReport(msgspec.Struct, frozen=True, kw_only=True):
     way_m: float
     """By odometry."""
     lost: int
-    """Scans during which the robot said that it is lost."""
+    """Scans during which the robot reported that it is lost."""
     left_out: int
     """Scans that were not mapped."""
     submaps: int
@@ -427,7 +427,7 @@ class LogReport(msgspec.Struct, frozen=True, kw_only=True):
     contradictions: int
     relations: int
     relations_unused: int
-    """Those one of whose stamps is no scan's."""
+    """Relations with a stamp that is no scan's."""
     errors: list[Scored]
 
 
@@ -438,14 +438,14 @@ def run_bench(
     map_file: Path | None = None,
     robot_file: Path | None = None,
 ) -> None:
-    """Play a log; print what became of it.
+    """Play a log, and print the results.
 
     Args:
         log_file: in the format of CARMEN.
-        relations_file: what is known of pairs of its poses; without it errors are not told.
+        relations_file: known relations of pairs of its poses; without them errors are not reported.
         json_file: gets the figures as well.
         map_file: YAML file for the map, which does not exist yet; the picture has its name with `.pgm`.
-        robot_file: ROBOT.toml whose parameters of `driver` (`odometry`), `localisation` and `mapper` are taken.
+        robot_file: ROBOT.toml whose parameters of `driver` (`odometry`), `localisation` and `mapper` are used.
 
     Raises:
         LogError: the log or the relations cannot be read.
@@ -473,7 +473,7 @@ def run_bench(
 def made_report(
     log: CarmenLog, played: PlayedLog, relations: list[Relation], matching: list[tuple[int, int, Relation]]
 ) -> LogReport:
-    """The figures of a log that was played; `matching` are those of the relations that are between its scans."""
+    """The figures of a played log; `matching` are those of the relations between its scans."""
     trajectories = {
         "odometry alone": played.odometry,
         "as the robot told it": played.told,

@@ -95,7 +95,7 @@ def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
 
     Args:
         plan: the runs.
-        json_file: written after each run, so that what was measured is kept if the benchmark is interrupted.
+        json_file: written after each run, so that results are kept if the benchmark is interrupted.
 
     Raises:
         UsageError: `json_file` cannot be written.
@@ -189,7 +189,7 @@ def _figures_of(what: str, off_bound_percent: float, runs: list[MappedRun]) -> I
 
 
 def _compared(what: str, runs: list[MappedRun], usual: list[MappedRun]) -> Iterator[Figure]:
-    """How much worse the maps are than those of the same runs under the usual conditions."""
+    """Errors of the maps relative to those of the same runs under the usual conditions."""
     before = {_name(run): run.share_off for run in usual}
     worse = {
         _name(run): 100 * (run.share_off - before[_name(run)])

@@ -28,7 +28,7 @@ WHEELS = {
     "exact": None,
     "slipping": WheelSpec(radius_sigma=0.01, base_sigma=0.01, slip=0.01, slip_sigma_m_per_sqrt_m=0.01),
 }
-"""Wheels by name; None keeps those of the scenario."""
+"""Wheels by name; None keeps the scenario's."""
 USUAL, GLASS, LATE = "usual", "glass", "late"
 CONDITIONS = (USUAL, GLASS, LATE)
 """All have noise and dropouts of the lidar.
@@ -98,7 +98,7 @@ def choose(
     """Make a plan from the options: each map with each number of robots, seed, kind of wheels and conditions.
 
     Raises:
-        UsageError: an option is wrong; the text names it and what was expected.
+        UsageError: an option is wrong; the text names it and the expected value.
 
     """
     chosen, absent = choose_maps(maps, map_folder)
@@ -160,7 +160,7 @@ def all_runs(run: Callable[[Asked], Made], asked: Sequence[Asked], jobs: int) ->
 
 @contextmanager
 def errors_alone() -> Iterator[None]:
-    """Nothing but errors is logged: robots that get lost are counted, a line for each would hide the others."""
+    """Only errors are logged: lost robots are counted, and a line for each would hide the errors."""
     log = logging.getLogger("robrain")
     level = log.level
     log.setLevel(logging.ERROR)
@@ -196,7 +196,7 @@ def _words(option: str, text: str) -> list[str]:
 
 
 def names_of(option: str, text: str, those: Collection[str] | None = None) -> list[str]:
-    """The names of a text such as `exact,slipping`, each of `those` if given (UsageError if one is not)."""
+    """The names of a text such as `exact,slipping`, each of `those` if given (UsageError for any other)."""
     words = _words(option, text)
     for word in words:
         if those is not None and word not in those:

@@ -103,7 +103,7 @@ class MoteFieldRun(msgspec.Struct, frozen=True, kw_only=True):
 
     case: MoteCase
     bound_days: float
-    """First death at the latest, by the linear program for motes that all take readings and have no robots."""
+    """First death at the latest, by the linear program for motes that all send readings and have no robots."""
     first_days: float
     half_days: float
     last_days: float
@@ -171,7 +171,7 @@ def choose(ways: str | None, seeds: str, motes: int, tours_per_day: float, goal_
     """Make a plan from the options.
 
     Raises:
-        UsageError: an option is wrong; the text names it and what was expected.
+        UsageError: an option is wrong; the text names it and the expected value.
 
     """
     names = list(WAYS) if ways is None else names_of("--ways", ways, WAYS)
@@ -192,7 +192,7 @@ def choose(ways: str | None, seeds: str, motes: int, tours_per_day: float, goal_
 
 
 def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each way of running the field, and table and figures at the end.
+    """Make all runs; prints a line for each method of running the field, and table and figures at the end.
 
     Raises:
         UsageError: there is no such field, or `json_file` cannot be written.
@@ -214,7 +214,7 @@ def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
 
 
 def table(runs: Sequence[MoteFieldRun]) -> Table:
-    """Means over the seeds; a row for each way of running the field."""
+    """Means over the seeds; a row for each method of running the field."""
     count = runs[0].case.motes
     title = (
         f"{count} motes on 100 × 100 m: means over the seeds (± 95 % interval); from arrived to m/d in the first year"

@@ -2,8 +2,9 @@
 
 A customer becomes a job, a vehicle a robot that starts and ends at the depot, distance energy; with time windows,
 distance is time too. Demands, and with them the vehicles' capacity, are omitted from the problem that is solved, as our
-jobs have none. A plan whose routes exceed the capacity is said to: its value is then less than the instance allows and
-cannot be compared. One that keeps it can, for what is best without capacities and keeps them is best with them.
+jobs have none. A plan whose routes exceed the capacity is marked: its value is then less than the instance allows and
+cannot be compared. A plan within the capacity can be compared: the best plan without capacities is also the best with
+them if it keeps them.
 """
 
 import math
@@ -50,7 +51,7 @@ class PublicResult(msgspec.Struct, frozen=True, kw_only=True):
     vehicles: int
     """Used."""
     value: float
-    """Length of all routes; None of the customers is left out unless `left_out` says so."""
+    """Length of all routes; all customers are served unless `left_out` lists some."""
     best: float | None
     """The best known that it is compared with."""
     gap: float | None
@@ -68,7 +69,7 @@ def read_public(path: Path) -> PublicInstance:
     """Read a .vrp (VRPLIB) or .txt (Solomon) file.
 
     Raises:
-        InstanceError: it cannot be read, or is of a kind that our model does not hold; says which file and key.
+        InstanceError: it cannot be read, or has a kind that our model does not support; the text names file and key.
 
     """
     kind = "solomon" if path.suffix.lower() == ".txt" else "vrplib"
@@ -76,7 +77,7 @@ def read_public(path: Path) -> PublicInstance:
         found = vrplib.read_instance(path, instance_format=kind)
     except OSError as error:
         raise InstanceError(f"{path}: {error.strerror or error}") from error
-    except Exception as error:  # the foreign reader raises whatever its parser runs into
+    except Exception as error:  # the external reader raises any exception of its parser
         raise InstanceError(f"{path}: cannot be read as a {kind} file: {error}") from error
     try:
         return _instance(path, found, DECIMALS[kind])
@@ -115,7 +116,7 @@ def solve_public(
         instance: as `read_public` gives it.
         allocator: one with the objective `energy`.
         best: value to compare with.
-        deadline_s: as `Allocator.plan` takes it.
+        deadline_s: as for `Allocator.plan`.
         iterations: likewise; one of the two is needed.
         seed: likewise.
 
@@ -205,10 +206,10 @@ def _vehicles(path: Path, found: dict[str, Any], count: int) -> int:
         return int(found["vehicles"])
     if "capacity" not in found:
         return 1  # a travelling salesman
-    told = str(found.get("name", path.stem)).rpartition("-k")[2]  # A-n32-k5: by custom the name says how many
+    told = str(found.get("name", path.stem)).rpartition("-k")[2]  # A-n32-k5: by convention the name has the number
     return int(told) if told.isdigit() else count - 1
 
 
 def _rounded(ways: NDArray[np.float64], decimals: int) -> NDArray[np.float64]:
-    # The slack is for roots that are a hair below what they should be.
+    # The slack is for roots that are slightly below their exact values.
     return np.floor(ways * 10**decimals + 1e-9) / 10**decimals if decimals else np.floor(ways + 0.5)

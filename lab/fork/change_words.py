@@ -20,7 +20,7 @@ from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 _MOMENT = re.compile(r"(?:(\d{1,6})m)?(?:(\d{1,9}(?:\.\d{1,9})?)s?)?")
 _WRONG_USAGE: type[Exception] = typer.BadParameter.__mro__[2]
-"""Base of what typer raises for a wrong command line; typer does not export it."""
+"""Base of typer's exceptions for a wrong command line; typer does not export it."""
 
 
 def moment_s(words: str) -> float:

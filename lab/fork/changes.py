@@ -47,7 +47,7 @@ class AddFault(msgspec.Struct, frozen=True, kw_only=True, tag="fault", forbid_un
 
 Change = Without | AddTask | SetPolicy | AddFault
 CHANGES_MAX = 1000
-"""Changes of one fork, those of its parents included."""
+"""Changes of one fork, its parents' included."""
 
 
 def told(change: Change) -> str:

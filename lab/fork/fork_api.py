@@ -1,4 +1,4 @@
-"""`robrain.fork`: what if, for scripts and notebooks.
+"""`robrain.fork`: forks for scripts and notebooks.
 
 import robrain
 
@@ -51,7 +51,7 @@ def fork(
         on_progress: called with the progress of the run.
 
     Raises:
-        RobrainError: the run cannot be forked so; the text says why, and no file is left.
+        RobrainError: the run cannot be forked so; the text gives the reason, and no file remains.
 
     """
     path = Path(recording)

@@ -44,7 +44,7 @@ def decode_line(line: str) -> ForkLine | None:
 
 
 class ForkChild:
-    """Runs `robrain fork` on one recording, one at a time, and serves the replay of what it wrote.
+    """Runs `robrain fork` on one recording, one at a time, and serves the replay of its output.
 
     Args:
         recording: an MCAP file.

@@ -1,4 +1,4 @@
-"""`robrain fork`: what if, from a moment of a recorded run on."""
+"""`robrain fork`: a fork of a recorded run from a moment on."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -20,7 +20,7 @@ class ForkResult(msgspec.Struct, frozen=True, kw_only=True):
     changes: list[str]
     """In words; empty if nothing was changed."""
     same_before: bool
-    """Whether all messages up to the moment were those of the recording."""
+    """Whether all messages up to the moment equal those of the recording."""
     messages_before: int
     """Messages up to the moment that were equal."""
     digest_before: str
@@ -28,7 +28,7 @@ class ForkResult(msgspec.Struct, frozen=True, kw_only=True):
     recorded_digest_before: str
     """Digest of the recording up to there, or up to the first difference."""
     same_whole: bool | None
-    """Whether the whole run was equal; None if something was changed, or the fork ended at another time."""
+    """Whether the whole run was equal; None for a fork with changes, or with another end time."""
     difference: Difference | None
     """The first message that differs where none should; the first value is the recording's."""
     ended: str
@@ -56,7 +56,7 @@ def repeatable(path: Path) -> tuple[Provenance, RunSetup]:
     """Provenance of a recorded run, and the setup that repeats it.
 
     Raises:
-        RecordingError: the file is no recording, or cannot be run again; the text says why.
+        RecordingError: the file is no recording, or cannot be run again; the text gives the reason.
 
     """
     provenance = read_provenance(path)

@@ -1,4 +1,4 @@
-"""Runs a recorded run again up to a moment, compares it with the recording so far, and goes on otherwise."""
+"""Repeats a recorded run up to a moment, compares it with the recording so far, and continues with the changes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -58,7 +58,7 @@ class Sameness:
         return self._digest.hexdigest()
 
     def take(self, told: Sequence[tuple[Topic[Any], str, bytes, int, int]], now_ns: int) -> None:
-        """Compare what one step of the run has recorded."""
+        """Compare the recorded messages of one step of the run."""
         for _, key, payload, _, _ in told:
             if self.difference is not None:
                 return
@@ -103,14 +103,14 @@ def fork_run(
     Args:
         recorded: the run.
         at_s: the moment, on the run's clock; rounded to a tick.
-        changes: what is done otherwise from there on. Without any, the run ends when the recorded one did.
+        changes: changes from there on. Without any, the run ends when the recorded one did.
         output: MCAP file to write.
         seconds: duration after the moment; if None, the remaining duration of the recorded run.
         overwrite: whether an existing file is replaced.
         on_progress: called with the progress of the run.
 
     Raises:
-        RobrainError: the run cannot be forked so; the text says why, and nothing is left behind.
+        RobrainError: the run cannot be forked so; the text gives the reason, and no file remains.
 
     """
     moment_ns = round(at_s / TICK_S) * to_ns(TICK_S)
@@ -129,7 +129,7 @@ def fork_run(
         run = scenario.open(
             world,
             record=output,
-            # Inputs are put and asked on the session, which nothing listens to in a run that nobody can join.
+            # Inputs are put and queried on the session, on which a closed run has no subscriber.
             session=open_lockstep_session() if recorded.inputs.number else None,
             should_stop=lambda: interrupt.requested,
             is_script=recorded.is_script,
@@ -205,7 +205,7 @@ class _Forking:
         run.follow(self._sameness.take)
 
     def _fixed_end_ns(self, is_changed: bool, seconds: float | None) -> int | None:
-        """When it ends in any case; None if it ends as its scenario says."""
+        """Latest end; None if it ends as its scenario does."""
         if seconds is not None:
             return self._moment_ns + to_ns(seconds)
         recorded = self._recorded
@@ -259,7 +259,7 @@ class _Forking:
 
     def _record_moment(self, now_ns: int) -> None:
         sameness = self._sameness
-        if now_ns < self._recorded.end_ns:  # what was said at the very end, after the last tick, is not said here
+        if now_ns < self._recorded.end_ns:  # messages after the last tick, at the very end, are not repeated here
             sameness.check_up_to(now_ns)
         self._digest_before, self._recorded_digest_before = _plain(self._run.digest), sameness.digest
         self._messages_before = sameness.messages

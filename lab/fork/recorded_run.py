@@ -1,4 +1,4 @@
-"""A recorded lockstep run, with what it takes to make it again."""
+"""A recorded lockstep run, with the data that repeat it."""
 
 import tempfile
 import threading
@@ -77,7 +77,7 @@ class RecordedInputs:
         self._waiting = deque(found)
 
     def repeat(self, run: LockstepRun, now_ns: int) -> None:
-        """Do again what came at this time of the run's clock, after its tick and before the next."""
+        """Repeat the inputs of this time of the run's clock, after its tick and before the next."""
         while self._waiting and self._waiting[0].clock_ns <= now_ns:
             wanted = self._waiting.popleft()
             if not wanted.from_script:
@@ -170,7 +170,7 @@ class RecordedRun:
     is_script: bool
     """Whether a script ran the team."""
     changes: tuple[Change, ...]
-    """Of a fork: what it did otherwise, its parents' changes included."""
+    """Changes of a fork, its parents' included."""
     inputs: RecordedInputs
     """Inputs of the script and of other processes."""
 
@@ -201,7 +201,7 @@ def recorded_run(path: Path) -> Iterator[RecordedRun]:
     """A recorded run, open within the block.
 
     Raises:
-        RecordingError: the file is no recording, or cannot be run again; the text says why.
+        RecordingError: the file is no recording, or cannot be run again; the text gives the reason.
 
     """
     provenance, setup = repeatable(path)

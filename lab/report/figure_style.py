@@ -1,4 +1,4 @@
-"""How figures look: light, legible in print, told apart by colour-blind eyes; and groups of runs with their means."""
+"""Style of figures: light, legible in print, distinguishable by colour-blind eyes; and groups of runs with means."""
 
 import io
 import math
@@ -28,7 +28,7 @@ GOOD, WARN, BAD = "#009e73", "#e69f00", "#d55e00"
 NEUTRAL = "#0072b2"
 DPI = 110
 LEGEND_MAX = 16
-"""More lines than this have no legend: nobody could read it."""
+"""More lines than this have no legend: it would be illegible."""
 STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 10,
@@ -66,7 +66,7 @@ def figure_style() -> Iterator[None]:
 
 
 def new_figure(width_in: float = 9.0, height_in: float = 4.2) -> Figure:
-    """An empty figure, not of pyplot: nothing global holds it."""
+    """An empty figure, not of pyplot: there is no global reference to it."""
     return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
@@ -147,7 +147,7 @@ def draw_groups(axes: Axes, groups: Sequence[Sequence[float]], expected: Sequenc
     Args:
         axes: where.
         groups: values of each group; a group without values leaves its row empty.
-        expected: number of values that each group could have; a row that has fewer says so.
+        expected: number of values that each group could have; a row that has fewer shows its number.
 
     """
     for row, values in enumerate(groups):
@@ -169,7 +169,7 @@ def draw_groups(axes: Axes, groups: Sequence[Sequence[float]], expected: Sequenc
 
 
 def label_rows(axes: Axes, labels: Sequence[str], title: str = "") -> None:
-    """Name the rows of a figure, and what they are."""
+    """Name the rows of a figure, and their quantity."""
     axes.set_yticks(range(len(labels)), labels)
     if title:
         axes.set_ylabel(title)

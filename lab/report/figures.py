@@ -48,7 +48,7 @@ SILENT_WIDTH = 4.0
 
 
 def explored_figure(runs: list[RunData]) -> Figure | None:
-    """Explored share over time, a line for each run; known area where no arena tells the share; None without both."""
+    """Explored share over time, a line for each run; known area where no arena reports the share; None without both."""
     shares, curves = explored_curves(runs)
     if not any(curves):
         return None
@@ -67,7 +67,7 @@ def explored_figure(runs: list[RunData]) -> Figure | None:
 
 
 def explored_curves(runs: list[RunData]) -> tuple[bool, list[list[tuple[float, float]]]]:
-    """Whether an arena tells the explored share, and the shares of each run or else the known areas."""
+    """Whether an arena reports the explored share, and the shares of each run or else the known areas."""
     shares = any(run.explored for run in runs)
     return shares, [run.explored if shares else run.known_m2 for run in runs]
 
@@ -120,7 +120,7 @@ def trajectory_figure(run: RunData) -> Figure | None:
 
 
 def energy_figure(run: RunData) -> Figure | None:
-    """Energy by the robots' own models against what was measured: over the run, and for tasks; None without both."""
+    """Energy predicted by the robots' models, and measured energy: over the run, and for tasks; None without both."""
     robots = [robot for robot in _robots(run) if robot.measured_j and robot.measured_j[-1] > 0]
     pairs = np.array(
         [
@@ -232,7 +232,7 @@ def battery_figure(run: RunData) -> Figure | None:
 
 
 def mote_figure(run: RunData) -> Figure | None:
-    """Supply of the motes over time, and when each was heard; None if none was."""
+    """Supply of the motes over time, and the times of received readings; None if there are none."""
     motes = sorted((mote for mote in run.motes.values() if len(mote.t_s)), key=lambda mote: natural_key(mote.name))
     if not motes:
         return None
@@ -286,9 +286,9 @@ def traffic_figure(run: RunData) -> Figure | None:
 
 
 def happenings_figure(run: RunData) -> Figure | None:
-    """Faults and recoveries: bars from when something went wrong until it was well, marks for what has no duration.
+    """Faults and recoveries: bars from each fault until its recovery, marks for faults without a duration.
 
-    None if nothing went wrong.
+    None if there were no faults.
     """
     subjects = sorted({happening.subject for happening in run.happenings if happening.lasts}, key=natural_key)[
         :BARS_MAX

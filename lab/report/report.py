@@ -1,4 +1,4 @@
-"""A report on one run or several: one HTML page that needs nothing else, and its figures as SVG, PDF or PNG.
+"""A report on one run or several: one self-contained HTML page, and its figures as SVG, PDF or PNG.
 
 The page has no script and forbids any (Content-Security-Policy); every text out of a recording passes `safe_text`
 and is escaped by the template.
@@ -47,7 +47,7 @@ COMPARED = ("Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energ
 
 
 def totals(run: RunData) -> dict[str, float | None]:
-    """Figures of a whole run, for the table and for comparison; None where nothing tells."""
+    """Figures of a whole run, for the table and for comparison; None for missing data."""
     robots = run.robots.values()
     told = [robot.accuracy for robot in robots if robot.accuracy is not None]
     of_map = run.map_accuracy[-1][1] if run.map_accuracy else None
@@ -80,7 +80,7 @@ def names_of(compared: Iterable[dict[str, float | None]]) -> list[str]:
 
 
 def _of_motes(run: RunData) -> dict[str, float | None]:
-    """Figures of the mote field; none if the coordinator did nothing for it by itself."""
+    """Figures of the mote field; none if the coordinator did no work for it on its own initiative."""
     field = run.mote_field
     if field is None:
         return {}
@@ -93,7 +93,7 @@ def _of_motes(run: RunData) -> dict[str, float | None]:
 
 
 def _agreement_percent(robots: Iterable[RobotRun]) -> float | None:
-    """Least mean share of a robot's beams that agreed with its map; None if no robot says it."""
+    """Least mean share of a robot's beams that agreed with its map; None if no robot reports it."""
     means = [statistics.fmean(known) for robot in robots if (known := list(filter(math.isfinite, robot.agreement)))]
     return 100 * min(means) if means else None
 
@@ -104,7 +104,7 @@ def _sum(values: Iterable[float | None]) -> float | None:
 
 
 def comparison_figure(runs: list[RunData]) -> Figure | None:
-    """Totals of each run: a panel for each figure that any run tells, a bar for each run, each from zero."""
+    """Totals of each run: a panel for each figure that any run has, a bar for each run, each from zero."""
     compared = [totals(run) for run in runs]
     shown = [name for name in COMPARED if any(total[name] for total in compared)]
     if not shown:
@@ -137,12 +137,12 @@ class RunGroup:
     runs: tuple[RunData, ...]
 
     def values(self, total: str) -> list[float]:
-        """A figure of each run's totals, of the runs that tell it."""
+        """A figure of each run's totals, of the runs that have it."""
         told = (totals(run).get(total) for run in self.runs)
         return [value for value in told if value is not None]
 
     def mean(self, total: str) -> MeanInterval | None:
-        """Mean and interval of a figure; None if no run tells it."""
+        """Mean and interval of a figure; None if no run has it."""
         return mean_interval(self.values(total))
 
 
@@ -170,7 +170,7 @@ def has_several_seeds(groups: Sequence[RunGroup]) -> bool:
 
 
 def grouped_explored_figure(groups: Sequence[RunGroup]) -> Figure | None:
-    """Mean explored share over time of each group, with its interval; None if no run tells it."""
+    """Mean explored share over time of each group, with its interval; None if no run has it."""
     runs = [run for group in groups for run in group.runs]
     shares, curves = explored_curves(runs)
     if not any(curves):
@@ -190,7 +190,7 @@ def grouped_explored_figure(groups: Sequence[RunGroup]) -> Figure | None:
 
 
 def grouped_comparison_figure(groups: Sequence[RunGroup]) -> Figure | None:
-    """Totals of the runs of each group with mean and interval: a panel for each total that any run tells."""
+    """Totals of the runs of each group with mean and interval: a panel for each total that any run has."""
     shown = {total: [group.values(total) for group in groups] for total in COMPARED}
     shown = {total: values for total, values in shown.items() if any(map(any, values))}
     if not shown:
@@ -231,7 +231,7 @@ FIGURES: dict[str, Callable[[RunData], Figure | None]] = {
     "faults": figures.happenings_figure,
     "traffic": figures.traffic_figure,
 }
-"""Name of each figure, and how it is drawn; one for which nothing was recorded is left out."""
+"""Name of each figure, and its drawing function; a figure without data is skipped."""
 
 
 class WrittenReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -260,7 +260,7 @@ class RunSection(NamedTuple):
     drawn: dict[str, str]
     """Pictures in base64, by the figures' names."""
     missing: list[str]
-    """Names of figures for which nothing was recorded."""
+    """Names of figures without recorded data."""
     tables: list[ReportTable]
 
 
@@ -299,12 +299,12 @@ def write_report(
     *,
     forms: Sequence[str] = (VECTOR,),
 ) -> WrittenReport:
-    """Write `folder/report.html` and a file for each figure; those of an earlier report there are replaced.
+    """Write `folder/report.html` and a file for each figure; files of an earlier report there are replaced.
 
     Args:
-        recordings: one, or several that are compared; those of several seeds by mean and interval.
+        recordings: one, or several that are compared; several seeds by mean and interval.
         folder: made if it is not there.
-        on_progress: told the share that is done, 0 to 1.
+        on_progress: called with the share that is done, 0 to 1.
         forms: formats of the figures' files: `svg`, `pdf`, `png`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A fault script: a team, what is asked of it, and what goes wrong meanwhile. The unit of a soak."""
+"""A fault script: a team, its tasks and halts, and its faults. The unit of a soak."""
 
 from pathlib import Path
 from typing import Annotated
@@ -65,7 +65,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """One run. Raises ValueError for values that do not fit."""
 
     seed: int
-    """Draws what the wire loses, and the times of faults that leave them open."""
+    """Draws losses of the wire, and the times of faults that leave them open."""
     robots: Annotated[tuple[ScriptRobot, ...], Meta(min_length=1, max_length=100)]
     scenario: Annotated[str, Meta(max_length=100)] = ""
     """A scenario that is shipped, in which it is run with the full stack; empty for points in a hall."""
@@ -79,7 +79,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     halts: tuple[HaltOrder, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
     radio: ScriptRadio | None = None
-    """The radio by which robots and coordinator hear each other; None if it is perfect. With `scenario` only."""
+    """The radio between robots and coordinator; None if it is perfect. With `scenario` only."""
 
     def __post_init__(self) -> None:
         names = [robot.name for robot in self.robots]
@@ -95,7 +95,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     @property
     def faults_end_s(self) -> float:
-        """When nothing is asked or goes wrong any more, as far as it is at set times."""
+        """Time of the last order or fault, of those at set times."""
         times = [0.0, *(order.at_s for order in self.tasks), *(order.at_s for order in self.cancels)]
         times += [halt.until_s for halt in self.halts]
         for fault in self.faults:
@@ -107,7 +107,7 @@ def read_script(path: Path) -> FaultScript:
     """Read a script from its JSON file.
 
     Raises:
-        ScriptError: naming file, key and what was expected.
+        ScriptError: naming file, key and expected value.
 
     """
     try:

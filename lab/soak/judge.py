@@ -1,6 +1,6 @@
-"""Judges a run of points while it runs: what must hold whatever fails.
+"""Judges a run of points while it runs: invariants that hold under all faults.
 
-The judge sees what no component sees: bodies, books, processes and the wire at every tick. It allows what the design
+The judge sees more than any component: bodies, books, processes and the wire at every tick. It allows what the design
 allows: a robot that is cut off works on until its lease has run out, and a coordinator gives its task away after that.
 The judges of recordings (`robrain check`) judge the same run by its messages.
 """
@@ -26,15 +26,15 @@ from robrain.recording.invariants.task_invariants import TaskAtOne, TaskOnce
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind
 
 OVERLAP_S = 1.0
-"""Two robots may be at one task for this long, beside what slow robots and late messages add."""
+"""Two robots may be at one task for this long, beside the delays of slow robots and late messages."""
 STRAY_S = LEASE_S + 2.0
 """A robot is off a task this long after its end, wherever it is."""
 HALT_S = 2.0
 """A robot stands this long after it could have received a halt."""
 HEARD_S = 1.5
-"""Two components that have been linked and awake for this long have heard each other."""
+"""Two components that have been linked and awake for this long have received each other's messages."""
 HEALTHY_S = 60.0
-"""A robot whose battery is empty must have been kept from charging within this time."""
+"""A robot whose battery is empty must have been unable to charge within this time."""
 PATIENCE_S = 120.0
 TASK_S = 40.0
 """Time for everything to settle after the last fault: so long, and so much for each task of a robot that is left."""
@@ -63,9 +63,9 @@ class TeamRule(StrEnum):
     HALT = "halt"
     """Robots that could have received a halt stand."""
     STRANDED = "stranded"
-    """No robot runs out of energy while nothing keeps it from charging."""
+    """No robot runs out of energy while it could charge."""
     UNSETTLED = "unsettled"
-    """Everything settles within a bound after the last fault."""
+    """The run settles within a bound after the last fault."""
     FAILED = "failed"
     """No part of coordinator or host raises."""
 
@@ -105,7 +105,7 @@ class Judge:
         self._asked = {order.task.id: order.task for order in script.tasks}
         self._promises = Promises(self._asked, run.operator)
         self._events = Inbox(capacity=65536, border=Border())
-        """By no clock: those of the components may differ from the run's."""
+        """By no clock: the components' clocks may differ from the run's."""
         self._as_recorded = Judging(judges=AS_RECORDED)
         for topic in (TASK_EVENT, COORDINATOR_STATE, ROBOT_STATE, HALT):
             run.wire.subscribe(self._events, topic)
@@ -116,7 +116,7 @@ class Judge:
         """Ends that were noted: robot, start of its process, task and epoch; without a coordinator epochs are alike."""
         self._reported: set[tuple[TeamRule, str]] = set()
         self._cut_ns = dict.fromkeys(run.robots, 0)
-        """When a robot that goes on by itself was last cut off from the coordinator."""
+        """Time at which a robot that continues by itself was last disconnected from the coordinator."""
         self._at: dict[str, str] = {}
         self._overlap_s: dict[str, float] = {}
         self._stray_s: dict[tuple[str, str], float] = {}
@@ -130,7 +130,7 @@ class Judge:
         self._drained = {fault.robot for fault in script.faults if fault.kind is FaultKind.DRAIN}
         work_s = TASK_S * len(self._asked) / max(1, len(script.robots) // 2)
         self.settled_by_s = script.faults_end_s + PATIENCE_S + work_s
-        """When everything must have settled; later by what faults that wait for events add."""
+        """Time by which the run must have settled; faults that wait for events postpone it."""
         self._quiet_ns: int | None = None
 
     @property
@@ -140,7 +140,7 @@ class Judge:
 
     @property
     def is_over(self) -> bool:
-        """Whether everything has settled and stayed so, or should have."""
+        """Whether the run has settled and stayed so, or should have."""
         now_ns = self._run.now_ns
         if now_ns > to_ns(self.settled_by_s):
             return True
@@ -251,7 +251,7 @@ class Judge:
                     self._break(TeamRule.TWO_AT_ONCE, task_id, what)
 
     def _hears_coordinator(self, robot: str) -> bool:
-        """Whether both hear each other."""
+        """Whether both receive each other's messages."""
         one, other = self._run.processes[robot], self._run.processes[COORDINATOR]
         return one.is_awake and other.is_awake and self._run.is_linked(robot, COORDINATOR)
 
@@ -276,7 +276,7 @@ class Judge:
     def _judge_begin(self, task_id: str, robot: str) -> None:
         asked = self._asked.get(task_id)
         for name in () if asked is None else asked.after:
-            is_known = self._run.script.consensus and name in self._done  # robots know, and no coordinator tells yet
+            is_known = self._run.script.consensus and name in self._done  # robots know first
             if not is_known and (name not in self._ends or self._ends[name][0] is not TaskState.DONE):
                 self._break(TeamRule.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
 
@@ -284,7 +284,7 @@ class Judge:
         coordinator = self._run.leader
         record = None if coordinator is None else coordinator.tasks.find(task_id)
         if coordinator is None or (record is not None and task_id not in self._ends):
-            return  # told already, as not settled
+            return  # reported already, as not settled
         if why := self._promises.breach_reason(task_id, record):
             self._break(TeamRule.LOST, task_id, why)
         elif self._ends[task_id][0] is TaskState.DONE and task_id not in self._done:

@@ -15,7 +15,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 OPERATOR = "operator"
 AGAIN_NS = to_ns(1.0)
 REPEATED_NS = to_ns(2.0)
-"""`robrain halt` says a halt again for so long while a robot has not confirmed it."""
+"""`robrain halt` publishes a halt again during this time while a robot has not confirmed it."""
 NOT_NOW_S = 0.001
 """Of the wall: within this process an answer is there at once, or with a later step and so when asked again."""
 NS_PER_S = 1_000_000_000
@@ -26,9 +26,9 @@ class Operator:
 
     Args:
         wire: the operator's place on the wire.
-        script: what it is to ask.
-        repeats: whether a halt is said again to robots that have not confirmed it, as `robrain halt` does; without that
-            only the coordinator tells them.
+        script: orders to give.
+        repeats: whether a halt is published again to robots that have not confirmed it, as `robrain halt` does. Without
+            that only the coordinator publishes it to them.
 
     """
 
@@ -40,9 +40,9 @@ class Operator:
         self.cancelled: dict[str, int] = {}
         """When each cancellation was acknowledged, ns."""
         self.asked_to_cancel: set[str] = set()
-        """Tasks whose cancellation was asked for, answered or not."""
+        """Tasks whose cancellation was requested, answered or not."""
         self.halt: HaltOrder | None = None
-        """The halt that is in force, by what it has said."""
+        """The halt that is in force, by its own messages."""
         self._wire = wire
         self._after = {order.task.id: order.task.after for order in script.tasks}
         self._submits = sorted(script.tasks, key=lambda order: order.at_s)
@@ -65,7 +65,7 @@ class Operator:
         return not (self._submits or self._cancels or self._halts or self.halt or self._is_resuming)
 
     def step(self, now_ns: int) -> None:
-        """Ask what is due; what had no answer a second ago is asked again."""
+        """Send due queries; a query without an answer for a second is sent again."""
         for received in self._inbox.drain():
             message = received.message
             if received.topic is ROBOT_STATE:
@@ -142,7 +142,7 @@ class Operator:
 
     @property
     def _is_team_halted(self) -> bool:
-        """Whether somebody who is there says to be halted; nobody waits for those who have died."""
+        """Whether a running component reports to be halted; dead ones are not waited for."""
         there = {"", *self._there()}
         return any(halted and name in there for name, halted in self._halted.items())
 
@@ -163,7 +163,7 @@ class Promises:
 
     Args:
         asked: every task of the script.
-        operator: who has asked.
+        operator: sender of the orders.
 
     """
 

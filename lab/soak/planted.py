@@ -24,7 +24,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
 
 Patch = tuple[object, str, object]
-"""Of what, which attribute, and what it becomes."""
+"""Object, attribute, and planted value."""
 
 
 class Bug(NamedTuple):

@@ -17,9 +17,9 @@ from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, F
 SPAN_S = 40.0
 """Orders and faults begin within this time."""
 METHODS = {NEAREST: 0.6, AUCTION: 0.37, OPTIMAL: 0.03}
-"""Share of the scripts that each method gets; an optimal plan takes longer than all else."""
+"""Share of the scripts that each method gets; an optimal plan is slower than all others."""
 CONSENSUS_SHARE = 0.2
-"""Share of the scripts whose robots go on without a coordinator; it is away for a while in each of them."""
+"""Share of the scripts whose robots continue without a coordinator; it is away for a while in each of them."""
 _RNG_OF_SCRIPTS, _RNG_OF_ABSENCES = 13, 14
 
 Draw = Callable[[np.random.Generator, str, float], FaultSpec]

@@ -14,7 +14,7 @@ from robrain.lab.soak.fault_script import CancelOrder, FaultScript, HaltOrder, T
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 TRIALS_MAX = 300
-"""Trials for one script, unless the caller says otherwise."""
+"""Trials for one script, unless the caller sets a number."""
 SHORTEST_S = 0.2
 """Faults are not made shorter than this."""
 
@@ -91,7 +91,7 @@ def _parts(script: FaultScript) -> list[Part]:
 
 
 def with_parts(script: FaultScript, parts: Sequence[Part]) -> FaultScript:
-    """A script with these parts alone; what waits for a task that is not there does not wait for it."""
+    """A script with these parts alone; a task does not wait for a missing one."""
     tasks = tuple(part for part in parts if isinstance(part, TaskInput))
     ids = {order.task.id for order in tasks}
     return msgspec.structs.replace(
@@ -121,7 +121,7 @@ def _with_robots(script: FaultScript, robots: Sequence[object]) -> FaultScript |
     kept = tuple(robot for robot in script.robots if any(robot is one for one in robots))
     dead = {fault.robot for fault in script.faults if fault.kind is FaultKind.KILL and fault.until_s is None}
     if all(robot.name in dead for robot in kept):
-        return None  # tasks stay undone then, whatever the code does
+        return None  # tasks stay undone then, even with correct code
     try:
         return msgspec.structs.replace(script, robots=kept, faults=with_sides_of(script, {one.name for one in kept}))
     except ValueError:

@@ -35,7 +35,7 @@ def soak(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run random fault scripts on the coordination code, judge them, and shrink those that break an invariant."""
+    """Run random fault scripts on the coordination code, judge them, and shrink scripts that break an invariant."""
     from robrain.deploy.command_line.options import above_zero
     from robrain.deploy.errors import UsageError
 

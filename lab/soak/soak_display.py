@@ -42,7 +42,7 @@ def soak_display(runs: int, *, quiet: bool = False) -> Iterator[Callable[[SoakRe
 
 
 def show_soak(result: SoakResult) -> None:
-    """Print what a soak has found."""
+    """Print the results of a soak."""
     if result.failures:
         table = Table(box=None, pad_edge=False, header_style="bold")
         for name in ("seed", "invariant", "at s", "faults", "tasks", "what"):
@@ -82,7 +82,7 @@ def show_soak(result: SoakResult) -> None:
 
 
 def show_script(script: FaultScript, verdict: TrialVerdict) -> None:
-    """Print what a repeated script does, and how it ended."""
+    """Print the content of a repeated script, and its outcome."""
     print_line(f"{len(script.robots)} robots, {len(script.tasks)} tasks, method {script.method}")
     for halt in script.halts:
         print_line(f"  halt from {halt.at_s:g} s to {halt.until_s:g} s")

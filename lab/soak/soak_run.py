@@ -1,4 +1,4 @@
-"""A run of a fault script with robots that are points, in a hall that they know."""
+"""A run of a fault script with robots that are points, in a hall whose map they have."""
 
 import logging
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ CHARGING_W = 200.0
 POWER = PowerModel(idle_w=2.0, compute_w=6.0, moving_w=0.0, speed_w_per_m_s=12.0)
 """8 W standing, 20 W at `SPEED_M_S`."""
 WITHOUT = ("camera", "mote_base", "sensor_board")
-"""Plugins that robots of a soak lack, with those that require them."""
+"""Plugins that robots of a soak lack, with plugins that require them."""
 PLUGINS: dict[str, dict[str, Any]] = {"mapper": {"known": True}, "driver": {"speed_m_s": SPEED_M_S}}
 
 
@@ -83,7 +83,7 @@ class SoakRun(LockstepRun):
     """One run, tick by tick.
 
     Args:
-        script: the team, what is asked of it, and its faults.
+        script: the team, its orders, and its faults.
         faults: further faults.
 
     """

@@ -61,7 +61,7 @@ HARDWARE_SHARE = 0.5
 """Share of the scripts with a fault of hardware."""
 BROKEN_S = (4.0, 20.0)
 RADIO_SHARE = 0.3
-"""Share of the scripts whose components hear each other by radio."""
+"""Share of the scripts whose components communicate by radio."""
 RANGE_M = (12.0, 25.0)
 LOSS = (0.0, 0.1)
 DELAY_S = (0.0, 0.03)
@@ -88,7 +88,7 @@ OPERATOR_TICKS = 5
 def scenario_of(script: FaultScript) -> Scenario:
     """The scenario that a script runs in, without its motes.
 
-    A scenario's robots are r1, r2 and so on; those of a script that was shrunk are named again, in their order.
+    A scenario's robots are r1, r2 and so on; the robots of a shrunk script are named again, in their order.
     """
     scenario, radio = Scenario.builtin(script.scenario), script.radio
     names = {robot.name: f"r{number}" for number, robot in enumerate(script.robots, start=1)}
@@ -163,7 +163,7 @@ class _Trial:
 
     @property
     def is_over(self) -> bool:
-        """Whether everything has settled and stayed so, or should have."""
+        """Whether the run has settled and stayed so, or should have."""
         run = self._run
         if run.sim_time_s > self._limit_s:
             return True
@@ -335,7 +335,7 @@ class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
     state: RunState
     verdict: TrialVerdict | None = None
     script: FaultScript | None = None
-    """Of a failing seed: what it was shrunk to."""
+    """The shrunk script of a failing seed."""
     trials: int = 0
     """How often a smaller script was tried."""
     cpu_s: float = 0.0
@@ -380,7 +380,7 @@ class SoakResult(msgspec.Struct, kw_only=True):
     """Results of a soak so far."""
 
     runs: int = 0
-    """Trials that have ended, without those that were interrupted."""
+    """Trials that have ended, without interrupted ones."""
     failures: list[FailedSeed] = []
     errors: list[str] = []
     """Trials whose process died."""
@@ -406,7 +406,7 @@ def draw(seed: int, *, is_full: bool) -> FaultScript:
 
 
 def run_script(script: FaultScript, should_stop: Callable[[], bool] = lambda: False) -> TrialVerdict:
-    """Run a script with what it is for, and judge it."""
+    """Run a script with its purpose, and judge it."""
     return run_full_trial(script, should_stop) if script.scenario else run_trial(script, should_stop)
 
 
@@ -439,7 +439,7 @@ def soak_one(task: SoakTask) -> SoakRecord:
 
 @cache
 def _freeze_code() -> None:
-    """Have the garbage collector leave out what was loaded so far, in this process: a tenth less time for scripts."""
+    """Exclude everything loaded so far in this process from the garbage collector: a tenth less time for scripts."""
     gc.collect()
     gc.freeze()
 
@@ -502,7 +502,7 @@ def find_planted(bugs: Sequence[str], seeds: Sequence[int], jobs: int) -> list[P
 def _find(
     bug: str, seeds: Sequence[int], crew: LocalCrew[SoakTask, SoakRecord], should_stop: Callable[[], bool]
 ) -> PlantedFind:
-    """In chunks, so that few scripts are run needlessly once one has found the bug."""
+    """In chunks, so that few scripts are run needlessly after one has found the bug."""
     began_s, records = time.monotonic(), list[SoakRecord]()
     for start in range(0, len(seeds), SEEDS_AT_ONCE):
         tasks = [SoakTask(seed=seed, trials_max=0, bug=bug) for seed in seeds[start : start + SEEDS_AT_ONCE]]

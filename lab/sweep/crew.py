@@ -26,7 +26,7 @@ T_contra = TypeVar("T_contra", contravariant=True)
 
 
 class Crew(Protocol[T_contra, R]):
-    """Runs tasks, each in a process where nothing else runs."""
+    """Runs tasks, each in a separate process."""
 
     @property
     def has_room(self) -> bool:
@@ -38,11 +38,11 @@ class Crew(Protocol[T_contra, R]):
         ...
 
     def release(self, future: Future[R]) -> None:
-        """Take note that a task has ended; a process that died is replaced."""
+        """Record that a task has ended; a process that died is replaced."""
         ...
 
     def stop(self) -> None:
-        """Ask the running tasks to end soon, and drop those that wait."""
+        """Ask the running tasks to end soon, and drop the waiting ones."""
         ...
 
     def close(self) -> None:
@@ -51,7 +51,7 @@ class Crew(Protocol[T_contra, R]):
 
 
 class _Lane(Generic[T, R]):
-    """One process. A pool for each, so that a process that dies takes no other run with it."""
+    """One process. A pool for each, so that a process that dies ends no other run."""
 
     def __init__(self, work: Callable[[T], R]) -> None:
         self._work = work
@@ -77,7 +77,7 @@ class LocalCrew(Generic[T, R]):
 
     Args:
         workers: number of processes.
-        work: what each does with a task; a function of a module, which the processes import.
+        work: function that each calls with a task; a function of a module, which the processes import.
 
     """
 
@@ -105,7 +105,7 @@ class LocalCrew(Generic[T, R]):
         return future
 
     def release(self, future: Future[R]) -> None:
-        """Take note that a task has ended; a process that died is replaced."""
+        """Record that a task has ended; a process that died is replaced."""
         lane = self._busy.pop(future)
         if isinstance(future.exception(), BrokenProcessPool):
             lane.close()
@@ -156,10 +156,10 @@ class DaskCrew:
         return self._executor.submit(run_task, msgspec.structs.replace(task, versions=self.versions))
 
     def release(self, future: Future[RunRecord]) -> None:
-        """Nothing is to be done: the cluster replaces its own workers."""
+        """Do nothing: the cluster replaces its own workers."""
 
     def stop(self) -> None:
-        """Drop the tasks that wait; those that run end on the cluster, and nobody takes their results."""
+        """Drop the waiting tasks; running ones end on the cluster, and their results are dropped."""
         self._executor.shutdown(wait=False)
 
     def close(self) -> None:
@@ -168,7 +168,7 @@ class DaskCrew:
 
 
 def _context() -> BaseContext:
-    """Workers are forked from a process that has loaded everything, which saves each of them some seconds.
+    """Workers are forked from a process that has all modules loaded, which saves each of them some seconds.
 
     They are not forked from this one, as they would share the locks of Zenoh's threads.
     """
@@ -181,7 +181,7 @@ def _context() -> BaseContext:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Ctrl-C at a terminal goes to all its processes; those started in this block never see it."""
+    """Ctrl-C at a terminal goes to all its processes; processes started in this block never receive it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -39,7 +39,7 @@ def execute_all(
     without_result: Callable[[T, RunState, str], R],
     should_stop: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Run all tasks, or those that end before `should_stop`.
+    """Run all tasks, or the tasks that end before `should_stop`.
 
     Args:
         tasks: in the order in which they begin.

@@ -1,4 +1,4 @@
-"""The plan of a sweep: what varies from run to run, and all runs that follow from it."""
+"""The plan of a sweep: the varied settings, and all runs that follow from them."""
 
 import copy
 import hashlib
@@ -116,7 +116,7 @@ def column_of(key: str) -> str:
 
 
 def full_key(key: str) -> str:
-    """The key of the scenario file that a given name stands for, such as `links.range_m` or `tasks.0.priority`.
+    """The key of the scenario file for a given name, such as `links.range_m` or `tasks.0.priority`.
 
     Raises:
         UsageError: there is none, or it is not varied. The keys of tables are checked where the values are.
@@ -137,7 +137,7 @@ def with_values(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
     """A copy of a document with other values; keys are those of the scenario file, and tables are added for them.
 
     Raises:
-        UsageError: a key leads through something that is no table, or a list that is too short.
+        UsageError: a key leads through a value that is no table, or a list that is too short.
 
     """
     changed = copy.deepcopy(dict(document))
@@ -244,7 +244,7 @@ class PlannedRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SweepPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that decides what a sweep's runs do."""
+    """All data that decide the runs of a sweep."""
 
     scenario: str
     seeds: tuple[int, ...]
@@ -271,7 +271,7 @@ def make_plan(
     """Combine the values of all keys, and check each combination.
 
     Args:
-        scenario: what all settings share.
+        scenario: scenario and settings that all runs share.
         seeds: each setting runs with each of them.
         vary: values by key: a short name such as `robots`, or TABLE.KEY of a scenario file.
         limit: greatest number of runs.

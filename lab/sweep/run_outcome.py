@@ -22,7 +22,7 @@ class RunState(StrEnum):
 
 
 class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
-    """Results of a run that are equal on every machine; None where there is nothing to measure."""
+    """Results of a run that are equal on every machine; None where there is no measurement."""
 
     robots: int
     motes: int

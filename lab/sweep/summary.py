@@ -56,7 +56,7 @@ class SettingSummary(msgspec.Struct, frozen=True, kw_only=True):
     setting: str
     values: dict[str, Value]
     runs: dict[RunState, int]
-    """Number of runs by state; those that are not done are left out of all means."""
+    """Number of runs by state; runs that are not done are excluded from all means."""
     means: dict[str, MeanInterval]
     """By column, over the runs that have a value; in the unit of the column."""
 
@@ -95,7 +95,7 @@ class SweepSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 ENDED_BY = {"explored": "explored_share", "time_limit": "sim_time_s"}
-"""Column whose value is that of the stop criterion, by why a run ended: it says nothing about a setting."""
+"""Column whose value is that of the stop criterion, by the reason for the end: it gives no information on a setting."""
 
 
 def values_by_seed(

@@ -68,7 +68,7 @@ def figure_files(plan: SweepPlan, records: Mapping[str, RunRecord], summary: Swe
 
 
 def drawn_columns(plan: SweepPlan, records: Mapping[str, RunRecord], summary: SweepSummary) -> list[str]:
-    """The columns that have a panel: with values that are not equal in all runs nor those of a column before.
+    """The columns that have a panel: their values differ between runs, and from those of each column before.
 
     Of the milestones there is one.
     """
@@ -153,7 +153,7 @@ def _differences(plan: SweepPlan, records: Mapping[str, RunRecord], summary: Swe
 
 
 def _labels(plan: SweepPlan) -> tuple[Sequence[str], str]:
-    """Names of the settings by their values alone, and what varies."""
+    """Names of the settings by their values alone, and the varied keys."""
     if not plan.varied:
         return [label(plan.scenario)], ""
     told = [", ".join(map(str, setting.values.values())) for setting in plan.settings]
@@ -181,7 +181,7 @@ def all_versions() -> dict[str, str]:
 
 
 def revision() -> dict[str, str]:
-    """The commit that the sources are at, with `+` if files differ; nothing for an installed package."""
+    """The commit of the sources, with `+` if files differ; empty for an installed package."""
     if not (SOURCES / ".git").exists():
         return {}
     try:
@@ -207,7 +207,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True):
     wall_time_s: float | None = None
     """None while it runs, and if it was killed."""
     runs: int = 0
-    """Runs that ended in it, in whatever state."""
+    """Runs that ended in it, in any state."""
 
 
 class ManifestRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -387,13 +387,13 @@ SUMMARY_CSV = "summary.csv"
 
 
 class SweepOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """How a sweep is run; nothing here changes what its runs do."""
+    """Options of a sweep; none changes the content of its runs."""
 
     output: Path
     workers: int | None = None
     """Processes; one for each core if None."""
     dask: str | None = None
-    """Address of a Dask scheduler, whose workers run everything."""
+    """Address of a Dask scheduler, whose workers run all tasks."""
     record: bool = False
     """Record each run below `recordings/`."""
     command: tuple[str, ...] = ()
@@ -406,7 +406,7 @@ class SweepProgress(msgspec.Struct, frozen=True, kw_only=True):
     """How far a sweep is."""
 
     ended: int
-    """Runs that are done or have failed, those of earlier calls included."""
+    """Runs that are done or have failed, earlier calls included."""
     failed: int
     total: int
     before: int
@@ -447,7 +447,7 @@ def sweep(
     Call it below `if __name__ == "__main__":`, because its processes import the script.
 
     Args:
-        scenario: what all runs share.
+        scenario: the plan of all runs.
         seeds: each combination runs with each of them.
         vary: values by key: `robots`, `motes`, `map`, `strategy`, `method`, `objective`, `until`, `time_limit`, or
             TABLE.KEY of a scenario file.
@@ -472,7 +472,7 @@ def sweep(
 def run_sweep(
     plan: SweepPlan, options: SweepOptions, on_progress: Callable[[SweepProgress], None] = lambda _progress: None
 ) -> SweepResult:
-    """Run what the folder does not have yet, to the end or to Ctrl-C, and write table, summary, figures and manifest.
+    """Run the missing runs of the folder, to the end or to Ctrl-C, and write table, summary, figures and manifest.
 
     Raises:
         UsageError: an option is wrong, or no cluster answers.

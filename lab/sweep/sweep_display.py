@@ -29,7 +29,7 @@ SIGNIFICANT = 0.05
 
 @contextmanager
 def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[[SweepProgress], None]]:
-    """A bar for the duration of the block; the number of runs is said first, also where there is no terminal."""
+    """A bar for the duration of the block; the number of runs is printed first, also without a terminal."""
     columns = (
         text_column("{task.description}"),
         BarColumn(bar_width=30),
@@ -54,7 +54,7 @@ def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[
 
 
 def show_sweep(result: SweepResult) -> None:
-    """Print the summary: means by setting, comparisons with the first setting, and what was left out."""
+    """Print the summary: means by setting, comparisons with the first setting, and excluded runs."""
     summary = result.summary
     out = results()
     columns = shown_columns(summary)
@@ -81,7 +81,7 @@ def show_sweep(result: SweepResult) -> None:
 
 
 def shown_columns(summary: SweepSummary) -> list[str]:
-    """The columns that the terminal shows: not those that are 0 in all settings, or equal to one before."""
+    """The columns that the terminal shows: not columns that are 0 in all settings, or equal to one before."""
     found: dict[tuple[MeanInterval | None, ...], str] = {}
     for column in [*([summary.milestone] if summary.milestone else []), *SHOWN]:
         means = tuple(setting.means.get(column) for setting in summary.settings)

@@ -90,7 +90,7 @@ def _done(task: RunTask) -> RunRecord:
 
 
 def _discard(task: RunTask) -> None:
-    """Remove what an attempt that did not end left of its recording."""
+    """Remove the remaining recording of an attempt that did not end."""
     if task.recording is not None:
         Path(task.recording).unlink(missing_ok=True)
 
@@ -104,5 +104,5 @@ def _obey(commands: Connection) -> None:
     try:
         while commands.recv_bytes() == STOP:
             _STOPPING.set()
-    except (EOFError, OSError):  # the sweep's process was killed: nobody takes the result
+    except (EOFError, OSError):  # the sweep's process was killed: the result has no receiver
         os._exit(1)
