@@ -93,7 +93,7 @@ class ActionDesk:
         env: the plugin's; it notifies the desk when the plugin ends or is halted.
         progress: called with each action's progress.
         finished: called with each action's end.
-        several: whether actions run side by side; if not, a new one supersedes the one before.
+        several: whether actions run in parallel; if not, a new one supersedes the one before.
 
     """
 
@@ -153,7 +153,7 @@ class ActionDesk:
         self._progress.notify(progress)
 
     def ended(self, action: Action, end: ActionEnd) -> None:
-        """Called by actions. Of two threads that end one, the first has its way."""
+        """Called by actions. Of two threads that end one, the first decides."""
         with self._lock:
             if self._running.pop(action.id, None) is None:
                 return

@@ -150,7 +150,7 @@ class Environment:
     def hurry(self) -> None:
         """Have this plugin's next step run at once instead of when it is due; its period starts again then.
 
-        For messages that must not wait for the period, such as the first command after a standstill. In lockstep it is
+        For actions that must not wait for the period, such as the first command after a standstill. In lockstep it is
         run in this tick or the next one.
         """
         self.__requests.mailbox.hurry()
@@ -189,7 +189,7 @@ class Environment:
         """Have `why_not` asked before a halt of this robot ends: it stays halted for the reason that this returns.
 
         It may be called on any thread, without the plugin's lock, until the plugin is unloaded, also after a fault. It
-        must not block. A later call takes the place of an earlier one.
+        must not block. A later call replaces an earlier one.
         """
         if not self.has_gone:
             self.__halting.guard(self.plugin, why_not)

@@ -122,7 +122,7 @@ class PluginInUse(PluginError):
 
 
 class HostBusy(PluginError):
-    """Another load, unload or reload is under way."""
+    """Another load, unload or reload is in progress."""
 
     code = ErrorCode.BUSY
 

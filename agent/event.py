@@ -153,7 +153,7 @@ class EventsOutside:
 
     Args:
         wire: the plugin's place on the wire.
-        robot: owner plugin.
+        robot: name of the plugin's robot.
         plugin: its name.
 
     """
@@ -180,7 +180,7 @@ class EventsOutside:
 
 
 class _WayOut:
-    """One event's way off the robot; a notifier's thread may be in `put` while another closes it."""
+    """Carries one event off the robot; a notifier's thread may be in `put` while another closes it."""
 
     def __init__(self, event: Event[Any], publisher: Publisher, robot: str, plugin: str, name: str) -> None:
         self._event = event

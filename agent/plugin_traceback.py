@@ -1,6 +1,6 @@
 """Errors in plugin code, for its author: the line that raised, and the traceback from the plugin's first frame.
 
-The host's frames above the plugin are left out. Files are shown by name and folder only, since callers outside see the
+The host's frames above the plugin are omitted. Files are shown by name and folder only, since callers outside see the
 text too. For a thread that hangs in a plugin: the line that it is at, and its end.
 """
 

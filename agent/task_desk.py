@@ -245,8 +245,8 @@ class TaskDesk:
     def offer(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         """Answer the coordinator's offer; the same offer twice is accepted twice and started once.
 
-        One that is for after the running task is held; it takes the place of another that was held. Where that task has
-        just ended by itself, it is begun.
+        One that is for after the running task is held; it replaces another that was held. Where that task has just
+        ended by itself, it is begun.
         """
         if self.coordinator_ahead_ns:
             offer = msgspec.structs.replace(offer, task=offer.task.moved_in_time(-self.coordinator_ahead_ns))
@@ -290,7 +290,7 @@ class TaskDesk:
     def begin_for_team(self, task: Task) -> TaskAnswer:
         """Begin a task that the robots gave each other, with the epoch of the last one accepted.
 
-        So whatever a coordinator that returns offers or withdraws is newer.
+        So every offer or withdrawal of a coordinator that returns is newer.
         """
         try:
             return self._begin(TaskOffer(task=task, epoch=self._epoch, lease_s=0.0))

@@ -28,7 +28,7 @@ _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 
 
 class _Answer(Protocol):
-    """A robot's answer to a request that the whole team has to know of."""
+    """A robot's answer to a request that the whole team has to receive."""
 
     @property
     def task(self) -> Task: ...
@@ -134,7 +134,7 @@ class Requests:
             raise NobodyThere("; ".join([str(no_coordinator), *reason[:SHOWN_WHYS]])) from None
 
     def _until_kept(self, topic: Query[Q, _A], asked: Q, robot: str, risk: str) -> _A:
-        """Repeat a request until more than half of the team knows of it (CallError after 5 s, with the risk)."""
+        """Repeat a request until more than half of the team has it (CallError after 5 s, with the risk)."""
         transport = self._transport
         gives_up_s = transport.elapsed_s() + KEPT_S
         while True:

@@ -118,7 +118,7 @@ class FreshIds:
 
     Args:
         known: ids of the tasks of a kind that the coordinator knows.
-        is_known: whether the coordinator knows a task of an id, of whatever kind.
+        is_known: whether the coordinator knows a task of an id, of any kind.
 
     """
 

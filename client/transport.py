@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 PATIENCE_S = 5.0
 GATHER_S = 0.5
-"""A token or a first message may take this long to arrive by way of the hub."""
+"""A token or a first message may take this long to arrive through the hub."""
 
 
 class Transport(Protocol):

@@ -1,1 +1,1 @@
-"""The team's language: what passes on the wire, and what it means."""
+"""The team's language: the messages on the wire, and their meaning."""

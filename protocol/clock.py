@@ -15,7 +15,7 @@ _ELAPSED = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class Clock(Protocol):
-    """Tells the time of a run."""
+    """Returns the time of a run."""
 
     def now_ns(self) -> int:
         """Nanoseconds: since the start of the run in lockstep, since 1970 in live."""
@@ -23,7 +23,7 @@ class Clock(Protocol):
 
 
 class LiveClock:
-    """The clock of the live drive: monotonic, whatever happens to the machine's wall clock.
+    """The clock of the live drive: monotonic, independent of the machine's wall clock.
 
     Args:
         offset_ns: the time since 1970 less that of the monotonic clock; None for that at the start of this process.
@@ -48,7 +48,7 @@ def _wall_offset_ns() -> int:
 
 
 class VirtualClock:
-    """The clock of the lockstep drive: stands still until it is moved."""
+    """The clock of the lockstep drive: it advances only when it is moved."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = [start_ns]

@@ -1,4 +1,4 @@
-"""Reading and writing one type of payload: the one place where what comes from outside becomes a value."""
+"""Reading and writing one type of payload: the one place where input becomes a value."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar, get_args

@@ -60,7 +60,7 @@ class BadName(RobrainError):
 
 
 class BadToml(RobrainError):
-    """TOML that cannot be read. The text says what was expected; the caller adds the file's name."""
+    """TOML that cannot be read. The text gives the expected value; the caller adds the file's name."""
 
 
 class WireError(RobrainError):
@@ -68,7 +68,7 @@ class WireError(RobrainError):
 
 
 class NobodyThere(WireError):
-    """Nothing answers at an endpoint, or nobody of a team is there."""
+    """Nothing answers at an endpoint, or no participant of a team is there."""
 
 
 class NameTaken(WireError):

@@ -1,4 +1,4 @@
-"""Names and keys: what may stand between the slashes of a Zenoh key expression."""
+"""Names and keys: the permitted characters between the slashes of a Zenoh key expression."""
 
 import re
 
@@ -7,7 +7,7 @@ from robrain.protocol.errors import BadName
 ROOT = "robrain"
 DEFAULT_TEAM = "default"
 DEFAULT_REPLAY_TEAM = "replay"
-"""As whom a recording is put back on the wire."""
+"""Name under which a recording is put on the wire again."""
 
 NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}"
 _NAME = re.compile(NAME_PATTERN)
@@ -25,7 +25,7 @@ def check_name(what: str, name: str) -> str:
     excludes Zenoh's special characters (`*`, `/`, `#`, `$`, `?`, a leading `@`).
 
     Raises:
-        BadName: saying what is wrong with it.
+        BadName: with the problem.
 
     >>> check_name("robot", "r1")
     'r1'

@@ -20,10 +20,11 @@ Value = Text | Stamp | Quantity | Annotated[tuple[Name, ...], Meta(max_length=10
 
 
 class Reason(msgspec.Struct, frozen=True, tag_field="code"):
-    """Base of the reasons; `code` in JSON tells which one it is."""
+    """Base of the reasons; `code` in JSON identifies the type."""
 
     sentence: ClassVar[str] = ""
-    """The reason as a sentence with its fields in braces, or as what follows the name of a robot or `it is queued:`."""
+    """The reason as a sentence with its fields in braces, or as the text after the name of a robot or `it is
+    queued:`."""
 
     def __str__(self) -> str:
         return self.sentence.format_map(msgspec.structs.asdict(self))
@@ -117,7 +118,7 @@ IdleReason = NothingUnknown | LacksRange | PlainReason
 
 
 class DoneJustNow(Reason, frozen=True, tag="done_just_now"):
-    """The robot has just done the task; its report is under way."""
+    """The robot has just done the task; its report is in flight."""
 
     sentence = "has just done it"
 
@@ -160,7 +161,7 @@ class RobotHalted(Reason, frozen=True, tag="robot_halted"):
 
 
 class StoodStill(Reason, frozen=True, tag="stood_still"):
-    """The robot's process has stood still; the offer may have waited for it longer than the coordinator did."""
+    """The robot's process was paused; the offer may have waited for it longer than the coordinator did."""
 
     sentence = "its process has just stood still, and the offer may have waited"
 
@@ -205,7 +206,7 @@ Unavailable = Gone | NotHeard | PlainReason
 
 
 class OutOfReach(Reason, frozen=True, tag="out_of_reach"):
-    """It lost contact with the coordinator on the way to the task, and released it; it was not the first time."""
+    """It lost contact with the coordinator on the path to the task, and released it; it was not the first time."""
 
     sentence = (
         "lost contact with the coordinator at x {place.x_m:.1f}, y {place.y_m:.1f} on the way there; with "
@@ -213,7 +214,7 @@ class OutOfReach(Reason, frozen=True, tag="out_of_reach"):
     )
 
     place: Point2D
-    """Where it was heard last, arena frame."""
+    """Its last known place, arena frame."""
 
 
 class Refused(Reason, frozen=True, tag="refused"):
@@ -261,7 +262,7 @@ def lacks_plugins(plugins: Iterable[str]) -> PlainReason:
 
 
 def position_unknown(why: str = "") -> PlainReason:
-    """The robot does not know where it is, and what its localisation says."""
+    """The robot does not know its place, with the report of its localisation."""
     return plain("position_unknown", f"does not know where it is{why and f': {why}'}")
 
 
@@ -289,7 +290,7 @@ PlanReason = HolderLacksEnergy | NearestOut | PlainReason
 
 
 def after_undone(task: str) -> PlainReason:
-    """The job comes after a task that nobody does."""
+    """The job follows a task that no robot does."""
     return plain("after_undone", f"it comes after {task}, which nobody does", task=task)
 
 
@@ -297,18 +298,18 @@ def after_undone(task: str) -> PlainReason:
 
 
 class MinorityHeard(Reason, frozen=True, tag="minority_heard"):
-    """The coordinator hears too few of its robots: the others may allocate tasks themselves."""
+    """The coordinator receives too few of its robots: the others may allocate tasks themselves."""
 
     sentence = "{heard} of {robots} robots are heard, and the others may allocate tasks among themselves"
 
     heard: Count
-    """Robots that it hears."""
+    """Robots that it receives."""
     robots: Count
-    """Robots that count: those heard in the last ten minutes that have not ended."""
+    """Robots that count: those received in the last ten minutes that have not ended."""
 
 
 class PlanLeavesOut(Reason, frozen=True, tag="plan_leaves_out"):
-    """By the plan nobody is to do it."""
+    """By the plan no robot is to do it."""
 
     sentence = "the plan leaves it out: {because}"
 
@@ -392,7 +393,7 @@ TaskReason = DirectReason | DeadlinePassed | AfterEnded
 
 
 def cancelled(by: str, why: str) -> PlainReason:
-    """Somebody cancelled the task, for a reason in their own words; both may be empty."""
+    """A client cancelled the task, for a reason in its own words; both may be empty."""
     return plain("cancelled", f"cancelled{by and f' by {by}'}{why and f': {why}'}", by=cut(by, NAME_MAX))
 
 

@@ -36,13 +36,13 @@ class RefusalCode(StrEnum):
     """Key and payload name different senders."""
     UNKNOWN_SENDER = "unknown_sender"
     NOT_PLAUSIBLE = "not_plausible"
-    """It claims what its sender cannot know."""
+    """It claims facts that its sender cannot know."""
     OLD_EPOCH = "old_epoch"
     """A robot refused an offer because it has accepted one of a later epoch."""
     FAILED = "failed"
     """It was accepted, but handling it raised an exception."""
     LOST = "lost"
-    """It was lost on the way for good: its sender keeps too few to send it again."""
+    """It was lost for good in transit: its sender keeps too few to send it again."""
 
 
 class Refusal(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,7 +60,7 @@ class Refusal(msgspec.Struct, frozen=True, kw_only=True):
     code: Name
     """The reason, a `RefusalCode`."""
     count: Count
-    """How many so far."""
+    """Number up to now."""
     why: Text
     """Of the last message refused."""
 
@@ -136,7 +136,7 @@ class Refusals:
         self.note(what, name, RefusalCode.FAILED, why)
 
     def counts(self, most: int | None = None) -> list[Refusal]:
-        """All refusals so far, or the `most` frequent ones, largest count first."""
+        """All refusals up to now, or the `most` frequent ones, largest count first."""
         if not self.total:
             return []
         with self._counting:

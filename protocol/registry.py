@@ -88,7 +88,7 @@ class Registry(Generic[T]):
         """The object of a name.
 
         Raises:
-            UnknownEntry: nobody offers it, several distributions do, or it cannot be imported.
+            UnknownEntry: no distribution offers it, several do, or it cannot be imported.
 
         """
         self.check(name)
@@ -97,7 +97,7 @@ class Registry(Generic[T]):
         return self._loaded[name]
 
     def check(self, name: str) -> None:
-        """Raise UnknownEntry, with the names that there are, if nobody offers it; imports nothing and opens no file."""
+        """Raise UnknownEntry, with the existing names, if none offers it; imports nothing and opens no file."""
         if name not in self:
             close = difflib.get_close_matches(name, self.names, n=1)
             meant = f"; did you mean {close[0]}?" if close else ""
@@ -154,7 +154,7 @@ def failure_text(part: object, error: BaseException) -> str:
     Args:
         part: function, class or object that was called. An error that was not raised in its own folder has the line of
             its definition. None: a module that was being imported.
-        error: what was raised by the part, or for its result.
+        error: error of the part, or for its result.
 
     """
     return f"{_line_of(part, error)}{type(error).__name__}: {error}"

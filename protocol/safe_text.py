@@ -1,4 +1,4 @@
-"""Text from elsewhere made harmless: what came over the wire or out of a file, before it is shown."""
+"""Foreign text made harmless: input from the wire or a file, before it is shown."""
 
 import html
 import json
@@ -6,7 +6,7 @@ import re
 
 _UNSAFE = re.compile(
     "[\x00-\x1f\x7f-\x9f"  # C0, DEL, C1: cursor, colours, titles and clipboard of a terminal
-    "\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"  # invisible, or turns the direction of what follows
+    "\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"  # invisible, or turns the direction of the following text
     "\ud800-\udfff\ufff9-\ufffb\U000e0000-\U000e007f]"  # halves of a character, annotations, tags
 )
 CUT = "…"
@@ -51,7 +51,7 @@ def safe_html(text: str, limit: int | None = None) -> str:
 
 
 def safe_json(encoded: bytes) -> str:
-    r"""JSON with the same characters escaped as JSON does: it means what it meant, and a terminal only shows it.
+    r"""JSON with the same characters escaped as in JSON: the meaning is the same, and a terminal only shows it.
 
     >>> safe_json('"\x9b31m"'.encode())
     '"\\u009b31m"'

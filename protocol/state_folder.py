@@ -1,4 +1,4 @@
-"""The folder in which robrain stores what lasts for a user, by the XDG base directory specification."""
+"""The folder in which robrain stores a user's lasting data, by the XDG base directory specification."""
 
 import os
 from pathlib import Path

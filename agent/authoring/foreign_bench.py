@@ -74,7 +74,7 @@ class ForeignBench:
         return next(info for info in self._plugins.infos() if info.name == self.plugin)
 
     def call(self, function: str, arguments: object = None) -> Any:
-        """Call a function as from outside the robot, by way of its host.
+        """Call a function as from outside the robot, through its host.
 
         Args:
             function: its name.

@@ -88,7 +88,7 @@ class PluginBench:
         folders: places with the plugins under test; the stock plugins are there as well.
         load: plugins to load, with the plugins that they require; all in `folders` if None.
         parameters: for each plugin, parameters that override its manifest's.
-        roles: by plugin: which other takes its place; those in `folders` with a role take it.
+        roles: by plugin: the one that replaces it; those in `folders` with a role do.
         seed: of everything random.
 
     """

@@ -83,7 +83,7 @@ class TaskClaim:
             self._heard_by.add(teammate)
 
     def is_heard(self, teammates: Set[str], team: int) -> bool:
-        """Whether, with the robot itself, more than half of the team knows of the claim.
+        """Whether, with the robot itself, more than half of the team has received the claim.
 
         Args:
             teammates: the robots that are reachable now.

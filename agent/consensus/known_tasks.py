@@ -54,7 +54,7 @@ class KnownTasks:
         self.done: dict[str, TaskDone] = {}
         self.asked: dict[str, TaskAsked] = {}
         self.dropped: dict[str, TaskDropped] = {}
-        """Tasks that were cancelled and that no coordinator is known to have noted as ended."""
+        """Tasks that were cancelled and that no coordinator is known to have recorded as ended."""
         self._ended: dict[str, bool] = {}
         """Tasks that a coordinator reported as ended, and whether they were not done, by the reports received."""
 

@@ -104,7 +104,7 @@ class Witness:
         self._update_led()
 
     def follows(self, said: TeamState) -> bool:
-        """Whether a summary is of a coordinator that leads, as far as this robot knows."""
+        """Whether a summary is of a coordinator that leads, by this robot's knowledge."""
         lead = said.lead
         if lead is msgspec.UNSET:
             return True  # of a team without witnesses

@@ -174,7 +174,7 @@ class AgentHost:
         has_one_thread: in lockstep, that no other thread ever calls a plugin, so that none is locked.
         distributions: `entry_point_places()`, where several robots share a process; None searches for them.
         manifests: files found by the robots of a run that were set up before, by folder; None searches again.
-        extensions: host extensions that take the place of those of the same name.
+        extensions: host extensions that replace those of the same name.
 
     """
 
@@ -263,7 +263,7 @@ class AgentHost:
         self.loadable = [*self.loadable, folder]
 
     def follows(self, summary: TeamState) -> bool:
-        """Whether a summary is of a coordinator that leads, as far as all extensions know."""
+        """Whether a summary is of a coordinator that leads, by the knowledge of all extensions."""
         return all(extension.follows(summary) for extension in self.extensions.values())
 
     def on_wanted(self, wake: Callable[[], None]) -> None:

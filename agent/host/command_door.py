@@ -115,7 +115,7 @@ def _whole(words: Iterable[str], rest: str) -> list[str]:
 
 
 class TextCommandDoor:
-    """Executes the text form on one robot's plugins, as far as these are visible to `command`.
+    """Executes the text form on one robot's plugins, if these are visible to `command`.
 
     May be used from any thread; holds no lock, so that it may be called from below.
 

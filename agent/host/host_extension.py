@@ -35,7 +35,7 @@ class ExtendedHost(Protocol):
     desk: TaskDesk
 
     def follows(self, summary: TeamState) -> bool:
-        """Whether a summary is of a coordinator that leads, as far as all extensions know."""
+        """Whether a summary is of a coordinator that leads, by the knowledge of all extensions."""
 
 
 class HostExtension:
@@ -45,7 +45,7 @@ class HostExtension:
         """Declare queries and subscriptions; the plugins run."""
 
     def follows(self, summary: TeamState) -> bool:
-        """Whether a summary is of a coordinator that leads, as far as this extension knows."""
+        """Whether a summary is of a coordinator that leads, by this extension's knowledge."""
         return True
 
     def receive_summary(self, summary: TeamState, now_ns: int) -> bool:
@@ -95,7 +95,7 @@ def make_extensions(host: ExtendedHost, own: Mapping[str, MakeExtension]) -> dic
 
     Args:
         host: the robot's host.
-        own: extensions that take the place of those with the same name.
+        own: extensions that replace those with the same name.
 
     """
     made: dict[str, HostExtension] = {}

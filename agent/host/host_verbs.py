@@ -53,7 +53,7 @@ class VerbHost(Protocol):
 class HostVerb(Generic[Q, R]):
     """A verb of the host.
 
-    It runs on one of several threads, so verbs may run side by side.
+    It runs on one of several threads, so verbs may run in parallel.
     """
 
     query: Query[Q, R]

@@ -74,8 +74,8 @@ class PluginThreads:
     """Gives all plugins their turns, on as few threads as are busy at a time and one or two that wait.
 
     No plugin waits for another: before a thread enters a plugin, it ensures that another thread waits for the next due
-    turn. So another takes the place of one that is stuck in a plugin. There are at most as many threads as plugins that
-    are in a turn, those included that hang and were abandoned, and `SPARE` more.
+    turn. So another replaces one that is stuck in a plugin. There are at most as many threads as plugins that are in a
+    turn, those included that hang and were abandoned, and `SPARE` more.
 
     Args:
         host: its plugins are followed as they are loaded and unloaded while the robot runs.

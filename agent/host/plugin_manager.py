@@ -1,7 +1,7 @@
 """The plugin manager: the start sequence (figure 3 of the paper), and loads, unloads and reloads while the robot runs.
 
-These go one at a time, and a second one is refused while the first is under way. No lock is held while plugin code runs
-that another load or the host's own step would wait for.
+These run one at a time, and a second one is refused while the first is in progress. No lock is held while plugin code
+runs that another load or the host's own step would wait for.
 """
 
 import logging
@@ -53,7 +53,7 @@ class _Case(msgspec.Struct):
 
 
 class FaultHandler:
-    """Sees to faults in the host's own step, where no plugin's lock is held.
+    """Handles faults in the host's own step, where no plugin's lock is held.
 
     Args:
         registry: of the robot's plugins.
@@ -285,7 +285,7 @@ class PluginManager:
         Raises:
             AccessDenied: the path is outside all of these folders.
             PluginMissing, ManifestError, PluginError: loading failed; nothing stays loaded then.
-            HostBusy: another load, unload or reload is under way.
+            HostBusy: another load, unload or reload is in progress.
 
         """
         with self._alone():
@@ -314,7 +314,7 @@ class PluginManager:
         Raises:
             PluginInUse: others require it.
             PluginMissing: there is none of that name.
-            HostBusy: another load, unload or reload is under way.
+            HostBusy: another load, unload or reload is in progress.
 
         """
         with self._alone():
@@ -332,7 +332,7 @@ class PluginManager:
 
         Raises:
             PluginError: why it failed.
-            HostBusy: another load, unload or reload is under way.
+            HostBusy: another load, unload or reload is in progress.
 
         """
         with self._alone():
@@ -352,7 +352,7 @@ class PluginManager:
             return plugin
 
     def settle(self, now_ns: int) -> None:
-        """See to faults: their dependants, restarts, plugins that hang or flood. The host does this in its step."""
+        """Handle faults: their dependants, restarts, plugins that hang or flood. The host does this in its step."""
         if not self._active_goals.acquire(blocking=False):
             return
         try:

@@ -27,7 +27,7 @@ class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     load: list[str] | None = None
     """Plugins to load, with all that they require; all that are found if absent."""
     roles: dict[str, str] = {}
-    """By plugin: which other takes its place, such as `scan = "ld19"`, under its name and with its parameters."""
+    """By plugin: the one that replaces it, such as `scan = "ld19"`, under its name and with its parameters."""
     consensus: bool = False
     """Whether the robot continues without a coordinator, and allocates open tasks with the others."""
 

@@ -178,7 +178,7 @@ class RobotHalts:
     def _halt(self, by: list[str], reason: str, stamp_ns: int = 0) -> None:
         for each in by or [""]:
             self._latch.hold(each, reason, stamp_ns)
-        if self._is_started:  # else `started` sees to it
+        if self._is_started:  # else `started` does it
             self._halt_plugins()
         names = ", ".join(by) or "nobody named"
         self._log_text(f"halted by {names}{f': {reason}' if reason else ''}")

@@ -330,7 +330,7 @@ class _Straight(Mailbox):
 
 
 def _end_with_parent(lifeline: int) -> None:
-    """Have the kernel end this process when the parent's end of the pipe is closed, whatever Python is at."""
+    """Have the kernel end this process when the parent's end of the pipe is closed, in any state of Python."""
     fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
     try:

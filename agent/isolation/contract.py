@@ -223,7 +223,7 @@ def contract_of(plugin_class: type[Plugin]) -> Contract:
     """The contract of a plugin: its interface, its external functions and its events.
 
     Raises:
-        Exception: whatever get_type_hints and msgspec raise for hints that are of no use between processes.
+        Exception: all errors of get_type_hints and msgspec for hints that are of no use between processes.
 
     """
     contract = Contract(plugin_class.interface, plugin_class)

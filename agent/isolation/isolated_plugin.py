@@ -257,7 +257,7 @@ class IsolatedPlugin(Plugin):
             ) from error
 
     def close(self) -> None:
-        """End the process, whatever the plugin is at."""
+        """End the process, in any state of the plugin."""
         self._end("was closed")
 
     def _call(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
@@ -388,7 +388,7 @@ def isolated_class(plugin_class: type[Plugin], manifest: Manifest, limits: Limit
 
 
 def _function(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    @functools.wraps(function)  # with its signature, its hints and its marks: what is external stays so
+    @functools.wraps(function)  # with its signature, its hints and its marks: external functions stay external
     def call(self: IsolatedPlugin, *args: Any, **kwargs: Any) -> Any:
         return self._call(name, args, kwargs)
 

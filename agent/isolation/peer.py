@@ -153,7 +153,7 @@ class Peer:
         return frame
 
     def _wanted(self) -> int:
-        """Bytes of the next frame, with its length, as far as that is known."""
+        """Bytes of the next frame, with its length, if that is known."""
         if len(self._received) < _LENGTH.size:
             return _LENGTH.size
         (length,) = _LENGTH.unpack_from(self._received)

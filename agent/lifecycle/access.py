@@ -154,7 +154,7 @@ class ExternalLeases:
             return True
 
     def drop(self, plugin: str) -> None:
-        """End whatever lease there is: the plugin goes."""
+        """End an existing lease: the plugin goes."""
         with self._lock:
             self._leases.pop(plugin, None)
 
@@ -227,8 +227,8 @@ class ExclusiveUse:
 class Handle:
     """The functions and events of one interface of one plugin, for one caller.
 
-    A call takes the callee's lock, is refused while the callee is not active, and reaches whatever instance of the
-    callee is there by then.
+    A call acquires the callee's lock and is refused while the callee is not active. It reaches the instance of the
+    callee that exists by then.
     """
 
     __slots__ = ("__callee", "__caller", "__dict__", "__interface", "__locks", "__user")

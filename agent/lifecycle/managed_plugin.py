@@ -157,7 +157,7 @@ class ManagedPlugin:
 
     @property
     def plugin(self) -> Plugin:
-        """The plugin itself, whatever its state (PluginInactive if there is none)."""
+        """The plugin itself, in any state (PluginInactive if there is none)."""
         return self._there().plugin
 
     def live_plugin(self) -> Plugin:
@@ -344,7 +344,7 @@ class ManagedPlugin:
                 self.refuse_calls()
 
     def fault(self, error: ForeignError) -> None:
-        """The plugin raised, hangs or floods: it is not called any more; the host sees to the rest in its step."""
+        """The plugin raised, hangs or floods: it is not called any more; the host does the rest in its step."""
         self.apply(Trigger.FAIL, f"{type(error).__name__}: {error}", error)
 
     def refuse_calls(self) -> None:
@@ -401,7 +401,7 @@ class ManagedPlugin:
     def _run(self, do: Callable[[], None]) -> None:
         turn = self.turn
         if not turn.acquire(turn.limit_s):
-            return  # a caller is stuck in it: the host sees to that
+            return  # a caller is stuck in it: the host handles that
         try:
             do()
         finally:

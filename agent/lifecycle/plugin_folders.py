@@ -28,7 +28,7 @@ SHOWN_CHARACTERS = 100
 def entry_point_places() -> list[tuple[Path, str]]:
     """The places of all installed distributions, each with the distribution's name, ordered by that.
 
-    An entry point that does not lead to a folder is logged and left out.
+    An entry point that does not lead to a folder is logged and skipped.
     """
     found: dict[Path, str] = {}
     for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: (_distribution(point), point.name)):
@@ -76,7 +76,7 @@ class PluginFolders:
     def find(self, known: dict[Path, list[Path]] | None = None) -> dict[str, Path]:
         """The manifests that exist, by the plugin's name; folders in `known` are not read again.
 
-        Those with a role are left out, but for the ones that `roles` names.
+        Those with a role are skipped, but for the ones that `roles` names.
 
         Raises:
             PluginMissing: one that `roles` names is in no place, or is not for that role.

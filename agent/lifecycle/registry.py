@@ -175,7 +175,7 @@ def start_order(requires: Requires) -> tuple[list[str], list[list[str]]]:
 
 
 def branch_of(name: str, requires: Requires) -> set[str]:
-    """All that a plugin requires, also by way of others."""
+    """All that a plugin requires, also through others."""
     branch: set[str] = set()
     waiting = list(requires.get(name, ()))
     while waiting:

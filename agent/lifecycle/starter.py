@@ -152,7 +152,8 @@ class Replacement:
 logger = logging.getLogger(__name__)
 
 GiveUp = Callable[[str], Callable[[], None] | None]
-"""Leaves what hangs to who is stuck in it, for that reason; returns what is left to do, and may take its time."""
+"""Leaves a hanging instance to the caller that is stuck in it, for that reason; returns the remaining work, which may
+be slow."""
 
 
 class Starter:
@@ -180,7 +181,7 @@ class Starter:
         self._in_time(plugin, plugin.activate, None)
 
     def begin(self, plugin: ManagedPlugin) -> None:
-        """Start a plugin that is listed but does not run; if that fails it is left out with the reason."""
+        """Start a plugin that is listed but does not run; if that fails it is skipped with the reason."""
         if plugin.instance is not None:
             plugin.apply(Trigger.REACTIVATE)
         else:
@@ -233,7 +234,7 @@ class Starter:
             self._leave_out(plugin, error)
 
     def _attempt(self, plugin: ManagedPlugin, do: Callable[[], None]) -> None:
-        """Do one step of a plugin's start; if that fails it is left out with the reason."""
+        """Do one step of a plugin's start; if that fails it is skipped with the reason."""
         registry = self._registry
         if plugin.state is PluginState.FAULTED:
             return

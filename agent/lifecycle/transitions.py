@@ -59,7 +59,7 @@ class Effect(Enum):
     LEAVE = auto()
     """Leave the instance, its lock and its thread to the stuck caller."""
     REPORT = auto()
-    """Have the host see to the fault."""
+    """Have the host handle the fault."""
 
 
 class Transition(NamedTuple):

@@ -1,4 +1,4 @@
-"""A pool of threads that make foreign calls side by side, so that one that hangs holds up no other.
+"""A pool of threads that make foreign calls in parallel, so that one that hangs holds up no other.
 
 Of the live drive only, as are its waits by the wall's clock; in lockstep the same calls go by `run_in_turn`.
 """

@@ -1,8 +1,8 @@
 """Chargers assigned in turns, without looking ahead: the baseline of `charge_schedule.py`.
 
-Robots without tasks charge when their battery is low, or when a task is left out for lack of energy. The robots with
-the lowest charge come first; the others wait where they are. A charger has at most one robot. Pure: depends only on
-the present robots and chargers.
+Robots without tasks charge when their battery is low, or when a task is unplanned for lack of energy. The robots with
+the lowest charge come first; the others wait where they are. A charger has at most one robot. Pure: depends only on the
+present robots and chargers.
 """
 
 import math
@@ -18,7 +18,7 @@ SAME_M = 0.6
 TO_SOC = 0.95
 """Target level of a charge that is not cut short."""
 FULL_ENOUGH = 0.9
-"""A robot above this level is not sent to charge, whatever tasks are left out."""
+"""A robot above this level is not sent to charge, even if tasks are unplanned."""
 
 
 class Idle(NamedTuple):

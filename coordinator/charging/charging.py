@@ -479,7 +479,7 @@ class Charging(CoordinatorPart):
 
 
 def is_for_energy(reason: PlanReason) -> bool:
-    """Whether a task is left out because robots have too little energy for it.
+    """Whether a task is unplanned because robots have too little energy for it.
 
     >>> is_for_energy(NearestOut("r1", LacksEnergy(missing_j=12.0)))
     True

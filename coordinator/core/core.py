@@ -124,7 +124,7 @@ class CoordinatorPart:
         return ""
 
     def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
-        """Call `on_kept` once all changes so far are kept wherever this part needs them, else `on_lost`."""
+        """Call `on_kept` once all changes up to now are kept wherever this part needs them, else `on_lost`."""
         on_kept()
 
     def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
@@ -206,7 +206,7 @@ class Parts:
         return next((why for part in self.overriding["request_refusal"] if (why := part.request_refusal())), "")
 
     def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
-        """Call `on_kept` once all changes so far are kept wherever the parts need them, else `on_lost`."""
+        """Call `on_kept` once all changes up to now are kept wherever the parts need them, else `on_lost`."""
         for part in self.overriding["when_kept"]:
             on_kept = partial(part.when_kept, on_kept, on_lost)
         on_kept()

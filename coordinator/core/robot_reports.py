@@ -31,7 +31,7 @@ class RobotReports:
 
     @property
     def received(self) -> int:
-        """Number of messages so far."""
+        """Number of messages up to now."""
         return self._inbox.received
 
     def receive(self, now_ns: int) -> bool:

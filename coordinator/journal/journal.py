@@ -67,7 +67,7 @@ Sync = Callable[[int], None]
 
 
 class DiskSync:
-    """Syncs the writes to a file to the disk. Whatever waits when a sync begins is done with that one.
+    """Syncs the writes to a file to the disk. All callbacks that wait when a sync begins are done with that one.
 
     Args:
         path: of the file; it must exist when `after` is called.
@@ -275,7 +275,7 @@ class Journal(JournalReading):
 
     @property
     def epoch_ceiling(self) -> int:
-        """No epoch above this was given out, or noted."""
+        """No epoch above this was issued, or recorded."""
         return self._epoch_ceiling
 
     @property
@@ -363,7 +363,7 @@ class Journal(JournalReading):
         return page if tasks else replace(page, alarms=alarm_rows(self.alarms()), robots=self.robots)
 
     def begin_copy(self) -> None:
-        """Remove everything but the epochs: a copy of another journal takes its place, page by page.
+        """Remove everything but the epochs: a copy of another journal replaces it, page by page.
 
         The previous contents of a file stay beside it as `FILE.before-N`.
 

@@ -2,7 +2,7 @@
 
 Invalid fields get their defaults.
 
-A reason with an unknown code, from a newer robrain, is left out: its words are there all the same.
+A reason with an unknown code, from a newer robrain, is dropped: its words are there all the same.
 """
 
 import re
@@ -24,7 +24,7 @@ def read_record(text: str) -> tuple[TaskRecord, str]:
     """Decode a record of the journal; fields out of range get their defaults.
 
     Returns:
-        The record, and what is wrong with it (empty if nothing).
+        The record, and its problem (empty if there is none).
 
     Raises:
         msgspec.DecodeError: the record cannot be read, or a field without a default is out of range.

@@ -79,10 +79,10 @@ def move_aside(path: Path) -> Path:
 def replace_journal(path: Path) -> None:
     """There is no journal at `path`: write the salvaged rows there, if there are any.
 
-    Comes after `move_aside`, and after an end of the process at whatever instant between the two.
+    Comes after `move_aside`, and after an end of the process at any instant between the two.
     """
     last = _last_aside(path)
-    # A write-ahead log that was left behind would be played into whatever file stands beside it.
+    # A write-ahead log that was left behind would be played into any file beside it.
     _move_companions(path, path.with_name(f"{path.name}.damaged-{max(last, 1)}"))
     anew = new_path(path)
     if last and anew.exists():

@@ -128,7 +128,7 @@ class JournalFeed:
         self._end_waiting()
 
     def when_kept(self, on_kept: OnKept, on_lost: OnLost) -> None:
-        """Call `on_kept` in a step once all changes so far are in every journal that the witnesses may elect.
+        """Call `on_kept` in a step once all changes up to now are in every journal that the witnesses may elect.
 
         `on_lost` is called instead, with a reason, if the witnesses do not learn in time that no candidate is in step.
         Another coordinator may then lead, with a journal that lacks the changes.
@@ -390,7 +390,7 @@ class ElectedLeadership(Leadership):
         return told(self.mandate.not_leading_reason(now_ns))
 
     def when_kept(self, on_kept: OnKept, on_lost: OnLost) -> None:
-        """Call `on_kept` once all changes so far are in each journal from which another may lead; see JournalFeed."""
+        """Call `on_kept` once all changes are in each journal from which another may lead; see JournalFeed."""
         self.feed.when_kept(on_kept, on_lost)
 
     def summary(self, state: TeamState, now_ns: int) -> TeamState:

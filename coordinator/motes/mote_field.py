@@ -50,7 +50,7 @@ GATEWAYS_MAX = 256
 
 
 class ReadingPaths:
-    """Counts the ways of readings."""
+    """Counts the routes of readings."""
 
     def __init__(self) -> None:
         self.forwarded = 0

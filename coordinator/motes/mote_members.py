@@ -89,7 +89,7 @@ def robot_j(model: EnergyModel, way_m: float, stay_s: float) -> float:
 CHECK_NS = to_ns(0.25)
 """Period of checks whether a mote is late, when nothing has happened."""
 NEAR_M = 1.5
-"""A mote senses where it is: so far from there its reading still counts for a place (chosen)."""
+"""A mote senses at its own place: at this distance its reading still counts for a place (chosen)."""
 JUDGED = 8
 """Number of motes, the nearest, that are compared for a task."""
 OWN_STAY_S = 1.0

@@ -39,7 +39,7 @@ class KnownChargers:
 
     Args:
         wire: the coordinator's Zenoh endpoint.
-        plugins: plugins of each robot, as far as announced: only robots with `home` are queried. None queries all.
+        plugins: announced plugins of each robot: only robots with `home` are queried. None queries all.
 
     """
 

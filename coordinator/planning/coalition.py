@@ -34,7 +34,7 @@ GATHER, SHARE = "gather", "share"
 """Prefixes of the ids of parts."""
 
 ROOM_M = 0.3
-"""Gap between the edges of two robots at their spots (chosen: closer robots give way to each other)."""
+"""Gap between the edges of two robots at their spots (chosen: closer robots yield to each other)."""
 DIRECTIONS = 24
 
 

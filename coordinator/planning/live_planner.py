@@ -42,8 +42,8 @@ EXIT_S = 20.0
 class PlannerProcess:
     """Starts the process.
 
-    Besides its two connections it holds the other end of a pipe: when this process ends in any way, the kernel kills
-    the planning process.
+    Besides its two connections it holds the other end of a pipe. When this process ends for any reason, the kernel
+    kills the planning process.
 
     Args:
         on_said: called with each message of the process, on a separate thread.

@@ -1,4 +1,4 @@
-"""Executes the plan: offers due tasks, publishes why tasks are left out, and fails those left out for too long."""
+"""Executes the plan: offers due tasks, publishes why tasks are unplanned, and fails those unplanned for too long."""
 
 from collections.abc import Sequence
 
@@ -103,7 +103,7 @@ class PlanExecutor:
         return False
 
     def _publish_left_out(self, now_ns: int) -> None:
-        """Publish why a task is left out, once, and again when the reason's code changes."""
+        """Publish why a task is unplanned, once, and again when the reason's code changes."""
         if self._planning.number == self._published_number and now_ns < self._publish_ns:
             return
         self._published_number, self._publish_ns = self._planning.number, now_ns + TELL_NS

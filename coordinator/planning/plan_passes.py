@@ -50,7 +50,7 @@ class PlanDraft(msgspec.Struct, frozen=True, kw_only=True):
     allocator: Allocator
     """The allocator that made the plan; it can make others."""
     failures: tuple[PlanFailure, ...] = ()
-    """Failures of other distributions' code so far."""
+    """Failures of other distributions' code up to now."""
 
     def with_plan(self, plan: Plan) -> "PlanDraft":
         """The draft with another plan for the same problem."""

@@ -309,7 +309,7 @@ class Draft:
         return self.solver.improve()
 
     def planned(self, took_s: float = 0.0) -> PlanInForce:
-        """The best plan so far."""
+        """The best plan up to now."""
         snapshot, policy = self._snapshot, self._policy
         plan = self.solver.plan
         written = PlanProblem(
@@ -432,7 +432,7 @@ class PlanSolver:
         passes: Sequence[str] = STOCK_PASSES,
     ) -> None:
         self.rounds = 0
-        """Number of searches so far."""
+        """Number of searches up to now."""
         self.failures: tuple[PlanFailure, ...] = ()
         """Failures of other distributions' code when `plan` was last read."""
         first = allocator_of(method, objective)
@@ -464,7 +464,7 @@ class PlanSolver:
 
     @property
     def plan(self) -> Plan:
-        """The best plan so far, refined."""
+        """The best plan up to now, refined."""
         draft = PlanDraft(
             asked=self._asked,
             problem=self._problem,

@@ -168,7 +168,7 @@ class Due(NamedTuple):
 
 
 class Unplanned(NamedTuple):
-    """A task that the plan leaves out."""
+    """A task that is not in the plan."""
 
     reason: PlanReason
     since_ns: int
@@ -211,7 +211,7 @@ class Planning:
         self.held: dict[str, PlainReason] = {}
         """Robots that work on a task with others."""
         self.left_out: dict[str, Unplanned] = {}
-        """Tasks that the plan leaves out, why, and since when."""
+        """Tasks that are not in the plan, with reason and time."""
         self.waiting: dict[str, TaskReason] = {}
         """Tasks that could not be part of the plan, and why."""
         self._wire = wire
@@ -375,7 +375,7 @@ class Planning:
                 continue
             after = "" if not bound or bound[0].own else bound[0].task.id
             if after and left_s > LATEST_S and self._plan.problem.asked_ns < self._ending_ns.get(name, 0):
-                continue  # a new plan for this is under way
+                continue  # a new plan for this is in progress
             if self._backoff.why(step.task, name, now_ns) is None:
                 yield Due(step.task, name, after)
 

@@ -62,7 +62,7 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     confidence: Annotated[float, Meta(ge=0.5, lt=1)] = 0.95
     """One-sided confidence of the energy bounds."""
     time_margin: Positive = 1.1
-    """Factor on travel times beyond the robot's usual pace, for corners and stops to give way."""
+    """Factor on travel times beyond the robot's usual pace, for corners and stops to yield."""
     unknown_cost: Positive = 1.5
     """Metres that a metre of unknown floor counts as. A robot may still refuse, and is then not asked for a while."""
     gain_min: Annotated[float, Meta(ge=0, lt=1)] = 0.02

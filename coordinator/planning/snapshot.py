@@ -1,4 +1,4 @@
-"""The state of the team at one moment, as far as plans depend on it. Immutable, so threads can share it."""
+"""The state of the team at one moment, with all data that plans depend on. Immutable, so threads can share it."""
 
 import math
 from typing import TYPE_CHECKING, NamedTuple

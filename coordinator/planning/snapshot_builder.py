@@ -24,7 +24,7 @@ from robrain.protocol.reasons import RobotReason, halted, plain, position_unknow
 AT_PLACE_M = 1.0
 """A robot this close to the place of its task counts as being there."""
 SOON_FREE_NS = to_ns(1.0)
-"""A robot that still charges is not free before this, whatever was predicted."""
+"""A robot that still charges is not free before this, despite any prediction."""
 FLOOR_NS = to_ns(10.0)
 """Interval at which the map is read again; earlier if it has grown and that may help, or a robot was blocked."""
 

@@ -87,7 +87,7 @@ class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[rules.reading]`: conditions on readings. One of `above`, `below`, `rising_per_min` and `falling_per_min`.
 
-    Readings are judged by the time at which they were taken, whenever and in whatever order they arrive.
+    Readings are judged by the time of their measurement, in any order of arrival.
     """
 
     quantity: Name
@@ -274,7 +274,7 @@ class Rule(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     per: Per = Per.MOTE
     """After a task the rule makes none until it is armed again: for each mote by itself, or for the whole team."""
     cooldown_s: Duration = 60.0
-    """Least time between two tasks of the rule, whatever made them."""
+    """Least time between two tasks of the rule, for any trigger."""
     max_open: Annotated[int, Meta(ge=1, le=1000)] = 1
     """Most tasks of the rule that are open at the same time."""
 

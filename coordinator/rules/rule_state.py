@@ -304,7 +304,7 @@ class RuleState:
         return track.newest is Class.CLEAR
 
     def may_make(self, now_ns: int, is_open: Callable[[str], bool]) -> bool:
-        """Whether a task may be made now, as far as cool-down and the number of open ones go."""
+        """Whether a task may be made now, by cool-down and the number of open ones."""
         if now_ns < self._not_before_ns:
             return False
         self._open = {task for task in self._open if is_open(task)}

@@ -59,7 +59,7 @@ def impossibility(
         now_ns: the time.
         grid: the known map; None if nothing is known.
         plugins: offer of each robot of the team; None for a robot that has not announced it.
-        others: its predecessors, and theirs, as far as they are known.
+        others: its predecessors, and theirs, if known.
         schemas: of the parameters of each kind of task, as robots announce them.
 
     """

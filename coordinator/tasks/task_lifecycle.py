@@ -314,7 +314,7 @@ class TaskLifecycle:
         """Requeue the tasks whose assignment other robots may not have received; their robots are ordered to drop them.
 
         Args:
-            known: number of the last change that they know of.
+            known: number of the last change that they have received.
             reason: why they are taken back.
             now_ns: the time.
 

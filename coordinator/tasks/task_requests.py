@@ -49,7 +49,7 @@ class RequestGate(Protocol):
         """Why no task is accepted or cancelled, in words; empty if tasks are."""
 
     def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
-        """Call `on_kept` once no change so far can be lost with this machine, else `on_lost` with a reason."""
+        """Call `on_kept` once no change up to now can be lost with this machine, else `on_lost` with a reason."""
 
 
 class TaskRequests:

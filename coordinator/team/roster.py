@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 ROBOTS_MAX = 4096
 """Maximum number of robots ever seen; further ones are rejected."""
 ROBOTS_UNSEEN_MAX = 32
-"""Maximum number of names without a token so far (chosen: tokens arrive with the first state)."""
+"""Maximum number of names without a token yet (chosen: tokens arrive with the first state)."""
 FORGET_UNSEEN_NS = to_ns(10.0)
 """Such a name is forgotten after this much silence (chosen)."""
 _LOST_AFTER_NS = to_ns(LOST_AFTER_S)

@@ -132,7 +132,7 @@ class Connection(NamedTuple):
 
 
 def remember(session: zenoh.Session, connection: Connection) -> None:
-    """Note how a session connects."""
+    """Record the member as which a session connects."""
     if len(_OF_SESSION) >= IDENTITIES_MAX:
         del _OF_SESSION[next(iter(_OF_SESSION))]  # the oldest
     _OF_SESSION[str(session.zid())] = connection

@@ -75,7 +75,7 @@ def rules_of(member: Member) -> list[dict[str, Any]]:
 
 
 def _rules_of_router(router: Member) -> list[dict[str, Any]]:
-    """It carries everything of all teams of its CA, both ways."""
+    """It carries all messages of all teams of its CA, in both directions."""
     return [_rule(router, flow, MESSAGES, (f"{ROOT}/**", f"{ROOT}/**/{ADVANCED}")) for flow in ("ingress", "egress")]
 
 

@@ -1,4 +1,4 @@
-"""The asking side of driving by hand: takes the driver's lease when it is needed, renews it, and gives it back."""
+"""The client side of driving by hand: acquires the driver's lease when it is needed, renews it, and releases it."""
 
 import contextlib
 from collections.abc import Callable, Mapping

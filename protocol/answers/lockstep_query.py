@@ -39,7 +39,7 @@ class LockstepReplies:
         self._is_over = threading.Event()
 
     def handler(self) -> "zenoh.handlers.Callback[Any]":
-        """A callback that stores replies, on whatever thread delivers them."""
+        """A callback that stores replies, on any thread that delivers them."""
         return zenoh.handlers.Callback(self._take, self._is_over.set, indirect=False)
 
     def wait(self, outside_s: float) -> bool:

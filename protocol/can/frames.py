@@ -37,7 +37,7 @@ class FrameCodec:
         message: the frame, as cantools read it; its last two signals are `counter` and `checksum`, a byte each.
 
     Raises:
-        ValueError: its signals do not fill whole bytes, one after the other, the lowest byte first.
+        ValueError: its signals do not fill whole bytes in order, the lowest byte first.
 
     """
 

@@ -470,7 +470,7 @@ class ZenohBus(can.BusABC):
             query.reply(self._key, b"")
 
     def _meet(self) -> None:
-        """Wait until every other node knows of this one's subscription, and this one of theirs.
+        """Wait until every other node has this one's subscription, and this one has theirs.
 
         A session drops frames for which it knows no subscription. Declarations use the same path as the query and
         precede it. A node that has answered therefore has this one's subscription; its own arrived before the answer.

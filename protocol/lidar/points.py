@@ -15,7 +15,7 @@ class Point(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Points that were measured one after the other."""
+    """Points that were measured in sequence."""
 
     points: list[Point]
     ends_turn: bool

@@ -147,7 +147,7 @@ class KeyRoute(NamedTuple):
     plain: list[Inbox]
     """Inboxes that have subscribed to it."""
     special: list[Inbox]
-    """Likewise, those that take samples in their own way."""
+    """Likewise, those that handle samples in their own manner."""
     others: list[Subscription]
     """Subscriptions that read these samples as another topic."""
 

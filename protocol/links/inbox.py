@@ -78,7 +78,7 @@ class Inbox:
             self.border = border
 
     def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
-        """Take a sample in; called by subscriptions, on whatever thread they run.
+        """Add a sample; called by subscriptions, on any thread.
 
         Returns:
             Whether it was: False if it is too large, or there is no room for it.

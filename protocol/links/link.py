@@ -33,7 +33,7 @@ class Replies(NamedTuple):
 
     answers: Iterable[Answer]
     in_time: bool = True
-    """Whether they came before the time limit, as far as that is known when the query returns."""
+    """Whether they came before the time limit, if that is known when the query returns."""
     from_outside: bool = False
     """Whether another process has answered a lockstep run, or has failed to in time."""
 

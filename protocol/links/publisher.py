@@ -13,7 +13,7 @@ from robrain.protocol.table.topic import Topic
 
 
 class Publisher:
-    """Says one topic under one key. Made by `Endpoint.publisher`.
+    """Publishes one topic under one key. Made by `Endpoint.publisher`.
 
     Args:
         topic: message.

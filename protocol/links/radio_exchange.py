@@ -151,7 +151,7 @@ class RadioQuery:
             answer(LocalQuery(Gathering(selector, payload, 1, back, one_over)))
 
     def reply(self, speaker: str, there_ns: int, answer: Answer) -> None:
-        """A party replies to a request that took so long to reach it."""
+        """A party replies to a request that took this long to reach it."""
         took_ns = self._carried(speaker, self._party, len(answer.key) + len(answer.payload), there_ns)
         if took_ns is None:
             return

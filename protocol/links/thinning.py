@@ -1,6 +1,6 @@
 """Thins a robot's telemetry at the sender, where the capacity of its link is declared.
 
-A full link delays or drops whatever comes next, a halt's confirmation too. Repeating messages are dropped instead:
+A full link delays or drops every later message, a halt's confirmation too. Repeating messages are dropped instead:
 topics of which only the latest counts and that come at a fixed rate. Each still comes often enough to keep its
 deadline. Everything else is sent, and uses the link up first.
 """
@@ -30,7 +30,7 @@ class Thinning:
         if not bytes_per_s > 0:
             raise ValueError(f"expected bytes_per_s > 0, got {bytes_per_s:g}")
         self.left_out: dict[str, int] = {}
-        """Messages that were left out, by topic."""
+        """Messages that were dropped, by topic."""
         self._bytes_per_s = bytes_per_s
         self._burst = bytes_per_s * BURST_S
         self._room = self._burst
@@ -41,7 +41,7 @@ class Thinning:
 
     @property
     def total(self) -> int:
-        """Messages that were left out."""
+        """Messages that were dropped."""
         return sum(self.left_out.values())
 
     def admits(self, topic: Topic[Any], key: str, size: int) -> bool:

@@ -25,7 +25,7 @@ class MapAccuracy(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PoseAccuracy(msgspec.Struct, frozen=True, kw_only=True):
-    """Accuracy of a robot's poses: estimates compared with true poses, over the run so far.
+    """Accuracy of a robot's poses: estimates compared with true poses, over the run up to now.
 
     Errors and NEES include only samples in which the robot does not report that it is lost. NEES is the normalised
     estimation error squared (Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*,
@@ -64,7 +64,7 @@ def recent_agreement(before: float | None, share: float) -> float:
     """Agreement with the map after another scan, as an exponential mean.
 
     Args:
-        before: the agreement so far, 0 to 1; None before the first scan.
+        before: the agreement up to now, 0 to 1; None before the first scan.
         share: share of this scan's beams that end at walls of the map, 0 to 1.
 
     """

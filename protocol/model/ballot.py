@@ -16,7 +16,7 @@ Score = Annotated[float, Meta(ge=0.0, le=1e15)]
 
 
 class Bid(msgspec.Struct, frozen=True, kw_only=True):
-    """The best bid for a task that a robot knows of."""
+    """The best bid for a task that a robot has received."""
 
     task: Name
     """Id of the task."""
@@ -34,7 +34,7 @@ Bids = Annotated[tuple[Bid, ...], Meta(max_length=TASKS_MAX)]
 
 
 class Heard(msgspec.Struct, frozen=True, kw_only=True):
-    """How much a robot knows of another."""
+    """A robot's knowledge of another."""
 
     robot: Name
     """The other robot."""
@@ -64,7 +64,7 @@ Standings = Annotated[tuple[Standing, ...], Meta(max_length=ROBOTS_MAX)]
 
 
 class Ballot(msgspec.Struct, frozen=True, kw_only=True):
-    """All that one robot knows of the bidding. A later one replaces an earlier one of the same robot."""
+    """A robot's whole knowledge of the bidding. A later one replaces an earlier one of the same robot."""
 
     robot: Name
     """Name of the sender."""
@@ -73,7 +73,7 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     bids: Bids = ()
     """At most one for each task, sorted by task."""
     heard: HeardOf = ()
-    """Each other robot that this one knows of."""
+    """Each other robot that this one has received."""
     term: Count = 0
     """Number of the negotiation; ballots of an earlier one are out of date."""
     round: Count = 0

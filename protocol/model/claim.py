@@ -16,7 +16,7 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """Decides a robot's right of way."""
 
     cornered: Degree = 0
-    """Above 0 if the robot has nowhere to give way to: one more than the robots that press it. The last to be cornered
+    """Above 0 if the robot has no place to yield to: one more than the robots that press it. The last to be cornered
     goes first, because the others may have found a refuge by now."""
     priority: Degree = 0
     """Priority of its task; the higher goes first."""

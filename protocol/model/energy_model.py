@@ -38,10 +38,10 @@ class Work(Checked, frozen=True):
     """The robot's usual pace if None."""
 
     def __add__(self, other: "Work") -> "Work":
-        """Both, one after the other, the ways at their mean speed.
+        """Both in sequence, the paths at their mean speed.
 
         Raises:
-            ValueError: one way has a speed and the other goes at the usual pace, which only a model knows.
+            ValueError: one path has a speed and the other has the usual pace, which only a model contains.
 
         """
         ways = [work for work in (self, other) if work.path_m > 0] or [self]

@@ -48,7 +48,7 @@ class Ended(msgspec.Struct, frozen=True):
 
 
 class NavigateClient:
-    """Sends one goal after the other; a new one takes the place of the last. Nothing waits: `step` moves it on.
+    """Sends one goal after another; a new one replaces the last. Nothing waits: `step` moves it on.
 
     Args:
         node: not closed by the client.
@@ -62,7 +62,7 @@ class NavigateClient:
         """Last of the present goal."""
         self.is_accepted = False
         self.ended: Ended | None = None
-        """How the last goal ended; None while one is under way, and before the first."""
+        """Result of the last goal; None while one is in progress, and before the first."""
         self._new_id = new_id
         self._sends = node.client(f"{name}/_action/send_goal", NAVIGATE_SEND_GOAL)
         self._results = node.client(f"{name}/_action/get_result", NAVIGATE_GET_RESULT)

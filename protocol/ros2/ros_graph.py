@@ -30,7 +30,7 @@ class RosGraph:
         self.refused = 0
         """Tokens that cannot be read."""
         self.dropped = 0
-        """Tokens left out because there are too many."""
+        """Tokens skipped because there are too many."""
         self._on_change = on_change
         self._entities: dict[str, Entity] = {}
         self._lock = threading.Lock()

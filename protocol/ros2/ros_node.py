@@ -26,7 +26,7 @@ M = TypeVar("M")
 INBOX_BYTES_MAX = 134_217_728
 """Of all messages that wait in one subscription (chosen: eight of the largest)."""
 CAPACITY_MAX = 4096
-"""Messages that wait, whatever depth is asked for."""
+"""Messages that wait, for any depth."""
 
 
 class RosSubscription(Generic[M]):
@@ -124,14 +124,15 @@ def _subscribe(session: zenoh.Session, key: str, qos: Qos, hear: Callable[[zenoh
 
 
 HEARTBEAT_S = 0.5
-"""Of rmw_zenoh: a latched, reliable publisher says this often after a message which number its last one has."""
+"""Of rmw_zenoh: period in which a latched, reliable publisher sends the number of its last message after that
+message."""
 
 
 class RosPublisher(Generic[M]):
     """A publisher over a Zenoh session. Thread-safe.
 
     Args:
-        session: carries the messages; has timestamps on if `entity` is latched (`open_session` sees to that).
+        session: carries the messages; has timestamps on if `entity` is latched (`open_session` does that).
         entity: the publisher as others see it.
         kind: type of its messages.
         now_ns: the clock for stamps.

@@ -134,7 +134,7 @@ class RosServer(Generic[Q, R]):
 
 
 class RosCall(Generic[R]):
-    """A request under way."""
+    """A request in progress."""
 
     def __init__(self, replies: Any, service: str, sender: Attachment, response: MessageType[R]) -> None:
         self._replies = replies

@@ -32,7 +32,7 @@ class PacketDecoder:
         self._waiting = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Packets that are complete with these bytes; those of length 0 are left out.
+        """Packets that are complete with these bytes; those of length 0 are skipped.
 
         Raises:
             BadGreeting: the first two bytes are no greeting.

@@ -71,7 +71,7 @@ class Serve(StrEnum):
     """Where queries are answered in the live drive."""
 
     AT_ONCE = "at_once"
-    """On the thread that Zenoh gives the queryable; one after the other."""
+    """On the thread that Zenoh gives the queryable; one after another."""
     SHARED = "shared"
     """As POOL, on threads that the endpoint's queries of this kind share: for rare queries."""
     POOL = "pool"
@@ -126,7 +126,7 @@ class Endpoint:
         refusals: counts refused messages and requests, where several endpoints are counted together.
         party: party whose radio it uses, where a lockstep run simulates radios. It is a robot's name, `COORDINATOR` of
             `radio_network.py`, or `EVERYWHERE`, which needs none.
-        thinning: leaves out telemetry that the link has no room for; None sends everything.
+        thinning: drops telemetry that the link has no room for; None sends everything.
 
     """
 

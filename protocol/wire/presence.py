@@ -25,7 +25,7 @@ class Presence:
         self.present: dict[str, dict[str, str]] = {}
         """Key of each token that is there, and the names in it."""
         self.dropped = 0
-        """Tokens left out because there are too many."""
+        """Tokens skipped because there are too many."""
         self.arrived: deque[tuple[str, bool]] = deque(maxlen=65536)
         """Changes that `changes` has not yet returned."""
 

@@ -20,9 +20,9 @@ class LeftKind(StrEnum):
     """Why a region is left."""
 
     TOO_NARROW = "too_narrow"
-    """It has been seen, but the widest way there has a gap too narrow for the robots."""
+    """It has been seen, but the widest path there has a gap too narrow for the robots."""
     UNREACHABLE = "unreachable"
-    """It has been seen, but the map shows no way there at all: it lies behind glass or a fence."""
+    """It has been seen, but the map shows no path there at all: it lies behind glass or a fence."""
     TRIED = "tried"
     """Robots were sent there and failed repeatedly."""
     CUT_OFF = "cut_off"
@@ -74,7 +74,7 @@ class RegionLeft(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ExplorationLeft(Message, frozen=True, kw_only=True):
-    """All regions that exploration has left, as far as the team's map shows them."""
+    """All regions that exploration has not covered, by the team's map."""
 
     regions: Annotated[list[RegionLeft], Meta(max_length=REGIONS_MAX)] = msgspec.field(default_factory=list)
     """Largest first."""

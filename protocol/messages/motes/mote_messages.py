@@ -38,7 +38,7 @@ class MoteReading(Message, frozen=True, kw_only=True):
     waiting: Count | UnsetType = UNSET
     """Readings that its gateway still stores; absent if it does not store any."""
     dropped: Count | UnsetType = UNSET
-    """Readings that its gateway had no room for so far."""
+    """Readings that its gateway has had no room for."""
 
     def moved_in_time(self, by_ns: int) -> Self:
         """The reading with its times moved, from its sender's clock to the receiver's."""

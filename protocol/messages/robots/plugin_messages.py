@@ -88,7 +88,7 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     because_of: Name = ""
     """The plugin because of which it does not run; empty if the reason is its own."""
     needs: Name = ""
-    """The extra for lack of which it is left out, such as `robrain[navigation]`; empty if that is not why."""
+    """The extra whose absence prevents its start, such as `robrain[navigation]`; empty if the reason is another."""
     where: Text = ""
     """The line of plugin code that raised the fault, such as `lamp/lamp.py:12 in step`; empty if none did."""
     detail: Text = ""

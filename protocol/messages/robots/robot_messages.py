@@ -80,7 +80,7 @@ class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
     why: Text
     """Reason, from the code that raised it on; may have several lines."""
     dependants: Names = []
-    """Plugins that require it, also by way of others, and do not run."""
+    """Plugins that require it, also through others, and do not run."""
 
     @property
     def words(self) -> str:

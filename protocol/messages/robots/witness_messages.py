@@ -69,7 +69,7 @@ class WitnessReply(msgspec.Struct, frozen=True, kw_only=True):
     refusal: WitnessRefusal | None = None
     """None if the request is granted."""
     election: Count = 0
-    """The greatest number of an election that it knows of."""
+    """The greatest number of an election that it has received."""
     before: Name = ""
     """The journal of the last coordinator with another one; empty if there was none."""
 

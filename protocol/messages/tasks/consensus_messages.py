@@ -29,7 +29,8 @@ ABSENT_MAX = 64
 """Most tasks in one ballot that unreachable robots may be at."""
 
 CANCELLED_MAX = 64
-"""Most cancellations that a robot remembers until a coordinator has noted them; it then accepts no other (chosen)."""
+"""Most cancellations that a robot remembers until a coordinator has recorded them; it then accepts no other
+(chosen)."""
 CANCELLED_TEXT_MAX = 200
 """Longest name and reason of a cancellation: every ballot has all cancellations."""
 CancelledText = Annotated[str, Meta(max_length=CANCELLED_TEXT_MAX)]
@@ -56,7 +57,7 @@ class TaskHeldBy(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskDone(msgspec.Struct, frozen=True, kw_only=True):
-    """A task that was done and that no coordinator is known to have noted."""
+    """A task that was done and that no coordinator is known to have recorded."""
 
     id: Name
     """Id of the task."""
@@ -133,15 +134,16 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     held: Annotated[list[TaskHeld], Meta(max_length=8)] = msgspec.field(default_factory=list)
     """Tasks that the robot does or holds."""
     done: Annotated[list[TaskDone], Meta(max_length=ENDS_MAX)] = msgspec.field(default_factory=list)
-    """All that the robot knows of, also those that others did."""
+    """All that the robot knows, also those that others did."""
     known: Annotated[list[TaskKnown], Meta(max_length=ASKED_MAX)] = msgspec.field(default_factory=list)
     """Tasks accepted without a coordinator, by any robot, that this robot has and that no coordinator is known to have
-    noted."""
+    recorded."""
     asked: Annotated[list[TaskAsked], Meta(max_length=ASKED_TOLD)] = msgspec.field(default_factory=list)
     """Those among them that other robots may not have yet."""
 
     dropped: Annotated[list[TaskDropped], Meta(max_length=CANCELLED_MAX)] = msgspec.field(default_factory=list)
-    """Tasks cancelled without a coordinator that none is known to have noted, also those cancelled at other robots."""
+    """Tasks cancelled without a coordinator that none is known to have recorded, also those cancelled at other
+    robots."""
     ended: Annotated[list[Name], Meta(max_length=ENDED_TOLD)] = msgspec.field(default_factory=list)
     """Tasks that others bid for, or do, although a coordinator has reported to this robot that they have ended."""
 

@@ -57,7 +57,7 @@ class PlanProblem(Message, frozen=True, kw_only=True):
     gain_min: Quantity = 0.0
     """Tasks moved to another robot only if the plan became better by at least this share."""
     question: bytes
-    """Jobs, workers and ways: MessagePack, deflated. `robrain.coordinator.planning.problem_codec` reads it."""
+    """Jobs, workers and paths: MessagePack, deflated. `robrain.coordinator.planning.problem_codec` reads it."""
     warm_start: Routes = ()
     """Robots and their tasks in order, as they were planned before."""
     routes: Routes = ()
@@ -117,7 +117,7 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     method: Text
     """How plans are made."""
     plans: Count = 0
-    """Made so far."""
+    """Number made up to now."""
     planned: Count = 0
     """Tasks in the current plan that have not begun."""
     left_out: Count = 0
@@ -125,6 +125,6 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     took_s: Seconds = 0.0
     """Computing time of the last plan; 0 in lockstep."""
     chargers: Annotated[tuple[Point2D, ...], Most] = ()
-    """All that robots of the team know of, arena frame."""
+    """All that are known to robots of the team, arena frame."""
     charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
     """Robots that charge, with charger and time."""

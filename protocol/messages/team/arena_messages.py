@@ -41,9 +41,9 @@ class RobotTruth(msgspec.Struct, frozen=True, kw_only=True):
     robot: Name
     pose: Pose2D
     collisions: Count
-    """Collisions so far."""
+    """Collisions up to now."""
     distance_m: Metres
-    """Path driven so far."""
+    """Path driven up to now."""
     energy_j: Joules
     accuracy: PoseAccuracy | None = None
     """Accuracy of its estimated poses up to now; null before the first."""
@@ -116,7 +116,7 @@ class LinkCounters(msgspec.Struct, kw_only=True):
     asked: Count = 0
     """Requests."""
     timed_out: Count = 0
-    """Requests and replies that were too late, or for which there was no way."""
+    """Requests and replies that were too late, or without a path."""
 
 
 class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -128,7 +128,7 @@ class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
     hears: Annotated[list[Name], Meta(max_length=100_000)]
     """Parties that it receives without a relay."""
     hops: Count | None = None
-    """Number of hops to the coordinator; null if there is no way."""
+    """Number of hops to the coordinator; null if there is no path."""
 
 
 class ArenaLinks(Message, frozen=True, kw_only=True):

@@ -29,7 +29,7 @@ class RecorderState(Message, frozen=True, kw_only=True):
     messages: Count = 0
     """Messages received."""
     bytes: Count = 0
-    """Written so far."""
+    """Bytes written up to now."""
     lost: Annotated[list[LostMessages], Meta(max_length=1000)] = msgspec.field(default_factory=list)
     """Messages that are not in the recording."""
     refused: Refused = msgspec.UNSET
