@@ -86,7 +86,7 @@ class KnownChargers:
                     self.of[robot] = tuple(Charger(Point2D(one.x_m, one.y_m), one.yaw_rad) for one in found)
 
     def _may_have_it(self, robot: str, now_ns: int) -> bool:
-        """Whether a robot has the plugin, or has not announced its plugins for so long that it probably has none."""
+        """Whether a robot has the plugin, or has not announced its plugins within the time limit."""
         if self._plugins is None:
             return True
         plugins = self._plugins.get(robot)

@@ -49,7 +49,7 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     """How far a robot has come in a round of the negotiation."""
 
     robot: Name
-    """Robot that it belongs to."""
+    """Robot that it describes."""
     number: Count
     """Number of the robot's ballot that reported it."""
     round: Count
@@ -57,7 +57,7 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     digest: Count
     """Of all winners as the robot knows them, and of the round; see `digest_of`."""
     value: Value
-    """Value of the robot's path to it."""
+    """Value that the robot assigns to its path."""
 
 
 Standings = Annotated[tuple[Standing, ...], Meta(max_length=ROBOTS_MAX)]
@@ -81,6 +81,6 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     base: Count = 0
     """Digest of the allocation that the round starts from."""
     base_value: Value = 0.0
-    """Value of that robot, all paths together."""
+    """Value of that allocation, all paths together."""
     standings: Standings = ()
     """The last known ones of all robots, its own included."""

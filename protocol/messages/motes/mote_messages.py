@@ -92,7 +92,7 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
     oldest_s: Quantity
     """Greatest of these ages."""
     coverage: Quantity
-    """Share of the floor between the motes, within their reports, that a mote or a robot in its place covers."""
+    """Share of the floor between the motes, within their sensing range, that a mote or a robot covers."""
     on_duty: Count
     """Number of living motes that are on duty."""
     first_dead_ns: Stamp | None = None

@@ -71,7 +71,7 @@ class TaskAsked(msgspec.Struct, frozen=True, kw_only=True):
     """A task that a robot has accepted while it received no coordinator."""
 
     submission: TaskSubmission
-    """Request to the robots."""
+    """The task as it was submitted."""
     at_ns: Stamp
     """When, by that robot's clock: the submission's times count from then."""
 

@@ -192,7 +192,7 @@ class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
     now: Text
     """In one sentence."""
     reason: TaskReason | None = None
-    """Content of that sentence beside the task's state."""
+    """Reason in that sentence, beside the task's state."""
     robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
     """As judged last, sorted by name."""
     decided_ns: Stamp = 0

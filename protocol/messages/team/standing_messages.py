@@ -120,7 +120,7 @@ class LeadRequest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LeadReply(msgspec.Struct, frozen=True, kw_only=True):
-    """Consequence of it."""
+    """Result of a request to lead."""
 
     left_out: Names
     """Silent robots that do not count until their next message, sorted."""

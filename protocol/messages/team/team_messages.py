@@ -52,7 +52,7 @@ class HaltStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     halted: bool
     by: Names
-    """Holder of the halt; once it is over, the name that ended it."""
+    """Holders of the halt; once it is over, the name that ended it."""
     reason: Text = ""
     since_ns: Stamp = 0
     """When it began, or ended."""
