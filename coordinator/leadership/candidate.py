@@ -4,8 +4,7 @@ It asks for the whole journal page by page, then follows the changes. A change w
 dropped, and sent again. A coordinator with another term, or that no longer has the changes, is copied again.
 
 While it receives no coordinator that leads, it asks the witnesses for their votes. This also applies to a journal that
-is
-no copy: the witnesses know whether it is complete. While it asks, it follows no changes, so that no change is
+is no copy: the witnesses know whether it is complete. While it asks, it follows no changes, so that no change is
 acknowledged because of a copy that may already be in use.
 """
 

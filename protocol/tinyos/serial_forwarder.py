@@ -2,8 +2,8 @@
 
 Each side first sends `U` and a byte for the version of the protocol, a space since TinyOS 2.0. Both sides use the lower
 of both versions. Then each packet is a byte with its length and the packet's bytes, in both directions
-(support/sdk/c/sf/sfsource.c and SFProtocol.java of tinyos-main). TCP loses nothing, so there is no way to
-find the next packet after garbage: a client with a wrong greeting is disconnected.
+(support/sdk/c/sf/sfsource.c and SFProtocol.java of tinyos-main). TCP loses nothing, so it is not possible to find the
+next packet after garbage: a client with a wrong greeting is disconnected.
 """
 
 GREETING = b"U "
