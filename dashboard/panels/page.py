@@ -100,7 +100,7 @@ class ClientPage:
             tab.draw(now_s)
 
     def close(self) -> None:
-        """Release what belongs to a browser that has disconnected."""
+        """Release resources of a browser that has disconnected."""
         self.release()
         self.context.scene.forget(self.client.client_id)
 

@@ -168,7 +168,7 @@ class Page(Protocol):
 
 
 RowActions = Mapping[str, Callable[[str], None]]
-"""By verb: what a click on an element with `data-rb="VERB SUBJECT"` does with the subject."""
+"""By verb: action of a click on an element with `data-rb="VERB SUBJECT"`, called with the subject."""
 NO_ACTIONS: RowActions = MappingProxyType({})
 
 

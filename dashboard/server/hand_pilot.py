@@ -76,7 +76,7 @@ class HandPilot:
 
         Args:
             button: which one.
-            velocity: query for the drive.
+            velocity: requested velocity.
             now_s: seconds of the monotonic clock.
 
         """
@@ -93,7 +93,7 @@ class HandPilot:
         self._pressed.set()
 
     def step(self, now_s: float) -> bool:
-        """Renew the lease for the buttons that are held, or give it back; whether to go on in a moment."""
+        """Renew the lease for the buttons that are held, or return it; whether to continue in a moment."""
         with self._lock:
             self._held = {name: each for name, each in self._held.items() if now_s - each[0] <= HELD_S}
             held = [velocity for _, velocity in self._held.values()]

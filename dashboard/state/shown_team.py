@@ -315,7 +315,7 @@ class ShownTeam:
 
     def _handle_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
         name = names["recorder"]
-        if name not in self.recorders:  # it follows tasks that have ended without a report
+        if name not in self.recorders:  # it may succeed recorders that ended silently
             self.recorders = {other: view for other, view in self.recorders.items() if not view.is_silent(now_s)}
         if name in self.recorders or len(self.recorders) < RECORDERS:
             self.recorders.setdefault(name, ShownRecorder(name)).handle(state, now_s)

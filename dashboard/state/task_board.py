@@ -33,7 +33,7 @@ class TaskBoard:
     open: dict[str, TaskEvent] = field(default_factory=dict)
     """The last event of every task that has not ended, oldest change first."""
     ended: deque[TaskEvent] = field(default_factory=lambda: deque(maxlen=ENDED_TASKS))
-    """The last event of the tasks that have one, oldest first."""
+    """The last event of the tasks that have ended, oldest first."""
     spans: dict[str, deque[Span]] = field(default_factory=dict)
     """By robot."""
     decisions: dict[str, TaskDecision] = field(default_factory=dict)

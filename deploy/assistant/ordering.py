@@ -41,7 +41,7 @@ class Ordering:
 
     Args:
         team: a connection, used by one thread at a time.
-        looking: for what the coordinator foresees.
+        looking: for the coordinator's dry runs.
         new_id: a suffix for the id of a task, which no other task has.
 
     """

@@ -154,7 +154,7 @@ def call_refusal(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> B
     Args:
         plugin: its name.
         function: its external name.
-        plugins: functions of the robot, as its host reports them.
+        plugins: plugins of the robot, as its host reports them.
 
     """
     if (of_host := HOST_NAMES.get(plugin)) is not None:
@@ -174,7 +174,7 @@ def call_refusal(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> B
 
 
 def cancel_refusal(record: TaskRecord, by: str) -> Ban | None:
-    """Why a task is not cancelled for `by`; None if it may be: an assistant ends only what it has begun."""
+    """Reason why a task is not cancelled for `by`; None if it may be: an assistant ends only its own tasks."""
     if record.own or record.by != by:
         return Ban.NOT_YOURS
     return Ban.HAS_ENDED if record.state.ended else None

@@ -157,7 +157,7 @@ class CheckFinding(msgspec.Struct, frozen=True):
 
     @property
     def stops(self) -> bool:
-        """Whether it would not be safe, or of no use, to go on."""
+        """Whether it would be unsafe, or of no use, to continue."""
         return self.found in _STOPS
 
 

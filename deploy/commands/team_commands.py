@@ -131,7 +131,7 @@ def log(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
-    """Print what a robot's plugins print and log, and its faults and halts."""
+    """Print the output and logs of a robot's plugins, and its faults and halts."""
     from datetime import datetime
 
     check_name("robot", robot)

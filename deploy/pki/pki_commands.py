@@ -141,7 +141,7 @@ def router(
         str | None, typer.Option(help="Endpoints of other routers of the same CA, tls/HOST:PORT, separated by commas.")
     ] = None,
 ) -> None:
-    """Run a router that lets each certificate do what its role may: `robrain --tls FOLDER router`."""
+    """Run a router that gives each certificate the permissions of its role: `robrain --tls FOLDER router`."""
     from robrain.deploy.pki.router import router_command
     from robrain.protocol.wire.hub import given_endpoints
 

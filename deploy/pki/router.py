@@ -1,4 +1,4 @@
-"""`robrain router`: a Zenoh router that lets each certificate do what its role may, and nothing else."""
+"""`robrain router`: a Zenoh router that gives each certificate the permissions of its role, and no others."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -105,7 +105,7 @@ def write_robot_file(robot_file: RobotFile, folder: Path, forwarders: Mapping[st
 
 
 def started_again(robot_file: RobotFile, pose: Pose2D | None) -> RobotFile:
-    """The file for an agent that is started again on the way.
+    """The file for an agent that is restarted during the run.
 
     Args:
         robot_file: of its first start.
@@ -197,7 +197,7 @@ def arena_command(
         place: where to connect or listen; without either, the arena is this machine's hub.
         team: its name.
         robot_files: folder for a ROBOT.toml of each robot.
-        resume: file with the poses at which the robots go on, written by `robrain up` when an arena has ended.
+        resume: file with the poses at which the robots continue, written by `robrain up` when an arena has ended.
 
     Raises:
         RobrainError: in one sentence.

@@ -305,7 +305,7 @@ def steps(should_stop: Callable[[], bool], period_s: float) -> Iterator[None]:
 
 
 class LiveStop:
-    """Tells when a live process must end: Ctrl-C, SIGTERM, or its parent's end.
+    """Reports when a live process must end: Ctrl-C, SIGTERM, or its parent's end.
 
     Each call is a beat of the process's main loop, which the supervisor receives.
     """

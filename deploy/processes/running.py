@@ -49,7 +49,7 @@ class CompileProgress(NamedTuple):
 
 
 class KernelCompiler:
-    """Compiles parts of the kernels in processes: first what a run needs at its start. Use it in a `with` block.
+    """Compiles parts of the kernels in processes: first those that a run needs at its start. Use it in a `with` block.
 
     One of the processes compiles the remaining parts later, because by then the run needs the processors.
 
@@ -297,7 +297,7 @@ WATCHING_SPEED = 5.0
 
 
 def run_scenario(scenario: Scenario, options: RunOptions, children: Children, watched: Watched | None) -> RunResult:
-    """Run a scenario as its options say.
+    """Run a scenario with options.
 
     Args:
         scenario: the scenario.

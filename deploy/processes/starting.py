@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResult":
-    """Run a scenario as its options say.
+    """Run a scenario with options.
 
     Args:
         choose: loads the scenario.

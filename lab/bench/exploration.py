@@ -243,11 +243,12 @@ class _Floor:
 def times_table(runs: Iterable[ExplorationRun], motion: str) -> str:
     """Mean simulated seconds until 95 % of the floor was known: a row for each map and team, a column a strategy.
 
-    The shortest of a row is bold. Runs that did not come so far make a dash; runs that could not be made are left out.
+    The shortest of a row is bold. Runs that did not reach the share make a dash; runs that could not be made are left
+    out.
 
     Args:
         runs: of any motion.
-        motion: motions of the shown runs, of `MOTIONS`.
+        motion: motion whose runs are shown, of `MOTIONS`.
 
     """
     made = [run for run in runs if run.case.motion == motion and not run.why_not]

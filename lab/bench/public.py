@@ -185,7 +185,7 @@ def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstanc
         for customer in range(1, count)
     )
     longest = float(found.get("vehicles_max_distance", math.inf))
-    # DISTANCE there limits a route's ways and service together, which is its duration here.
+    # DISTANCE there limits a route's length and service together, which is its duration here.
     horizon_s = min(float(windows[0][1]), float(found.get("distance", math.inf)))
     workers = tuple(
         Worker(name=f"v{number}", start=0, ends=(0,), usable_j=min(longest, float(2 * ways.sum()) + 1.0))

@@ -36,7 +36,7 @@ def fork(
     overwrite: bool = False,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> ForkResult:
-    """Run a recorded run again to a moment, compare it with the recording so far, and go on otherwise from there.
+    """Repeat a recorded run up to a moment, compare it with the recording so far, and continue with changes from there.
 
     Args:
         recording: MCAP file of a lockstep run.
@@ -45,7 +45,7 @@ def fork(
         tasks: kind and fields of each task to submit then, named as in `Team.submit` and its `parameters`.
         planning: parameters to plan with from then on.
         faults: hardware faults to add, each with its own time, not before the moment.
-        seconds: how long to go on; until the recorded run would have ended, if None.
+        seconds: duration after the moment; until the recorded run would have ended, if None.
         output: MCAP file to write; `NAME.fork-TIME.mcap` beside the recording if None.
         overwrite: whether an existing file is replaced.
         on_progress: called with the progress of the run.

@@ -53,7 +53,7 @@ def fork(
         bool, typer.Option("--progress", help="With --json: also print a line with the progress now and then.")
     ] = False,
 ) -> None:
-    """Run a recorded run again to a moment, compare it with the recording so far, and go on otherwise from there.
+    """Repeat a recorded run up to a moment, compare it with the recording so far, and continue with changes from there.
 
     Exit status 1 if the part before, or an unchanged run, is not equal to the recording.
     """

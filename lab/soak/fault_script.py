@@ -73,7 +73,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     method: Name = NEAREST
     """Allocator of the coordinator's plans, or `nearest`."""
     consensus: bool = False
-    """Whether the robots go on without a coordinator."""
+    """Whether the robots continue without a coordinator."""
     tasks: tuple[TaskInput, ...] = ()
     cancels: tuple[CancelOrder, ...] = ()
     halts: tuple[HaltOrder, ...] = ()

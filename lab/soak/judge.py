@@ -276,7 +276,8 @@ class Judge:
     def _judge_begin(self, task_id: str, robot: str) -> None:
         asked = self._asked.get(task_id)
         for name in () if asked is None else asked.after:
-            is_known = self._run.script.consensus and name in self._done  # robots know first
+            # With consensus, robots know of an end before the coordinator publishes it.
+            is_known = self._run.script.consensus and name in self._done
             if not is_known and (name not in self._ends or self._ends[name][0] is not TaskState.DONE):
                 self._break(TeamRule.TOO_EARLY, task_id, f"{robot} begins {task_id}, but {name} is not done")
 

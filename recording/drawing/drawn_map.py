@@ -121,7 +121,7 @@ class ComposedMap:
         self.atlas = atlas
 
     def handle(self, payload: bytes) -> None:
-        """Merge a patch as it was on the wire; one that does not decode or fit is left out, as its listeners did."""
+        """Merge a patch as it was on the wire; a patch that does not decode or fit is skipped, as by its receivers."""
         try:
             self.merge(_DECODER.decode(payload))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError):

@@ -10,8 +10,8 @@
             ...
     player.close()
 
-`seek` and `state_at` give the last message of each key before that time, found by the index of the file. Of map patches
-the last says little; in their place they give patches that make up the merged map at that time.
+`seek` and `state_at` give the last message of each key before that time, found by the index of the file. A last map
+patch alone is not the map; in place of map patches they give patches that make up the merged map at that time.
 """
 
 import logging

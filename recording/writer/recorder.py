@@ -91,7 +91,7 @@ class RecorderReports:
         states: endpoint that publishes it.
         clock: the recorder's.
         look: gives the recorder's current state, from any thread.
-        live: whether others go on while the recorder waits.
+        live: whether other components continue while the recorder waits.
     """
 
     def __init__(self, states: Publisher, clock: Clock, look: Callable[[], RecorderState], *, live: bool) -> None:
@@ -227,7 +227,7 @@ class Recorder:
         endpoint: where to listen; its owner closes it, after the recorder.
         path: an MCAP file to write, or None for the digest alone.
         provenance: setup of the run.
-        split: when to go on in a next file; never, if not given.
+        split: when to continue in a next file; never, if not given.
         visual: write channels for Foxglove and similar viewers beside it, derived from the recorded messages.
         rotation: removes older recordings, in live.
 

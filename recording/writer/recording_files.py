@@ -63,7 +63,7 @@ class RecordingFiles:
         path: path of the file, or the base of the files' names.
         open_file: opens one.
         now_ns: the run's clock.
-        split: when to go on in the next file.
+        split: when to continue in the next file.
         summary: gives the data at the end of a file; called when it is closed.
 
     Raises:

@@ -22,7 +22,7 @@ class FaultChange(NamedTuple):
 
 
 class FaultTimes:
-    """Says what begins and ends.
+    """Gives the faults that begin and end.
 
     Args:
         faults: of the scenario.

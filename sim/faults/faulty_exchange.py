@@ -311,7 +311,7 @@ class FaultyExchange(Exchange):
             for cut in self.faults
         )
 
-    # -- what is said ---------------------------------------------------------------------------------------
+    # -- messages -------------------------------------------------------------------------------------------
 
     def deliver(self, topic: Heard, key: str, payload: bytes) -> None:
         """See Exchange."""
@@ -368,7 +368,7 @@ class FaultyExchange(Exchange):
             answer(LocalQuery(gathering))
 
     def _is_unknown(self, asker: str, owner: str) -> bool:
-        """Whether the asker's side of a cut does not know what the other declares."""
+        """Whether the asker's side of a cut does not have the declarations of the other side."""
         old_ns = self._clock.now_ns() - TOKEN_LEASE_NS
         gone = [cut for cut in self.faults if cut.is_partition and cut.since_ns < old_ns]
         return any(cut.crosses(asker, owner) for cut in (*gone, *self._healing.values()))

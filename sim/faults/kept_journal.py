@@ -14,7 +14,7 @@ class JournalDisk:
     """Holds the journal between two lives of a coordinator.
 
     Args:
-        name: what journals on it are named by, with a number.
+        name: base of its journals' names, with a number.
 
     """
 

@@ -38,7 +38,7 @@ class Component(Protocol):
     """Program of a process."""
 
     def step(self) -> None:
-        """Do what is due."""
+        """Begin and end the faults that are due."""
 
     def close(self) -> None:
         """End, as a process does that is asked to."""

@@ -33,7 +33,7 @@ from robrain.sim.firmware.power_model import PowerModel
 J_PER_WH = 3600.0
 CELLS = 4
 NOMINAL_V = 15.22
-"""Mean of the open-circuit voltage over the charge: what makes watt hours of ampere hours."""
+"""Mean of the open-circuit voltage over the charge: factor from ampere hours to watt hours."""
 REFERENCE_C = 25.0
 KELVIN = 273.15
 ACTIVATION_K = 2500.0

@@ -54,7 +54,7 @@ class BusLine(can.BusABC):
     """All nodes of one robot, seen from its on-board computer; a `FramePort` as well as a bus of python-can.
 
     Args:
-        bus: what carries the frames; shut down with the line.
+        bus: bus of the frames; shut down with the line.
         late: delays the nodes' frames; None for no delay.
         stamps: gets the time of sending of late frames.
 

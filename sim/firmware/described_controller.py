@@ -91,7 +91,7 @@ def obeyed(chassis: Chassis) -> list[int]:
 class DescribedController(MotorController):
     """A motor controller of a base that is described by its wheels; the body it moves has others.
 
-    In each tick `roll` follows the body; `send_counts` sends what the encoders have counted, if that is due by itself.
+    In each tick `roll` updates the wheels from the body's motion; `send_counts` sends the encoder counts that are due.
 
     Args:
         bus: the robot's bus.

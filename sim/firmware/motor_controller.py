@@ -109,7 +109,7 @@ class MotorController:
         self.rejected_frames = 0
         """Frames with a wrong length or checksum; MotorStatus carries the lowest 8 bits."""
         self.powered = True
-        """Without power the wheels stand; the controller's logic goes on."""
+        """Without power the wheels stand; the controller's logic continues."""
         self.has_failed = False
         """The power stage, while the cause of its failure lasts."""
         self.due_tick = NEVER

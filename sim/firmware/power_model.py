@@ -48,7 +48,7 @@ def motion_w(
     speed2_w_per_m2_s2: float,
     yaw_w_per_rad_s: float,
 ) -> float:
-    """Power of going on like this, beyond standing; both speeds may have either sign, the mass is the base's."""
+    """Power of this motion, beyond standing; both speeds may have either sign, the mass is the base's."""
     speed_m_s, yaw_rate_rad_s = abs(speed_m_s), abs(yaw_rate_rad_s)
     if speed_m_s < STANDING and yaw_rate_rad_s < STANDING:
         return 0.0
@@ -123,7 +123,7 @@ class PowerModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return self.idle_w + self.compute_w + (self.burst_w if bursting else 0.0)
 
     def motion_w(self, speed_m_s: float, yaw_rate_rad_s: float, mass_kg: float) -> float:
-        """Power of going on like this, beyond standing; both speeds may have either sign, the mass is the base's."""
+        """Power of this motion, beyond standing; both speeds may have either sign, the mass is the base's."""
         power_w: float = motion_w(
             speed_m_s,
             yaw_rate_rad_s,

@@ -117,7 +117,7 @@ class RangeSensors:
     def feel(self, tick: int, yaw_rad: float, contacts_rad: Sequence[float]) -> None:
         """A tick in which the hull is touched from these directions of the arena frame.
 
-        Ticks may be left out in which there is no contact, nor was at the last call, and no frame is due.
+        A tick may be skipped if there is no contact, was none at the last call, and no frame is due.
         """
         contacts = 0
         for direction_rad in contacts_rad:

@@ -75,7 +75,7 @@ class LockstepRun:
         processes: whether components are processes that a script may kill, also in a world without faults.
 
     Raises:
-        RobrainError: saying what cannot be opened.
+        RobrainError: naming the port or file that cannot be opened.
         KeyboardInterrupt: `should_stop` returned True; everything opened so far is closed.
 
     """

@@ -130,7 +130,7 @@ class MoteGateway:
 
 
 def gateway_motes(motes: Sequence[ArenaMote], names: Iterable[str]) -> list[ArenaMote]:
-    """Addresses of the named motes; other names are of robots."""
+    """Motes with these names; other names are of robots."""
     return [mote for mote in motes if mote.name in set(names)]
 
 

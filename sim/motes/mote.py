@@ -68,7 +68,7 @@ CHECK_S = 0.003
 ANSWER_GAP_S = 0.04
 """Between two stored readings."""
 MAX_ANSWERS = 64
-"""Stored readings that wait to be sent; of a request for more the rest is left out."""
+"""Stored readings that wait to be sent; a request for more is cut to this number."""
 MAX_GATEWAY_READINGS = 10_000_000
 MAX_LOG = 30_000
 """Less than half of all sequence numbers, so that older and newer are distinguishable."""
@@ -247,7 +247,7 @@ class SimulatedMote:
         return ActiveMessage(type=kind, payload=self._payload(number, tick).pack(), source=self.mote.number)
 
     def hear(self, message: ActiveMessage, tick: int) -> None:
-        """A packet for it has arrived; one that it does not understand is left alone."""
+        """A packet for it has arrived; an unknown packet is ignored."""
         if tick > self._listens_until_tick:  # received with low-power listening: on the average half of the preamble
             self.battery.spend(MoteState.LISTEN, 0.5 * self._spec.check_s)
         try:

@@ -1,7 +1,7 @@
 """The mote field: sensor motes on the floor, and the air between them and the robots' base stations.
 
 A robot's packet to all motes also reaches the base stations of other robots in reach. Gateways have base stations as
-well, which stand. Motes forward each other's readings if `[motes.mesh]` says so (`mesh`).
+well, which stand. Motes forward each other's readings with `[motes.mesh]` (`mesh`).
 
 Packets meet path loss, shadowing and noise (`radio`), not each other: collisions on the air are not simulated.
 """

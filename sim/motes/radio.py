@@ -161,7 +161,7 @@ class RadioModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        send_ma(self.transmit_dbm)  # raises beyond what the radio can
+        send_ma(self.transmit_dbm)  # raises beyond the radio's range of power
 
     @property
     def static_db(self) -> float:

@@ -88,7 +88,7 @@ def wall_color(
     color[:] = WALLS[region % len(WALLS)]
     bay = np.floor(along_m / BAY_M)
     in_bay_m = along_m - BAY_M * bay
-    # Offset by a little: what lies on the border of two regions must not change with rounding.
+    # A small offset: a point on the border of two regions must not change with rounding.
     hangs = _scatter(bay, np.floor((x_m + y_m - along_m) / REGION_M + 1e-6))
     has_poster = (hangs % 5 < 2) & (in_bay_m > 0.25) & (in_bay_m < 1.0)
     poster = has_poster & (heights_m > 0.35) & (heights_m < 1.3)
@@ -154,7 +154,7 @@ FADE_PER_M = 0.07
 
 
 class CameraSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[robot.camera]`: what a camera can do; all values are chosen. Raises ValueError for impossible values."""
+    """`[robot.camera]`: properties of a camera; all values are chosen. Raises ValueError for impossible values."""
 
     width: Annotated[int, Meta(ge=16, le=1024)] = 160
     """Width in pixels."""
@@ -187,11 +187,11 @@ class SeenMote(NamedTuple):
 
 
 class Camera:
-    """Draws what one camera sees.
+    """Draws the view of one camera.
 
     Args:
-        spec: what it can do.
-        walls: (H, W) what is solid.
+        spec: properties of the camera.
+        walls: (H, W) solid cells.
         geometry: where `walls` lies in the arena frame.
         seed: of its noise.
         chargers: where mats lie, arena frame.
@@ -223,7 +223,7 @@ class Camera:
     def picture(
         self, pose: Pose2D, robots: Sequence[SeenRobot], motes: Sequence[SeenMote], moment: int
     ) -> NDArray[np.uint8]:
-        """View from `pose`, arena frame: (H, W, 3) RGB. `moment` says which noise it has."""
+        """View from `pose`, arena frame: (H, W, 3) RGB. `moment` selects its noise."""
         view = _View(self, pose)
         for robot in robots:
             view.draw_robot(robot)
@@ -270,7 +270,7 @@ class _View:
         shape = heights_m.shape
         image = np.empty((*shape, 3))
         x_m, y_m = self._places(wall_m)
-        # A ray ends on a line of the grid: the nearer one says which way the face looks.
+        # A ray ends on a line of the grid: the nearer one gives the direction of the face.
         off_x, off_y = (np.abs(v / resolution_m - np.rint(v / resolution_m)) for v in (x_m, y_m))
         faces_x = off_x < off_y
         along_m = np.where(faces_x, y_m, x_m)

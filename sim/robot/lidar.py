@@ -26,7 +26,7 @@ NEAREST_OUTLIER_M = 0.05
 
 
 class LidarSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[robot.lidar]`: what a lidar can do. Raises ValueError for impossible values."""
+    """`[robot.lidar]`: properties of a lidar. Raises ValueError for impossible values."""
 
     rays: PositiveInt = 180
     """Beams per turn, spread evenly over the full circle; the first points backwards (−π in the robot's frame)."""
@@ -55,9 +55,9 @@ class Lidar:
     """Turns the true world into scans.
 
     Args:
-        spec: what it can do.
+        spec: properties of the lidar.
         robot: whose it is.
-        walls: (H, W) what is solid.
+        walls: (H, W) solid cells.
         geometry: where `walls` lies in the arena frame.
         rng: draws the noise, outliers and dropouts.
         surfaces: glass and mirrors among the walls; None if there are none.
@@ -82,7 +82,7 @@ class Lidar:
         self._surfaces = surfaces
         self._increment_rad = math.tau / spec.rays
         self.is_frozen = False
-        """A frozen lidar goes on sending the turn before, with new stamps: what a stuck driver or buffer does."""
+        """A frozen lidar keeps sending the previous turn, with new stamps, like a stuck driver or buffer."""
         self._last: Scan | None = None
         self._angles_rad = np.linspace(-math.pi, math.pi, spec.rays, endpoint=False)
         mount = spec.mount

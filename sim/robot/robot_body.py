@@ -1,7 +1,7 @@
-"""The bodies of simulated robots: round bases on three omni wheels, pushed and stopped by what they meet.
+"""The bodies of simulated robots: round bases on three omni wheels, pushed and stopped by obstacles.
 
-The wheels turn with the body's true motion, also when a wall holds it. Without errors and slip (`wheels`) the
-encoders thus tell the truth up to their resolution.
+The wheels turn with the body's true motion, also when a wall holds it. Without errors and slip (`wheels`) the encoders
+are thus exact up to their resolution.
 """
 
 import math
@@ -117,7 +117,7 @@ class RobotBodies:
         space: has walls and these bodies; none must be added afterwards.
         bodies: in the order in which they were added.
         tick_s: how long a tick is.
-        others: bodies that were added after them, and move as `other_velocities` says.
+        others: bodies that were added after them, and move by `other_velocities`.
 
     Raises:
         ValueError: the space has other bodies, or has them in another order.

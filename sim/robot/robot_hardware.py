@@ -52,7 +52,7 @@ class RobotHardware(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     imu: ImuSpec | None = None
     """An inertial measurement unit, whose turn rate the odometry uses; none if absent."""
     consensus: bool = False
-    """Whether robots go on without a coordinator, and allocate open tasks among themselves."""
+    """Whether robots continue without a coordinator, and allocate open tasks among themselves."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

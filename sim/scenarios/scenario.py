@@ -480,7 +480,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             fork: the recording's entry on its parent.
 
         Raises:
-            RobrainError: saying what cannot be opened.
+            RobrainError: naming the port or file that cannot be opened.
             KeyboardInterrupt: `should_stop` returned True.
 
         """

@@ -35,7 +35,7 @@ from robrain.sim.world.world import Fidelity
 
 MAX_ROBOTS = 1000
 ROBOTS = 4
-"""Of a team, if the file does not say."""
+"""Default of a team, if the file has none."""
 MAX_MOTES = 10000
 
 

@@ -25,7 +25,7 @@ from robrain.sim.traffic.specs import (
 from robrain.sim.traffic.walker import Disc, Errands, Rounds, Walker
 
 PITCH_M = 0.15
-"""Distance between neighbouring points of the lattice that ways are found on."""
+"""Distance between neighbouring points of the lattice for the path search."""
 STRAIGHT, DIAGONAL = 5, 7
 """Lengths of its edges: whole numbers, so that the order of equal paths does not depend on rounding."""
 _STEPS = (
@@ -107,11 +107,11 @@ class WallStamps:
 
 
 class Walkways:
-    """Shortest ways for a round body on a floor.
+    """Shortest paths for a round body on a floor.
 
     Args:
         plan: the floor; doors count as open.
-        radius_m: of the body; ways keep it clear of walls.
+        radius_m: of the body; paths keep it clear of walls.
 
     """
 
@@ -244,7 +244,7 @@ class Door:
         """Before the first step it is."""
 
     def is_due_open(self, now_s: float) -> bool:
-        """Whether the timetable says open."""
+        """Whether it is open by the timetable."""
         spec = self._spec
         if spec.period_s is None:
             return any(opens_s <= now_s < closes_s for opens_s, closes_s in spec.open_s or ())
@@ -296,7 +296,7 @@ class TrafficPlan(NamedTuple):
 
 
 def plan_traffic(spec: TrafficSpec, plan: FloorPlan, starts: Sequence[Disc], seed: int) -> TrafficPlan:
-    """Draw places and find ways.
+    """Draw places and find paths.
 
     Args:
         spec: the traffic.

@@ -153,7 +153,7 @@ class FaultSchedule:
     Args:
         faults: of hardware, at set times.
         robots: that they are of.
-        endpoint: what floods is put there.
+        endpoint: floods are put there.
 
     Raises:
         ValueError: a fault names a robot that there is not.
@@ -396,7 +396,7 @@ class Arena:
             self.robot(robot).drop_commands()
 
     def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
-        """Have a robot's lidar send the same turn again and again, or let it go on (KeyError: no such robot)."""
+        """Make a robot's lidar send the same turn again and again, or resume it (KeyError: no such robot)."""
         self._named(robot).lidar.is_frozen = frozen
 
     def fail_motors(self, robot: str, *, failed: bool = True) -> None:

@@ -240,7 +240,7 @@ class TeamRadio:
         return square_m2 <= spec.reach_m(walls_between(self._plan, from_m, to_m)) ** 2
 
     def _shortest_paths(self, speaker: str) -> dict[str, list[str]]:
-        """The shortest ways from a party, of equal ones the one by the radios that come first in `parties`."""
+        """The shortest routes from a party; of equal ones the route by the radios that come first in `parties`."""
         ways = self._ways.get(speaker)
         if ways is None:
             ways, edge = {speaker: [speaker]}, [speaker]

@@ -29,7 +29,7 @@ class RobotType(StrEnum):
     """Construction of a robot; its `hardware` and `plugins` change single values."""
 
     OMNI = "omni"
-    """As the table `[robot]` says."""
+    """The values of the table `[robot]`."""
     SCOUT = "scout"
     """Small, with a small battery and a lidar that sees 4 m."""
     CARRIER = "carrier"
@@ -96,7 +96,7 @@ PLUGINS: Mapping[RobotType, dict[str, dict[str, Any]]] = MappingProxyType(
 
 
 class RobotSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[[robots]]`: one robot, `r1` the first; robots of the team beyond these are as `[robot]` says.
+    """`[[robots]]`: one robot, `r1` the first; further robots of the team have the values of `[robot]`.
 
     Raises ValueError for hardware that there is not, and for values without sense.
     """
@@ -174,7 +174,7 @@ def merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_all(without: Iterable[str], *, free: Iterable[str] = ()) -> list[str]:
-    """The stock plugins but these and those that require them, at whatever distance; sorted.
+    """The stock plugins without these and without plugins that require them, directly or indirectly; sorted.
 
     Args:
         without: plugins that are missing.

@@ -56,7 +56,7 @@ MOTE_CLEARANCE_M = 0.1
 EXACT_NOISE = {"sigma_m_per_sqrt_m": 2e-4, "sigma_rad_per_sqrt_m": 1e-5, "sigma_rad_per_sqrt_rad": 3e-5}
 EXACT_ERRORS = {"scale": 1e-5, "curve_rad_per_m": 2e-6, "turn": 1e-5}
 EXACT_START = {"start_sigma_m": 0.001, "start_sigma_rad": 0.0001}
-"""Errors of odometry and start of a base whose wheels are as its file says: measured in open halls (`tests/sim`)."""
+"""Errors of odometry and start of a base whose wheels equal its file: measured in open halls (`tests/sim`)."""
 
 
 class Fidelity(StrEnum):
@@ -87,7 +87,7 @@ class World:
     starts_known: bool = True
     """Whether robots know their start poses; if not, only the first robot does."""
     idle: bool = False
-    """Whether robots without a coordinator explore only if a task tells them to."""
+    """Whether robots without a coordinator explore only if a task requests it."""
     tasks: tuple[TaskSpec, ...] = ()
     """Tasks that the scenario requests of the team."""
     traffic: TrafficPlan | None = None
@@ -135,14 +135,14 @@ class World:
     ) -> RobotFile:
         """Configuration of a robot's agent for this world: its start, and the grid to map on.
 
-        An agent that is started again on the way does not know where its robot is.
+        An agent that is restarted during the run does not know its robot's pose.
         """
         geometry = team_geometry(self.plan)
         start, is_known = robot.start, not is_restart and (self.starts_known or robot is self.robots[0])
         if not is_known:
             width_m, height_m = self.plan.size_m
             start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)
-        # An exact odometry is better than cells of 0.1 m can tell; late frames and pauses make any odometry inexact.
+        # An exact odometry is better than cells of 0.1 m can resolve; late frames and pauses make any odometry inexact.
         slack_cells = 0.5 if robot.wheels.is_exact and not self.disturbance.is_on else 0.0
         is_exact = bool(slack_cells) and robot.imu is None
         of_world: dict[str, dict[str, Any]] = {
