@@ -42,7 +42,7 @@ def queue_html(view: ShownTeam, *, is_live: bool, done: int = 0) -> str:
 
 
 def explanation_html(why: TaskWhy) -> str:
-    """Why a task stands as it does: each robot's cost, or why it was ruled out, and the task's history."""
+    """Explanation of a task's state: each robot's cost, or the reason of its exclusion, and the task's history."""
     first_ns = why.changes[0].stamp_ns if why.changes else why.record.changed_ns
     return render("tasks", "explanation", why=why, first_ns=first_ns)
 

@@ -35,7 +35,7 @@ OPACITY = 0.6
 
 
 class LinkStyle(NamedTuple):
-    """How links of a strength are drawn."""
+    """Style of links of a strength."""
 
     color: Rgb
     width_m: float
@@ -83,7 +83,7 @@ class RadioLayer(MeshLayer):
 
 
 def link_style(rssi_dbm: float) -> LinkStyle:
-    """How a link of this strength is drawn."""
+    """Style of a link of this strength."""
     return LINK_STYLES[0] if rssi_dbm >= STRONG_DBM else LINK_STYLES[1] if rssi_dbm >= WEAK_DBM else LINK_STYLES[2]
 
 

@@ -174,7 +174,7 @@ STEP_M = 0.01
 """The camera moves when the robot has moved this far."""
 NEAR_M = 0.5
 NEAR_SHARE = 0.02
-"""Picking range: this distance, or this share of the camera's distance, from which a robot looks small."""
+"""Picking range: this distance, or this share of the camera's distance, from which a robot appears small."""
 FAR_M = 1e5
 
 
@@ -222,13 +222,13 @@ class SelectionMark:
                 return
         self._at = at
         with self._client.atomic():
-            camera.position = camera.position + moved  # viser moves the point that is looked at by the same
+            camera.position = camera.position + moved  # viser moves the camera's target by the same
 
 
 def floor_hit(
     origin: tuple[float, float, float], direction: tuple[float, float, float]
 ) -> tuple[Point2D, float] | None:
-    """Where a ray meets the floor, arena frame, and how far along it, metres; None if it does not."""
+    """Point where a ray meets the floor, arena frame, and the distance along it, metres; None if it does not."""
     if not all(map(math.isfinite, (*origin, *direction))) or direction[2] >= 0 or origin[2] <= 0:
         return None
     along = -origin[2] / direction[2]

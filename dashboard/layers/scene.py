@@ -28,14 +28,14 @@ SAME_PLACE_M = 0.01
 
 
 class Framed(NamedTuple):
-    """How the map was framed for a browser."""
+    """Framing of the map for a browser."""
 
     bounds: camera.Bounds
     aspect: float
     elevation_rad: float
     position: tuple[float, float, float]
     distance_m: float
-    """Distance from the camera to the point that it looks at."""
+    """Distance from the camera to its target."""
 
 
 class Scene:
@@ -90,7 +90,7 @@ class Scene:
             self._move(client, framed.elevation_rad)
 
     def camera_target(self, client: viser.ClientHandle) -> tuple[Point2D | None, float]:
-        """Point that a zoomed-in browser looks at, and the visible radius, metres; None if not zoomed in."""
+        """Target of a zoomed-in browser's camera, and the visible radius, metres; None if not zoomed in."""
         framed = self._framed.get(client.client_id)
         position, look_at = client.camera.position, client.camera.look_at
         distance_m = float(np.linalg.norm(position - look_at))

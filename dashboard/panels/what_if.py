@@ -22,7 +22,7 @@ TICK_S = 0.02
 
 
 class ForkState(NamedTuple):
-    """How the last fork is doing."""
+    """State of the last fork."""
 
     is_running: bool = False
     at_s: float = 0.0
@@ -30,11 +30,11 @@ class ForkState(NamedTuple):
     now_s: float = 0.0
     """Simulated time so far."""
     until_s: float = 0.0
-    """When the recorded run ended."""
+    """Time of the recorded run's end."""
     failure: str = ""
-    """Why it failed; empty unless it did."""
+    """Reason for its failure; empty unless it failed."""
     before: str = ""
-    """How the part before compares with the recording, in words; empty until it is known."""
+    """Comparison of the part before with the recording, in words; empty until it is known."""
     file: str = ""
     """Name of its recording; empty until it is there."""
     url: str = ""
@@ -48,7 +48,7 @@ class ForkRunner(Protocol):
 
     @property
     def why_not(self) -> str:
-        """Why the recording cannot be run again; empty if it can."""
+        """Reason why the recording cannot be run again; empty if it can."""
 
     @property
     def state(self) -> ForkState:
@@ -135,7 +135,7 @@ class WhatIfTab:
 
 
 def outcome_html(state: ForkState) -> str:
-    """How a fork is doing: its progress, why it failed, or both runs beside each other; empty before the first."""
+    """State of a fork: its progress, its failure, or both runs beside each other; empty before the first."""
     rows = [] if state.runs is None else differing_rows(state.runs)
     return render("controls", "fork", state=state, rows=rows)
 

@@ -28,7 +28,7 @@ def bounds_of(geometry: GridGeometry) -> Bounds:
 
 
 class Standpoint(NamedTuple):
-    """A camera's position and the point that it looks at, metres, arena frame."""
+    """A camera's position and target, metres, arena frame."""
 
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]

@@ -20,7 +20,7 @@ TIMEOUT_S = 5.0
 
 @dataclass(frozen=True)
 class QueryOutcome(Generic[R]):
-    """The outcome of a query: a reply, or in words why there is none."""
+    """The outcome of a query: a reply, or the reason why there is none."""
 
     known: R | None = None
     error: str = ""

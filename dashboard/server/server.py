@@ -171,7 +171,7 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
     if not guard.is_installed:
         close_server(server)
         raise WireError("the dashboard cannot guard its page against other sites: this version of viser is not known")
-    # viser moves on to the next port when it finds one taken, which may happen after the check.
+    # viser tries the next port when one is in use, which may happen after the check.
     if port not in (0, server.get_port()):
         close_server(server)
         raise _port_taken(host, port)

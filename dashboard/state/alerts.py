@@ -16,7 +16,7 @@ REFUSALS_SHOWN = 4
 
 
 class AlertLevel(StrEnum):
-    """How much an alert matters."""
+    """Severity of an alert."""
 
     BAD = "bad"
     WARN = "warn"

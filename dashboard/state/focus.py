@@ -20,7 +20,7 @@ class Focus(NamedTuple):
     mote: str = ""
     """Name of the selected mote; empty if none."""
     middle: Point2D | None = None
-    """Point that the camera looks at, arena frame; None if not zoomed in."""
+    """Target of the camera, arena frame; None if not zoomed in."""
     reach_m: float = 0.0
     """Visible radius around `middle`."""
 

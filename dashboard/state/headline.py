@@ -30,7 +30,7 @@ AGREES, HARDLY_AGREES = 0.7, 0.5
 """Share of a robot's beams that agree with its map below which the robot is amber, and red. With a right map the median
 is 95 %, and the least value 73 %, in the first seconds."""
 REFUSED_S = 10.0
-"""How long a rejected map patch stays in the headline."""
+"""Time for which a rejected map patch stays in the headline."""
 
 
 class Grade(IntEnum):

@@ -63,9 +63,9 @@ class ShownRobot:
     present: bool | None = None
     """Whether its liveliness token is present; None if it never had one."""
     last_seen_s: float | None = None
-    """When its last state arrived, on the caller's clock."""
+    """Arrival time of its last state, on the caller's clock."""
     first_s: float | None = None
-    """When its first state arrived."""
+    """Arrival time of its first state."""
     state: RobotState | None = None
     summary: RobotSummary | None = None
     truth: RobotTruth | None = None
@@ -105,7 +105,7 @@ class ShownRobot:
 
     @property
     def endurance_s(self) -> float | None:
-        """How long its battery lasts at the power of the last minutes; None if it does not report it."""
+        """Remaining battery time at the power of the last minutes; None if it does not report it."""
         energy = self.state.energy if self.state is not None else None
         if energy is None or not energy.usual_power_w > 0:
             return None

@@ -37,7 +37,7 @@ FAR_MM = round(FAR_M * 1000)
 FULL_TURN_RAD = 2 * math.pi
 Names = Mapping[str, str]
 PLAN_S = 5.0
-"""How long a run's floor plan is drawn if no map comes, in seconds of the run."""
+"""Time for which a run's floor plan is drawn if no map comes, in seconds of the run."""
 RESTART_S = 1.0
 """An arena clock that falls back by more than this begins another run."""
 
@@ -123,13 +123,13 @@ class ShownTeam:
         self.explored: list[tuple[float, float]] = []
         """Arena time in seconds and explored share, 0 to 1; over the whole run, ever coarser."""
         self.team_seen_s: float | None = None
-        """When the last summary of the coordinator arrived, on the caller's clock."""
+        """Arrival time of the coordinator's last summary, on the caller's clock."""
         self.rejected = 0
         """Number of messages that decoded but had impossible values."""
         self.refused: list[Refusal] = []
         """Messages that broke the contract of their topic, largest count first."""
         self.map_refused_s: float | None = None
-        """When a map patch was last rejected, on the caller's clock."""
+        """Time of the last rejected map patch, on the caller's clock."""
         self.runs = 1
         """Runs seen: grows when the arena's clock starts over."""
         self._explored_step_s = HISTORY_STEP_S

@@ -26,7 +26,7 @@ NOTHING: Mapping[str, object] = MappingProxyType({})
 
 
 class CallVerdict(StrEnum):
-    """How a call ended, for the audit log and for programs."""
+    """Outcome of a call, for the audit log and for programs."""
 
     LOOKED = "looked"
     REHEARSED = "rehearsed"
@@ -46,7 +46,7 @@ class ToolAnswer(NamedTuple):
     values: dict[str, Any]
     png: bytes = b""
     code: str = ""
-    """Why it was refused."""
+    """Reason for its refusal."""
 
 
 def answer(

@@ -55,7 +55,7 @@ class Confirmations(Generic[T]):
     Args:
         now_s: a clock that never goes back, seconds.
         new_token: makes a token that cannot be guessed.
-        life_s: how long an order waits.
+        life_s: lifetime of an order.
         capacity: most orders that wait; the oldest is dropped for a new one.
 
     """

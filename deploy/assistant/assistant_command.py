@@ -98,7 +98,7 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
 
 
 def default_log() -> Path:
-    """Where the audit log is if no path is given."""
+    """Default path of the audit log."""
     return state_folder() / "assistant.jsonl"
 
 

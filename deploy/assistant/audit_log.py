@@ -21,7 +21,7 @@ class AuditRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One call."""
 
     stamp: str
-    """When it was answered, ISO 8601, UTC."""
+    """Time of the answer, ISO 8601, UTC."""
     call: int
     """Number of the call since the start of this process; an order that is carried out has two lines."""
     by: str
@@ -33,7 +33,7 @@ class AuditRecord(msgspec.Struct, frozen=True, kw_only=True):
     """As JSON, cut."""
     verdict: str
     code: str = ""
-    """Why it was refused."""
+    """Reason for its refusal."""
     words: str = ""
     """The first words of the answer."""
     took_ms: float = 0.0

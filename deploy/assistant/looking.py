@@ -189,7 +189,7 @@ OLD_S = 2.0
 
 
 class Looking:
-    """Looks at a team.
+    """Tools that read a team's state.
 
     Args:
         team: a connection to it, used by one thread at a time.

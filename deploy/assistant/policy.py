@@ -132,7 +132,7 @@ _WORD = re.compile(r"[a-z]+")
 
 
 def tool_refusal(name: str) -> Ban:
-    """Why there is no such tool.
+    """Reason why there is no such tool.
 
     >>> tool_refusal("resume_team")
     <Ban.RESUME: 'resume'>
@@ -141,13 +141,13 @@ def tool_refusal(name: str) -> Ban:
 
 
 def order_refusal(order: Order, member: Member | None) -> Ban | None:
-    """Why a certificate does not allow an order; None if it does, or if the team is not secured."""
+    """Reason why a certificate does not allow an order; None if it does, or if the team is not secured."""
     action, row = ROWS[order]
     return None if member is None or member.role in roles(action, row) else Ban.ROLE
 
 
 def call_refusal(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> Ban | None:
-    """Why a function of a robot's plugin is not called; None if it may be, after a rehearsal.
+    """Reason why a function of a robot's plugin is not called; None if it may be, after a rehearsal.
 
     A plugin that requires a mover, itself or through others, could move the robot: of these only `READS` are called.
 
@@ -239,7 +239,7 @@ class CallRefused(RobrainError):
     """A call that is not carried out.
 
     Args:
-        ban: why.
+        ban: reason of the refusal.
         detail: its subject, in words.
 
     """

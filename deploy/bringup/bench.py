@@ -35,7 +35,7 @@ LONGEST_S = 120.0
 
 
 class StopMode(StrEnum):
-    """How wheels that turn are stopped."""
+    """Method of stopping turning wheels."""
 
     COMMAND = "command"
     """A velocity of 0, then a stop."""
@@ -105,9 +105,9 @@ HALTED_BY = "bringup"
 HALTED_S = 1.0
 """A halted host's plugins do nothing; the encoder counts of that time are read afterwards."""
 LIDAR_START_S, LOOK_S = 8.0, 0.1
-"""How long a lidar has for its first turn: some begin to spin when they are asked."""
+"""Timeout of a lidar's first turn: some begin to spin on request."""
 START_S = 3.0
-"""How long devices have to start."""
+"""Timeout of the devices' start."""
 
 
 STEP_S = 0.02
@@ -140,7 +140,7 @@ class MotionRunner(Unit):
         self.is_cruising = False
         """Whether wheels turn at full speed and wait to be halted."""
         self.failed = ""
-        """Why the last motion was given up; empty if it was not."""
+        """Reason why the last motion was given up; empty if it was not."""
         self._wanted: Motion | None = None
         self._motion: Motion | None = None
         self._asked_ns = 0
@@ -485,7 +485,7 @@ class Bench(abc.ABC):
             raise DeviceAbsent(f"{plugin}: {error}") from error
 
     def why_not(self, plugin: str) -> str:
-        """Why a device does not run; empty if it does."""
+        """Reason why a device does not run; empty if it does."""
         try:
             managed = self.host.manager.get(plugin)
         except PluginError as error:

@@ -19,7 +19,7 @@ from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.model.geometry import Pose2D
 
 STILL_S = 1.2
-"""How long a lidar looks from one place: several turns, of which each beam's median counts."""
+"""Scanning time at one place: several turns, of which each beam's median counts."""
 FIRST_TURN_RAD, FIRST_WAY_M = math.radians(60.0), 0.3
 LONGEST_WAY_M, SHORTEST_WAY_M = 1.2, 0.25
 SPARE_M = 0.25
@@ -61,7 +61,7 @@ def look(bench: Bench) -> tuple[View, Record]:
 
 
 def move(bench: Bench, before: View, motion: Straight | TurnOnSpot) -> tuple[Moved | None, View]:
-    """Execute a motion and look again; None for the motion if the lidar lost its thread."""
+    """Execute a motion and scan again; None for the motion if the scans could not be matched."""
     record = bench.perform(motion)
     after, _ = look(bench)
     seen = followed(before.points, [points_of(scan) for scan in record.scans], after.points)
@@ -283,7 +283,7 @@ def _direction_rad(moved: Pose2D, *, is_mirrored: bool) -> float:
 
 
 def _room_m(view: View, radius_m: float) -> float:
-    """How far the robot can drive: ahead, or back if there is more room and the value negative; 0 if nowhere."""
+    """Distance that the robot can drive: ahead, or negative for back if there is more room; 0 if nowhere."""
     points = view.points[np.hypot(view.points[:, 0], view.points[:, 1]) > radius_m]
     aside = points[np.abs(points[:, 1]) < radius_m + 0.1]
     ahead_m = float(aside[aside[:, 0] > 0, 0].min(initial=math.inf)) - radius_m - SPARE_M

@@ -242,7 +242,7 @@ class Seen:
         wheel: the wheel that turned, by the person.
         way: 1 if that turned in its positive direction, else -1.
         encoder: the one that counted.
-        ratio: how far it counted, by how far the wheel was commanded to turn.
+        ratio: counted turn, relative to the commanded turn of the wheel.
 
     """
 

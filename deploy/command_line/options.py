@@ -1,4 +1,4 @@
-"""Options that commands share, how they are read, and how results are printed; light, as every command loads it."""
+"""Common options of commands, their parsing, and the printing of results; light, as every command loads it."""
 
 import re
 from enum import StrEnum
@@ -23,7 +23,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 
 
 class WireFormat(StrEnum):
-    """How `robrain wire` prints the wire."""
+    """Output formats of `robrain wire`."""
 
     MARKDOWN = "markdown"
     JSONSCHEMA = "jsonschema"

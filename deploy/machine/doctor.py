@@ -1,4 +1,4 @@
-"""One thing that was looked at, as a value."""
+"""One check, as a value."""
 
 import errno
 import importlib.metadata
@@ -449,7 +449,7 @@ def examine_host(path: Path, host_name: str | None) -> list[Check]:
     with as_member:
         if HUB in host.parts:
             checks.append(check_port("the hub", team_file.endpoint))
-            if not check_router([team_file.endpoint]).ok:  # not started yet: there is no team to look at
+            if not check_router([team_file.endpoint]).ok:  # not started yet: there is no team to check
                 return [*checks, *check_certificates(shown, [team_file.endpoint])]
         # As an operator one sees all of a secured team, and may not try its robots' keys.
         robots = [] if shown else host.robots
@@ -535,7 +535,7 @@ def doctor_command(
     """Check, and print the results; whether no check failed.
 
     Args:
-        file: a ROBOT.toml or a team file; None looks at a hub alone.
+        file: a ROBOT.toml or a team file; None checks a hub alone.
         host: of a team file: which machine.
         connect: endpoint of the team; not with a team file.
         team: its name; not with a team file.

@@ -36,7 +36,7 @@ class CheckName(StrEnum):
     NAME = "name"
     """Whether another process has the name."""
     ROBOT = "robot"
-    """How a robot that runs is."""
+    """Status of a running robot."""
     PORT = "port"
     ADDRESS = "address"
     """Whether an address is one of this machine's."""
@@ -53,7 +53,7 @@ class Check(msgspec.Struct, frozen=True):
 
     name: CheckName
     ok: bool | None
-    """None if it could not be looked at."""
+    """None if the check was impossible."""
     sentence: str
     remedy: str = ""
     """Remedy; empty if nothing is wrong."""
@@ -131,7 +131,7 @@ def check_clock(skews_s: Sequence[float]) -> Check:
 
 
 def stamp_skews_s(session: zenoh.Session, team: str) -> list[float]:
-    """How far the stamps of the coordinator's messages, or else of robots', are ahead of this machine's clock, s."""
+    """Lead of the stamps of the coordinator's messages, or else of robots', over this machine's clock, s."""
     for topic in (COORDINATOR_STATE, ROBOT_STATE):
         if skews_s := _skews_s(session, topic.selector(team)):
             return skews_s

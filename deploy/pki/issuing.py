@@ -42,7 +42,7 @@ LISTEN = (f"tls/127.0.0.1:{ZENOHD_PORT}",)
 
 
 class Endpoints(NamedTuple):
-    """Where a router listens, and the other routers that it connects to."""
+    """Endpoints of a router, and of the other routers that it connects to."""
 
     listen: tuple[str, ...] = LISTEN
     connect: tuple[str, ...] = ()

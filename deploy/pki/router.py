@@ -52,14 +52,13 @@ class SecuredRouter:
 
     @property
     def endpoint(self) -> str:
-        """Where it listens."""
+        """Its endpoints."""
         return next(filter(is_secured, listening_at(self.session)))
 
     def look(self) -> str:
         """Open the session again if the folder's files have changed; members then connect again by themselves.
 
-        Returns:
-            What happened, in words; empty if nothing.
+        Returns: The event, in words; empty if there is none.
 
         """
         stamps = self._files()

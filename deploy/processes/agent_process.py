@@ -177,7 +177,7 @@ def unchanged_pages(smaps: str, library: str) -> list[Pages]:
 
     Args:
         smaps: text of `/proc/PID/smaps`.
-        library: how the name of its file begins.
+        library: beginning of the name of its file.
 
     """
     found: list[Pages] = []

@@ -194,7 +194,7 @@ def arena_command(
 
     Args:
         scenario: the scenario to simulate.
-        place: where to connect or listen; without either, the arena is this machine's hub.
+        place: endpoints to connect or listen; without either, the arena is this machine's hub.
         team: its name.
         robot_files: folder for a ROBOT.toml of each robot.
         resume: file with the poses at which the robots continue, written by `robrain up` when an arena has ended.

@@ -224,7 +224,7 @@ def start_dashboard(children: Children, endpoint: str, team: str, port: int | No
 
     Args:
         children: owns the process.
-        endpoint: where the team is.
+        endpoint: endpoint of the team.
         team: which team to show.
         port: port to serve on; None uses 8080, or a free one if that is in use.
 

@@ -123,7 +123,7 @@ class ElectedCoordinator:
                 self._record(f"{end_reason}: this one stands by")
 
     def _lead(self, elected: Elected, claim: NameClaim, should_stop: ShouldStop) -> str:
-        """Lead until `should_stop()`; returns why it leads no longer, in words, if there is another reason."""
+        """Lead until `should_stop()`; returns the reason for an earlier end, in words."""
         claim.take_over()
         with closing(Journal(self._path)) as journal, live_endpoint(self._session, self._team) as wire:
             if journal.name != elected.journal:
@@ -184,7 +184,7 @@ def coordinator_command(
     """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 
     Args:
-        place: where to connect or listen; without either, the coordinator connects to this machine's hub.
+        place: endpoints to connect or listen; without either, the coordinator connects to this machine's hub.
         team: its name.
         journal: file of its tasks; `TEAM.journal` if None.
         objective: planning objective, overriding the file's.

@@ -1,9 +1,9 @@
 """One process per name: an agent or coordinator claims its name first, and exits if another process has it.
 
-A starting process declares an *asks* token, then looks for other tokens of the name. Zenoh delivers in order, so of two
-that ask at the same time at least one sees the other. The one later in the order of claims withdraws its token and
-looks again. The earlier one waits until no other process claims the name, then declares a *has* token until its `alive`
-token is declared. Exactly one remains.
+A starting process declares an *asks* token, then checks for other tokens of the name. Zenoh delivers in order, so of
+two that ask at the same time at least one sees the other. The one later in the order of claims withdraws its token and
+checks again. The earlier one waits until no other process claims the name, then declares a *has* token until its
+`alive` token is declared. Exactly one remains.
 
 The name of a dead process becomes free when its connection ends: 2 ms after `kill -9`, one lease after a link cut. So
 a process that does not answer is waited for.
@@ -44,7 +44,7 @@ ASK_TIMEOUT_S = LEASE_MS / 1000
 by then, and the query with it.
 """
 SUCCESSOR_TIMEOUT_S = 0.5
-"""As above, for a process that looks for its successor in its own loop."""
+"""As above, for a process that checks for its successor in its own loop."""
 LOOK_TIMEOUT_S = 5.0
 LOOK_PERIOD_S = 0.02
 HANG_NS = LEASE_MS * 1_000_000 // 2
@@ -120,7 +120,7 @@ class NameClaim:
                     self.take_over()
                     self._withdraw(ASKS)
                     return True
-                self._declare(ASKS)  # then look again: another may have asked meanwhile
+                self._declare(ASKS)  # then check again: another may have asked meanwhile
                 continue
             if is_held or min(seen.asking) < self._process:
                 self._withdraw(ASKS)
@@ -134,7 +134,7 @@ class NameClaim:
                     what = self._keys.what
                     on_wait(f"{what} is there, but does not answer: waiting up to {PATIENCE_S:g} s for it to go")
             else:
-                # If this machine stood still, the other process did as well: that counts as one look.
+                # If this machine hung, the other process did as well: that counts as one check.
                 waited_ns += min(looked_ns - before_ns, round(ASK_TIMEOUT_S * NS_PER_S))
                 if waited_ns > PATIENCE_S * NS_PER_S:
                     raise self._taken(_describe_process(seen))

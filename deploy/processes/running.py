@@ -40,7 +40,7 @@ SURE_PARTS = 3
 
 
 class CompileProgress(NamedTuple):
-    """How far the parts are that a run needs at its start."""
+    """Progress of the parts that a run needs at its start."""
 
     ready: int
     parts: int
@@ -58,7 +58,7 @@ class KernelCompiler:
 
     Args:
         parts: by name, in the order in which they are begun.
-        processes: how many compile side by side.
+        processes: number of parallel compilers.
 
     """
 
@@ -69,7 +69,7 @@ class KernelCompiler:
         self._said: SimpleQueue[tuple[int, str]] = SimpleQueue()
         self._began_s = time.monotonic()
         self.failure = ""
-        """Why a process has failed; empty if none has."""
+        """Reason why a process has failed; empty if none has."""
         self._workers: dict[int, Child] = {}
         try:
             for number in range(processes):
@@ -160,7 +160,7 @@ class Preparing:
         self._closing = ExitStack()
         self._began_s = time.monotonic()
         self._later_s = math.inf
-        """When the parts are begun that a run does not need at first."""
+        """Time at which the later parts are begun."""
 
     def begin(self, world: World) -> None:
         """Show the places of all bodies, and load the kernels.

@@ -102,7 +102,7 @@ def show_contents(contents: RecordingContents, *, every_key: bool = False) -> No
 
 
 def show_difference(first: Path, second: Path, difference: Difference | None, same: int) -> None:
-    """Where two runs differ first."""
+    """First difference of two runs."""
     console = results()
     if difference is None:
         console.print(f"equal: {same} messages", soft_wrap=True)

@@ -87,12 +87,12 @@ def record_team(
     Args:
         wire: of the team.
         path: the file.
-        split: when it continues in another file.
+        split: limits at which it continues in another file.
         visual: whether channels are written that Foxglove and its like draw.
         should_stop: asked often.
         on_progress: called after each step.
         rotation: removes the oldest recordings; None keeps all.
-        provenance: where the team comes from, if that is known; its robots are not asked for their plugins then.
+        provenance: origin of the team, if it is known; its robots are not asked for their plugins then.
         on_ready: called once all topics of the team are subscribed.
 
     Raises:
@@ -122,7 +122,7 @@ def robots_there(wire: Endpoint) -> list[str]:
 
 
 def read_provenance(path: Path) -> Provenance:
-    """Where a team comes from, as `robrain up` wrote it (UsageError if the file cannot be read)."""
+    """Origin of a team, as `robrain up` wrote it (UsageError if the file cannot be read)."""
     try:
         with path.open("rb") as file:
             return msgspec.json.decode(file.read(PROVENANCE_MAX_BYTES), type=Provenance)

@@ -79,7 +79,7 @@ def occupancy_grid(grid: Grid, frame: str, stamp_ns: int) -> classes.OccupancyGr
 
 
 def pose_stamped(pose: Pose2D, frame: str, stamp_ns: int) -> classes.PoseStamped:
-    """Where a robot is."""
+    """Pose of a robot."""
     message = stamped(ros.POSE_STAMPED, frame, stamp_ns)
     _place(message.pose, pose)
     return message
@@ -95,7 +95,7 @@ def transform(robot: str, pose: Pose2D, frame: str, stamp_ns: int) -> Any:
 
 
 def path(planned: PlannedPath, frame: str) -> classes.Path:
-    """A robot's path; each pose looks to the next point."""
+    """A robot's path; each pose faces the next point."""
     message = stamped(ros.PATH, frame, planned.stamp_ns)
     yaw_rad = 0.0
     for point, after in zip(planned.points, [*planned.points[1:], None], strict=False):
@@ -496,7 +496,7 @@ PERIOD_S = 0.05
 NODE, BY, NAMESPACE = "gateway", "ros2", "/robrain"
 NAME = "ros2 gateway"
 PATIENCE_S = 3.0
-"""How long a caller waits for a coordinator that does not answer."""
+"""Timeout of a caller for a coordinator that does not answer."""
 
 
 def gateway_command(

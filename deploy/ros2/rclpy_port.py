@@ -49,7 +49,7 @@ class RclpyPort:
 
     @property
     def failure(self) -> str:
-        """Why the node does not run any more; empty while it does."""
+        """Reason why the node does not run any more; empty while it does."""
         return self._link.failure
 
     def advertise(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> Writer[M]:

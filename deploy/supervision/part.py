@@ -28,7 +28,7 @@ QUIET_S = 0.5
 
 
 class RestartPolicy(Checked, frozen=True, kw_only=True):
-    """When a process is started again, and when no more."""
+    """Conditions of a process's restarts and of their end."""
 
     first_delay_s: Positive = 0.2
     """From the first failure to the next start."""
@@ -49,7 +49,7 @@ class RestartPolicy(Checked, frozen=True, kw_only=True):
 
 
 class Phase(StrEnum):
-    """How a process is."""
+    """Phase of a process."""
 
     WAITING = "waiting"
     """It does not run, and will be started."""
@@ -69,7 +69,7 @@ class RestartStep(StrEnum):
 
 
 class Cause(StrEnum):
-    """Why a process failed."""
+    """Cause of a process's failure."""
 
     ENDED = "ended"
     SILENT = "silent"
@@ -95,7 +95,7 @@ class Restarts:
     """The state of one process.
 
     Args:
-        policy: when it is started again.
+        policy: conditions of its restarts.
 
     """
 
@@ -103,7 +103,7 @@ class Restarts:
         self.policy = policy
         self.phase = Phase.WAITING
         self.starts = 0
-        """How often it was started."""
+        """Number of its starts."""
         self.was_ready = False
         """Whether it has ever been ready."""
         self._start_s = float("-inf")
@@ -114,7 +114,7 @@ class Restarts:
 
     @property
     def restarts(self) -> int:
-        """How often it was started again."""
+        """Number of its restarts."""
         return max(self.starts - 1, 0)
 
     @property
@@ -195,7 +195,7 @@ class Part(NamedTuple):
     must_start: bool = False
     """Whether a refusal at its first start (exit status 2) is an error of the user who started the team."""
     stop_s: float = STOP_TIMEOUT_S
-    """How long it is waited for when the team stops, before it is killed."""
+    """Time for its end when the team stops, before it is killed."""
     on_line: Callable[[str], None] | None = None
     """Called with each line that it prints, on a separate thread."""
 
@@ -221,11 +221,11 @@ class PartEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, t
     pid: int | None = None
     """Process id, of a start."""
     cause: Cause | None = None
-    """Why it failed."""
+    """Reason for its failure."""
     status: int | None = None
     """Exit status of its process; negative for a signal."""
     silent_s: float = 0.0
-    """How long its main loop had been silent, or it had been starting, when it was killed."""
+    """Duration of its main loop's silence, or of its start, when it was killed."""
     again_in_s: float | None = None
     """Until it is started again."""
     away_s: float | None = None
@@ -265,7 +265,7 @@ class PartView(NamedTuple):
     messages: str
     """Rate of its messages, in words; empty if unknown."""
     restarts: int | None
-    """How often it was started again; None if unknown."""
+    """Number of its restarts; None if unknown."""
     words: str = ""
     """Further text of the event."""
 
@@ -378,7 +378,7 @@ def _parent(folder: Path) -> int:
 
 
 class CoreWait:
-    """How long a process could not run because other processes had the cores.
+    """Time for which a process could not run because other processes had the cores.
 
     Args:
         pid: its process id.

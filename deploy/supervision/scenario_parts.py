@@ -26,7 +26,7 @@ class ScenarioParts:
     """Makes the parts that a scenario describes.
 
     Args:
-        site: where they are started.
+        site: site of their start.
         scenario: site of the parts.
         quiet: print no report while kernels are compiled.
 

@@ -25,7 +25,7 @@ RECORDER_STOP_S = 60.0
 
 
 class Site(NamedTuple):
-    """Where parts are started: this machine's folder, and the team's endpoint."""
+    """Site of the parts: this machine's folder, and the team's endpoint."""
 
     folder: Path
     """For files that only this run needs."""
@@ -76,7 +76,7 @@ def coordinator_parts(
     """The coordinator, and a stand-by coordinator with its own journal.
 
     Args:
-        site: where they are started.
+        site: site of their start.
         journal: file of the coordinator; the other's is `NAME-stand-by` beside it.
         options: further arguments of both.
         parts: names of the parts that run here.
@@ -118,7 +118,7 @@ def agent_part(site: Site, name: str, path: Path, journal: Path) -> Part:
 
 
 def votes_option(journal: Path) -> list[str]:
-    """Where robots keep their votes: beside the journal of the coordinator for which they vote."""
+    """Folder of the robots' votes: beside the journal of the coordinator for which they vote."""
     return ["--votes", str(journal.with_name(f"{journal.name}.votes"))]
 
 

@@ -50,7 +50,7 @@ class Supervised:
         self.last_lines: list[str] = []
         """Output of the process before this one."""
         self.failed_s: float | None = None
-        """When the failure was noticed from which it has not returned."""
+        """Time at which its current failure was detected."""
         self._lifeline: LifelineEnd | None = None
 
     @property

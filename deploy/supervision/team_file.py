@@ -140,7 +140,7 @@ class TeamFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def endpoint(self) -> str:
-        """Where the hub listens."""
+        """Endpoint of the hub."""
         address = self.hub_host.address
         return f"{'tls' if self.team.pki else 'tcp'}/{f'[{address}]' if ':' in address else address}:{self.team.port}"
 

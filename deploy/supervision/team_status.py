@@ -39,12 +39,12 @@ from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.recording.drawing.labels import natural_key, span_text
 
 STATE_S = 1.0
-"""How long to wait for the states of the members."""
+"""Timeout of the members' states."""
 POLL_S = 0.02
 
 
 class RobotCondition(StrEnum):
-    """How a robot is; the first that holds."""
+    """Status of a robot; the first that holds."""
 
     GONE = "gone"
     """It has left the network; `robrain remove` has it forgotten."""
@@ -58,7 +58,7 @@ class RobotCondition(StrEnum):
 
 
 class RobotStanding(msgspec.Struct, frozen=True, kw_only=True):
-    """How one robot is."""
+    """Status of one robot."""
 
     robot: str
     condition: RobotCondition
@@ -67,7 +67,7 @@ class RobotStanding(msgspec.Struct, frozen=True, kw_only=True):
     soc: float | None = None
     """State of charge, 0 to 1; None if unknown."""
     place: Point2D | None = None
-    """Where it is, arena frame; None if unknown."""
+    """Its pose, arena frame; None if unknown."""
     task: str = ""
     """Id of the task that it does; of a robot that has gone, the last one."""
     behavior: str = ""
@@ -190,7 +190,7 @@ def reasons_of(robot: RobotStanding) -> Iterator[str]:
 
 
 def robot_status(robot: str, state: RobotState | None) -> RobotStanding:
-    """How a robot that is present is, by its last state."""
+    """Status of a present robot, by its last state."""
     if state is None:
         why = f"no state published for {STATE_S:g} s"
         return RobotStanding(robot=robot, condition=RobotCondition.SILENT, why=why)
@@ -246,7 +246,7 @@ MEMBERS_MAX = 4096
 
 
 class Rate:
-    """How fast a count grows."""
+    """Rate of a count."""
 
     def __init__(self, what: str) -> None:
         self.what = what

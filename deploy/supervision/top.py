@@ -108,7 +108,7 @@ class Top:
 
     Args:
         wire: of the team.
-        host: name of this machine, on which processes can be looked at.
+        host: name of this machine, whose processes can be inspected.
         figures: follows a process of this machine.
 
     """

@@ -54,7 +54,7 @@ if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot doe
 
 LOOK_PERIOD_S = 0.1
 RENEW_PERIOD_S = 60.0
-"""Between two looks at certificates that soon end."""
+"""Between two checks for certificates that soon end."""
 ANY_SECURED_PORT = "tls/127.0.0.1:0"
 STARTING_PERIOD_S = 0.01
 """Between two checks of a hub that starts, for which all other parts wait."""
@@ -64,7 +64,7 @@ class UpStatus(NamedTuple):
     """The team at one moment, for display."""
 
     robots: list[tuple[str, str]]
-    """Name, and how it is in a few words."""
+    """Name, and its status in a few words."""
     coordinator_up: bool
     parts: list[PartView]
     """The processes of this machine."""
@@ -98,7 +98,7 @@ class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag
 
 
 class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub", omit_defaults=True):
-    """Where the team's hub listens."""
+    """Endpoint of the team's hub."""
 
     endpoint: str
     tls: str = ""
@@ -106,19 +106,19 @@ class HubEvent(msgspec.Struct, frozen=True, tag_field="event", tag="hub", omit_d
 
 
 class JournalEvent(msgspec.Struct, frozen=True, tag_field="event", tag="journal"):
-    """Where the coordinator keeps its tasks; its backups are beside it."""
+    """Journal of the coordinator; its backups are beside it."""
 
     path: str
 
 
 class DashboardEvent(msgspec.Struct, frozen=True, tag_field="event", tag="dashboard"):
-    """Where the page is served."""
+    """Address of the page."""
 
     url: str
 
 
 class ForwarderEvent(msgspec.Struct, frozen=True, tag_field="event", tag="serial_forwarder"):
-    """Where the Serial Forwarder of a robot's base station listens."""
+    """Address of the Serial Forwarder of a robot's base station."""
 
     robot: str
     address: str
@@ -171,7 +171,7 @@ class UpPlan(NamedTuple):
 
     @property
     def own_journal(self) -> Path | None:
-        """Where a coordinator of this machine keeps its tasks; None if none runs here, or they end with the team."""
+        """Journal of this machine's coordinator; None if none runs here, or its tasks end with the team."""
         return self.journal if {COORDINATOR, STAND_BY} & set(self.parts) else None
 
 
@@ -359,7 +359,7 @@ def _prepared(plan: UpPlan, folder: Path) -> Credentials | None:
 
 
 def choose_endpoint(listen: str | None, *, is_secured: bool = False) -> tuple[str, str]:
-    """Where the hub is to listen, and this machine's hub endpoint if another process has that, else "".
+    """Endpoint for the hub, and this machine's hub endpoint if another process has that, else "".
 
     A secured team listens at the host and port of ROBRAIN_HUB, or else at a free port.
 

@@ -54,7 +54,7 @@ class CarmenLog(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def scans(self) -> int:
-        """How many scans it holds."""
+        """Number of its scans."""
         return sum(entry.scan is not None for entry in self.entries)
 
     @property

@@ -66,7 +66,7 @@ def sight_bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: flo
 
     Args:
         plan: the floor.
-        start: where the team starts, arena frame.
+        start: start of the team, arena frame.
         radius_m: of each robot.
         range_m: of the lidars.
         speed_m_s: top speed.
@@ -88,7 +88,7 @@ def _seen_m(plan: FloorPlan, cells: np.ndarray, away_m: Floats, range_m: float) 
     """Length of the shortest path to one of the cells that sees a cell, (rows, columns), metres; inf if none does."""
     height, width = plan.occupied.shape
     geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, width, height)
-    walls = plan.occupied.copy()  # writable: a read-only array would be copied for every look
+    walls = plan.occupied.copy()  # writable: a read-only array would be copied for every ray
     angles_rad = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
     along_m = np.arange(0.0, range_m, 0.7 * plan.resolution_m)
     x_m = along_m * np.cos(angles_rad)[:, np.newaxis]
@@ -154,7 +154,7 @@ class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
 
     case: ExplorationCase
     why_not: str = ""
-    """Why it could not be run; then the other fields are empty."""
+    """Reason why it could not be run; then the other fields are empty."""
     explored_percent_s: dict[int, float] = {}
     """Simulated time at which 90, 95 and 99 % were known, without shares that were not reached."""
     explored_fraction: float = 0.0
@@ -191,7 +191,7 @@ def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, sp
 
     Args:
         plan: the floor.
-        start: where the team starts, arena frame.
+        start: start of the team, arena frame.
         radius_m: of each robot.
         range_m: of the lidars.
         speed_m_s: top speed.

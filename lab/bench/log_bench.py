@@ -95,7 +95,7 @@ class LogDriver(Unit):
         self._track = PoseTrack(Pose2D(0.0, 0.0, 0.0), HISTORY_ENTRIES)
 
     def feed(self, stamp_ns: int, T_odom_robot: Pose2D) -> None:
-        """Where the odometry had the robot; stamps do not descend."""
+        """Poses of the robot by odometry; stamps do not descend."""
         self._track.add(stamp_ns, T_odom_robot)
 
     def pose(self) -> Pose2D:
@@ -140,7 +140,7 @@ class PlayedLog(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     stamps_s: list[float]
     """Of the log's clock."""
     odometry: list[Pose2D]
-    """Where the odometry alone had the lidar; it begins at the origin."""
+    """Poses of the lidar by odometry alone; they begin at the origin."""
     told: list[Pose2D]
     """Pose that the robot reported after it had put the scan on its map."""
     poses: list[Pose2D]
@@ -235,7 +235,7 @@ class _Run:
             self._check(self._host.board)
 
     def _check(self, board: Board) -> None:
-        """Where the scans lie that were taken in by now."""
+        """Poses of the scans that were mapped by now."""
         own, T_arena_odom = board.shared(OwnMap), board.T_arena_odom
         local_pose, local_map = own.local_pose, own.local_map
         if local_pose is None or T_arena_odom is None:
@@ -294,7 +294,7 @@ def _laser_scan(stamp_ns: int, scan: LoggedScan) -> LaserScan:
 
 
 class Relation(msgspec.Struct, frozen=True):
-    """Where the robot was at `to_s`, seen from where it was at `from_s`; seconds of the log's clock."""
+    """Pose of the robot at `to_s`, relative to its pose at `from_s`; seconds of the log's clock."""
 
     from_s: float
     to_s: float

@@ -56,7 +56,7 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
 
     case: Case
     why_not: str = ""
-    """Why it could not be run; then the other fields are empty."""
+    """Reason why it could not be run; then the other fields are empty."""
     sim_time_s: float = 0.0
     ended: str = ""
     explored_fraction: float = 0.0

@@ -87,7 +87,7 @@ class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def plan(self) -> FieldPlan:
-        """How its field is run."""
+        """Method of running its field."""
         tours, goal = self.tours_per_day, self.goal_days
         return {
             TREE: FieldPlan(routing=Routing.TREE),

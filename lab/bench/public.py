@@ -44,7 +44,7 @@ class PublicInstance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PublicResult(msgspec.Struct, frozen=True, kw_only=True):
-    """How well an instance was solved."""
+    """Quality of an instance's solution."""
 
     instance: str
     customers: int
@@ -62,7 +62,7 @@ class PublicResult(msgspec.Struct, frozen=True, kw_only=True):
     routes: list[list[int]]
     """Customers of each vehicle that is used, numbered from 1 as in the file."""
     note: str = ""
-    """Why the value cannot be compared; empty if it can."""
+    """Reason why the value cannot be compared; empty if it can."""
 
 
 def read_public(path: Path) -> PublicInstance:

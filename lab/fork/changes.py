@@ -41,7 +41,7 @@ class AddFault(msgspec.Struct, frozen=True, kw_only=True, tag="fault", forbid_un
 
     @property
     def at_s(self) -> float:
-        """When it begins."""
+        """Time of its beginning."""
         return self.fault.at_s
 
 

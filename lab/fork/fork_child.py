@@ -61,7 +61,7 @@ class ForkChild:
         self._now_s = self._at_s = self._until_s = 0.0
         self._failure = ""
         self.why_not = ""
-        """Why the recording cannot be run again; empty if it can."""
+        """Reason why the recording cannot be run again; empty if it can."""
         try:
             repeatable(recording)
             info = recording_info(recording)

@@ -231,7 +231,7 @@ class _Forking:
     def result(
         self, summary: RecordingSummary, output: Path, changes: list[str], ended: str, explored_fraction: float
     ) -> ForkResult:
-        """How it went, once the run is closed."""
+        """Result, once the run is closed."""
         recorded, sameness = self._recorded, self._sameness
         same_whole = None
         if self._repeats_all and ended != "interrupted":

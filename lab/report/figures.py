@@ -73,7 +73,7 @@ def explored_curves(runs: list[RunData]) -> tuple[bool, list[list[tuple[float, f
 
 
 def trajectory_figure(run: RunData) -> Figure | None:
-    """Where the robots went, on the map as it was at the end; None without map, poses and motes."""
+    """Paths of the robots, on the map at the end; None without map, poses and motes."""
     grid = run.map.grid
     bounds = run.map.known_bounds_m()
     has_poses = any(np.isfinite(np.array(robot.x_m)).any() for robot in run.robots.values())

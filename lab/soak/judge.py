@@ -161,7 +161,7 @@ class Judge:
         return not any(run.work(name) for name in run.robots)
 
     def step(self) -> None:
-        """Look at the run after a tick."""
+        """Check the run after a tick."""
         run = self._run
         now_ns = run.now_ns
         for received in self._events.drain():

@@ -34,11 +34,11 @@ class Operator:
 
     def __init__(self, wire: Endpoint, script: FaultScript, *, repeats: bool = False) -> None:
         self.acknowledged: dict[str, int] = {}
-        """When the coordinator has acknowledged each task, ns."""
+        """Time of the coordinator's acknowledgement of each task, ns."""
         self.refused: dict[str, str] = {}
         """Tasks that it has refused for good, with its words."""
         self.cancelled: dict[str, int] = {}
-        """When each cancellation was acknowledged, ns."""
+        """Time of the acknowledgement of each cancellation, ns."""
         self.asked_to_cancel: set[str] = set()
         """Tasks whose cancellation was requested, answered or not."""
         self.halt: HaltOrder | None = None
@@ -172,7 +172,7 @@ class Promises:
         self._operator = operator
 
     def breach_reason(self, task_id: str, record: TaskRecord | None) -> str:
-        """Why the end of an acknowledged task is none that was asked for, in one sentence; empty if it is.
+        """Reason why an acknowledged task's end was not requested, in one sentence; empty if it was.
 
         Args:
             task_id: the task.

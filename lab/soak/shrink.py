@@ -28,13 +28,13 @@ class Shrinker:
 
     Args:
         fails: whether a script still breaks the invariant.
-        trials_max: how often `fails` may be called.
+        trials_max: largest number of calls of `fails`.
 
     """
 
     def __init__(self, fails: Fails, trials_max: int = TRIALS_MAX) -> None:
         self.trials = 0
-        """How often it was called."""
+        """Number of its calls."""
         self._fails = fails
         self._trials_max = trials_max
 

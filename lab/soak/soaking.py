@@ -337,7 +337,7 @@ class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
     script: FaultScript | None = None
     """The shrunk script of a failing seed."""
     trials: int = 0
-    """How often a smaller script was tried."""
+    """Number of smaller scripts that were tried."""
     cpu_s: float = 0.0
     """Of the first run, without the shrinking."""
     bug: str = ""
@@ -345,7 +345,7 @@ class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SoakOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """How a soak is run."""
+    """Options of a soak."""
 
     seeds: Sequence[int]
     jobs: int
@@ -477,7 +477,7 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
 
 
 class PlantedFind(msgspec.Struct, frozen=True, kw_only=True):
-    """How a planted bug was found, or was not."""
+    """Outcome of the search for a planted bug."""
 
     bug: str
     seed: int | None

@@ -10,7 +10,7 @@ from robrain.lab.soak.soak_run import SoakRun, quiet
 
 
 class TrialVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """How a trial ended."""
+    """Outcome of a trial."""
 
     broken: tuple[Broken, ...]
     """Broken invariants; empty in a trial that passed."""

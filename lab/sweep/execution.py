@@ -10,7 +10,7 @@ from robrain.lab.sweep.run_outcome import RunRecord, RunState
 from robrain.lab.sweep.worker import RunTask
 
 LOOK_S = 0.2
-"""How often an interrupt is looked for."""
+"""Period of the checks for an interrupt."""
 DIED = "its process ended without a result: it was killed, or the memory was not enough"
 
 
@@ -46,7 +46,7 @@ def execute_all(
         crew: runs them; the caller closes it.
         on_record: called with the record of each task that has begun, in the order in which they end.
         without_result: makes the record of a task that ended without one, of its state and the reason.
-        should_stop: looked at several times a second; then the running tasks are interrupted.
+        should_stop: called several times a second; if true, the running tasks are interrupted.
 
     """
     waiting = deque(tasks)

@@ -10,7 +10,7 @@ from robrain.sim.lockstep.result import RunResult
 
 
 class RunState(StrEnum):
-    """How a run of a sweep stands."""
+    """State of a run of a sweep."""
 
     DONE = "done"
     FAILED = "failed"
@@ -66,7 +66,7 @@ class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """Of all robots together, the next one as well."""
     silent_divergence_s: float | None = None
     invariants_broken: int | None = None
-    """How many invariants the run broke (`robrain check`); None in tables of earlier versions."""
+    """Number of invariants that the run broke (`robrain check`); None in tables of earlier versions."""
     messages: int
     mote_readings: int
     robot_distance_m: tuple[float, ...]
@@ -87,7 +87,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Name of the run."""
     state: RunState
     error: str = ""
-    """Why it failed."""
+    """Reason for its failure."""
     outcome: RunOutcome | None = None
     """None unless it is done."""
     wall_time_s: float = 0.0

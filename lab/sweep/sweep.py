@@ -403,7 +403,7 @@ class SweepOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SweepProgress(msgspec.Struct, frozen=True, kw_only=True):
-    """How far a sweep is."""
+    """Progress of a sweep."""
 
     ended: int
     """Runs that are done or have failed, earlier calls included."""

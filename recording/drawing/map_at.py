@@ -39,7 +39,7 @@ class MapAt:
 
     Args:
         patches: reads patches.
-        total: how many there are.
+        total: their number.
     """
 
     def __init__(self, patches: PatchSource, total: int) -> None:

@@ -65,7 +65,7 @@ def style_of(index: int) -> RobotStyle:
 
 
 def battery_class(soc: float) -> str:
-    """How a state of charge, 0 to 1, is: good, warn or bad."""
+    """Rating of a state of charge, 0 to 1: good, warn or bad."""
     return "good" if soc >= 0.4 else "warn" if soc >= 0.2 else "bad"
 
 

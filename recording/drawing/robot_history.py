@@ -36,7 +36,7 @@ class HistorySample(NamedTuple):
     error_m: float
     """Distance between its true and its estimated place, if an arena publishes the true one."""
     sigma_m: float
-    """How far that may be by its own covariance: the longer half-axis of the 1-sigma ellipse."""
+    """Expected distance by its own covariance: the longer half-axis of the 1-sigma ellipse."""
 
 
 class RobotHistory:

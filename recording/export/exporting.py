@@ -135,7 +135,7 @@ def _undone(files: dict[str, Path]) -> Iterator[None]:
     """Leaves none of the files behind when the block fails, and reports a disk error in words."""
     try:
         yield
-    except BaseException as error:  # also Ctrl-C: half a table must not look like a whole one
+    except BaseException as error:  # also Ctrl-C: half a table must not pass for a whole one
         for path in files.values():
             path.unlink(missing_ok=True)
         if isinstance(error, OSError):

@@ -64,7 +64,7 @@ def pose(x_m: float, y_m: float, z_m: float = 0.0, yaw_rad: float = 0.0) -> Pose
 
 
 def transforms(poses: Iterable[tuple[str, Pose2D, int]]) -> FrameTransforms:
-    """Where the robots' frames are: name, pose and stamp of each."""
+    """Robots' frames: name, pose and stamp of each."""
     return FrameTransforms(
         transforms=[
             FrameTransform(

@@ -30,7 +30,7 @@ class FoxgloveServer:
     """Serves the visual channels of a team.
 
     Args:
-        wire: where to listen; its owner closes it, after the server.
+        wire: endpoint of the team; its owner closes it, after the server.
         host: address to listen on.
         port: 0 uses a free one.
 

@@ -32,7 +32,7 @@ class Invariant(StrEnum):
 
 
 class InvariantState(StrEnum):
-    """How an invariant stands at the end of a run."""
+    """Verdict on an invariant at the end of a run."""
 
     KEPT = "kept"
     BROKEN = "broken"
@@ -72,11 +72,11 @@ class TasksForgotten(Violation, frozen=True, kw_only=True, tag="tasks_forgotten"
     """The coordinator counts fewer open tasks than there are by their changes."""
 
     missing: int
-    """How many fewer."""
+    """Number of missing tasks."""
     tasks: tuple[str, ...]
     """Possible tasks: the open ones that changed last; at most 5."""
     of: int
-    """How many may be meant."""
+    """Number of possible tasks."""
 
 
 class TaskAbandoned(Violation, frozen=True, kw_only=True, tag="task_abandoned"):
@@ -108,7 +108,7 @@ class DoneAgain(Violation, frozen=True, kw_only=True, tag="done_again"):
     changes: tuple[int, int]
     """Numbers of both changes."""
     first_s: float
-    """When it was done first."""
+    """Time at which it was done first."""
 
 
 class Reopened(Violation, frozen=True, kw_only=True, tag="reopened"):
@@ -126,7 +126,7 @@ class StillAtDone(Violation, frozen=True, kw_only=True, tag="still_at_done"):
     task: str
     robot: str
     done_s: float
-    """When it was done."""
+    """Time at which it was done."""
     for_s: float
     """For how long the robot has reported it since."""
 
@@ -241,18 +241,18 @@ class Breach(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Ruling(msgspec.Struct, frozen=True, kw_only=True):
-    """How one invariant stands."""
+    """Verdict on one invariant."""
 
     invariant: Invariant
     standing: InvariantState
     cases: int = 0
-    """How many tasks, poses, robots or halts were judged."""
+    """Number of judged tasks, poses, robots or halts."""
     broken: int = 0
     """Number of breaches."""
     breaches: list[Breach] = []
     """The first ones."""
     missing: MissingEvidence | None = None
-    """Why it was not judged, or not in full."""
+    """Reason why it was not judged, or not in full."""
     why: str = ""
     """The same in words."""
 
@@ -299,12 +299,12 @@ _MISSING = {
 
 
 def missing_text(missing: MissingEvidence) -> str:
-    """Why an invariant could not be judged; `it` is the recording."""
+    """Reason why an invariant could not be judged; `it` is the recording."""
     return _MISSING[missing]
 
 
 def cases_text(invariant: Invariant, cases: int) -> str:
-    """How much was judged, such as `12 tasks`."""
+    """Amount that was judged, such as `12 tasks`."""
     one, several = CASES[invariant]
     return f"{cases} {one if cases == 1 else several}"
 

@@ -55,7 +55,7 @@ class _Robot:
         self.anchor: RobotTruth | None = None
         self.last: tuple[RobotTruth, int] | None = None
         self.was_standing = False
-        """Whether it stood between the last two looks."""
+        """Whether it stood between the last two checks."""
 
 
 class Halts(InvariantJudge):

@@ -40,7 +40,7 @@ class Surroundings(NamedTuple):
     chargers: tuple[FloorCharger, ...] | None = None
     """Every charger; None if they are not known."""
     no_floor: MissingEvidence = MissingEvidence.FLOOR
-    """Why there is no floor, if there is none."""
+    """Reason why there is no floor, if there is none."""
 
     def charger_distance_m(self, place: Point2D) -> float | None:
         """Distance to the nearest charger; None if chargers are not known or there are none."""
@@ -85,7 +85,7 @@ class InvariantJudge:
         return self.missing
 
     def ruling(self) -> Ruling:
-        """How the invariant stands, when the run has ended."""
+        """Verdict on the invariant, when the run has ended."""
         missing = self.lacks()
         standing = (
             InvariantState.BROKEN if self._broken else InvariantState.NOT_JUDGED if missing else InvariantState.KEPT

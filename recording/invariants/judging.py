@@ -507,7 +507,7 @@ class Judging:
                 self.handle(message, now_ns)
 
     def finish(self) -> list[Ruling]:
-        """How each invariant stands, in the order of the judges; to be called when the run has ended."""
+        """Verdict on each invariant, in the order of the judges; to be called when the run has ended."""
         return [judge.ruling() for judge in self._judges]
 
 
@@ -524,5 +524,5 @@ def judge(
 
 
 def broken(rulings: Iterable[Ruling]) -> int:
-    """How many invariants are broken."""
+    """Number of broken invariants."""
     return sum(ruling.standing is InvariantState.BROKEN for ruling in rulings)

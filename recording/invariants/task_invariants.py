@@ -46,7 +46,7 @@ class TaskChanges:
         self.open: dict[str, TaskEvent] = {}
         """The last change of each task that has not ended."""
         self.ended: dict[str, tuple[TaskEvent, int]] = {}
-        """How tasks ended first, and when that was recorded, ns; the oldest are forgotten."""
+        """First end of each task, and its recording time, ns; the oldest are forgotten."""
         self.is_from_start = False
         """Whether the first change of all was received."""
         self.has_gap = False
@@ -80,7 +80,7 @@ class TaskChanges:
         return ChangeKind.NEWS
 
     def done_ns(self, task: str) -> int | None:
-        """When a task was done first; None if it was not."""
+        """Time at which a task was done first; None if it was not."""
         ended = self.ended.get(task)
         return ended[1] if ended is not None and ended[0].state is TaskState.DONE else None
 

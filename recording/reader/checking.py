@@ -28,7 +28,7 @@ LISTED_OF_A_KIND = 5
 
 
 class Severity(StrEnum):
-    """How much a finding matters."""
+    """Severity of a finding."""
 
     PROBLEM = "problem"
     """The recording fails a check."""
@@ -89,7 +89,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     more: dict[str, int]
     """Number of further findings of each kind that are not listed."""
     invariants: list[Ruling] = []
-    """How each invariant of the run stands."""
+    """Verdict on each invariant of the run."""
 
     @property
     def good(self) -> bool:

@@ -40,7 +40,7 @@ DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
 """In the keys of messages that hold tasks."""
 
 PROGRESS_RECORDS = 1000
-"""How many records lie between two words on how far it is."""
+"""Number of records between two progress reports."""
 
 
 class RecordedMessage(NamedTuple):
@@ -274,7 +274,7 @@ def describing_damage(path: Path) -> Iterator[None]:
 
 
 def _rescue(path: Path) -> str:
-    """How much of a damaged recording `recover` saves, in words."""
+    """Share of a damaged recording that `recover` saves, in words."""
     channels: set[int] = set()
     saved, total = 0, ""
     with path.open("rb") as stream:

@@ -66,7 +66,7 @@ def copy_recording(
                         copy.learn(stream)
                 _copy_all(source, stream, copy, on_progress)
             copy.finish(*metadata(copy))
-    except BaseException:  # also Ctrl-C: half a copy must not look like a recording
+    except BaseException:  # also Ctrl-C: half a copy must not pass for a recording
         path.unlink(missing_ok=True)
         raise
     if on_progress is not None:

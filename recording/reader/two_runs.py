@@ -307,7 +307,7 @@ def _of_the_wire(path: Path, on_progress: Callable[[float], None] | None = None)
 def compare_messages(
     number: int, first: RecordedMessage | None, second: RecordedMessage | None, start_one: int = 0, start_two: int = 0
 ) -> Difference | None:
-    """How two messages of the same number differ, or None.
+    """Difference of two messages of the same number, or None.
 
     Args:
         number: of both in their runs.

@@ -1,4 +1,4 @@
-"""The player: a recording that can be looked at anywhere. A replay page is built on it.
+"""The player: a recording with access to any time. A replay page is built on it.
 
     player = Player(path)
     player.prepare()

@@ -53,7 +53,7 @@ class Replay:
 
     @property
     def progress(self) -> float:
-        """How far it is, from 0 to 1; of the present round, in a loop."""
+        """Progress, from 0 to 1; of the current round, in a loop."""
         if self.done:
             return 1.0
         return self.player.position_s / self.player.duration_s if self.player.duration_s else 0.0
@@ -118,7 +118,7 @@ class Replay:
 
     @property
     def status(self) -> ReplayStatus:
-        """Where it is, and whether it moves."""
+        """Its position, and whether it moves."""
         player = self.player
         return ReplayStatus(
             position_s=player.position_s, duration_s=player.duration_s, speed=player.speed, playing=player.playing

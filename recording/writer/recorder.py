@@ -148,7 +148,7 @@ class SlowStepTimer:
 
     Args:
         tell: called on the watch's own thread.
-        period_s: how long a step may last before it is reported.
+        period_s: duration of a step from which it is reported.
     """
 
     def __init__(self, tell: Callable[[float], None], period_s: float) -> None:
@@ -224,7 +224,7 @@ class Recorder:
     no other component waits for the recorder.
 
     Args:
-        endpoint: where to listen; its owner closes it, after the recorder.
+        endpoint: endpoint of the team; its owner closes it, after the recorder.
         path: an MCAP file to write, or None for the digest alone.
         provenance: setup of the run.
         split: when to continue in a next file; never, if not given.

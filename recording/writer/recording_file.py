@@ -82,7 +82,7 @@ class RecordingFile:
         self.lost_by_topic: Counter[str] = Counter()
         """Messages of the wire that could not be written, by the topic's name."""
         self.why = ""
-        """Why it failed; empty if it has not."""
+        """Reason for its failure; empty if it has not failed."""
         self.has_messages = False
         """Whether any message is on the disk."""
         self._failed = False

@@ -14,7 +14,7 @@ from robrain.protocol.clock import NS_PER_S, to_ns
 logger = logging.getLogger(__name__)
 
 LOOK_NS = to_ns(10.0)
-"""How often the folder is looked at."""
+"""Period of the checks of the folder."""
 YOUNG_S = 60.0
 """A file that changed so lately is never removed: another recorder may be writing it."""
 FREE_BYTES = 500_000_000

@@ -177,7 +177,7 @@ def check_faults_alone(where: str, *, is_alone: bool) -> None:
 
 
 def faults_refusal(faults: Sequence[FaultSpec], robots: Sequence[str]) -> str:
-    """Why a run cannot have these faults, in one sentence; empty if it can."""
+    """Reason why a run cannot have these faults, in one sentence; empty if it can."""
     for fault in faults:
         for name in (fault.robot, *fault.side):
             if name not in (*robots, COORDINATOR):

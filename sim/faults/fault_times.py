@@ -1,4 +1,4 @@
-"""When the faults of a run begin and end: at a time, after an event, or at a time drawn from the seed."""
+"""Times at which the faults of a run begin and end: fixed, after an event, or drawn from the seed."""
 
 from collections.abc import Sequence
 from heapq import heappop, heappush

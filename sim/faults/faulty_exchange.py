@@ -230,7 +230,7 @@ class FaultyExchange(Exchange):
         self._dead.discard(component)
 
     def life_of(self, component: str) -> int:
-        """How often a component has died."""
+        """Number of deaths of a component."""
         return self._lives.get(component, 0)
 
     def step(self) -> None:

@@ -15,7 +15,7 @@ class SkewedClock:
 
     Args:
         clock: of the run.
-        skew_ns: how far it is ahead.
+        skew_ns: lead of its clock.
 
     """
 
@@ -105,7 +105,7 @@ class Process:
         self.component: Component | None = None
         """The running component; None while the process is dead."""
         self.since_ns = 0
-        """When it was started."""
+        """Time of its start."""
         self._exchange = exchange
         self._start = start
         self._end = end

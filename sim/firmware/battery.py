@@ -103,7 +103,7 @@ class BatterySpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class SimulatedBattery:
-    """State of one battery, moved on by `step`."""
+    """State of one battery, advanced by `step`."""
 
     def __init__(self, spec: BatterySpec) -> None:
         self.spec = spec
@@ -227,7 +227,7 @@ class Gauge:
     """Measures with offsets that are drawn once, and with noise.
 
     Args:
-        spec: how wrongly.
+        spec: errors of the gauge.
         rng: of this robot's gauge alone.
 
     """
@@ -259,7 +259,7 @@ class BatteryManager:
         battery: what it manages.
         power: power draw of the robot by activity.
         mass_kg: of the robot without payload.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         rng: of the gauge's errors and of the computer's bursts.
 
     """

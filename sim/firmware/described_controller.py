@@ -97,7 +97,7 @@ class DescribedController(MotorController):
         bus: the robot's bus.
         base: the described wheels.
         hull: the wheels by which the simulated body moves.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         transmit_errors: of the node's CAN controller.
 
     """
@@ -223,7 +223,7 @@ class LineController(DescribedController):
         bus: of the robot's other nodes.
         base: the wheels.
         hull: the wheels by which the simulated body moves.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
 
     """
 

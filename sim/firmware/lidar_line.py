@@ -33,7 +33,7 @@ class LidarLine:
     Args:
         protocol: not `WIRE`.
         rate_hz: turns a second.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         measure: ranges (N,) in metres in these directions (N,), radians counter-clockwise in the robot's frame; 0 for
             no return.
         put: sends bytes on the line.

@@ -97,7 +97,7 @@ class MotorController:
     Args:
         bus: the robot's bus; other nodes of the same robot may send on it too.
         base: description of its encoder counts.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         transmit_errors: gives the error counter of the node's CAN controller; none without it.
 
     """
@@ -113,7 +113,7 @@ class MotorController:
         self.has_failed = False
         """The power stage, while the cause of its failure lasts."""
         self.due_tick = NEVER
-        """When the watchdog bites unless a command comes."""
+        """Time at which the watchdog stops the wheels unless a command comes."""
         self.has_news = True
         """Whether the content of the status has changed since the last one."""
         self._commands = SequenceWatch()
@@ -173,7 +173,7 @@ class MotorController:
         self._reports += 1
 
     def check_errors(self) -> None:
-        """Look at the error counter; due in each tick in which it is not 0."""
+        """Check the error counter; due in each tick in which it is not 0."""
         errors = self._transmit_errors()
         if errors:
             self._worst = max(self._worst, state_of(errors, 0))

@@ -61,9 +61,9 @@ class RangeSensors:
         spec: properties of the sensors.
         radius_m: of the hull that they sit on.
         walls: (H, W) solid cells; writable, as it would be copied otherwise.
-        geometry: where `walls` lies in the arena frame.
+        geometry: placement of `walls` in the arena frame.
         rng: draws noise and dropouts.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         phase: ticks by which it measures later than others, so that the sensors do not all measure in the same tick.
 
     """

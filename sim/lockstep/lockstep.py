@@ -58,7 +58,7 @@ OUTSIDE_BYTES = 1_048_576
 
 
 class LockstepRun:
-    """One run, tick by tick. Use `Scenario.run` unless you want to look between the ticks.
+    """One run, tick by tick. Use `Scenario.run` unless you want access between the ticks.
 
     Args:
         world: the simulated scenario.
@@ -100,7 +100,7 @@ class LockstepRun:
         self.clock = VirtualClock()
         self.nothing_left = False
         self.idle: dict[str, IdleReason] = {}
-        """Why robots have nothing to do, by name, as last published by the coordinator."""
+        """Reasons why robots are idle, by name, as last published by the coordinator."""
         self.has_coordinator = True
         """Whether the coordinator runs."""
         self.mote_readings = 0
@@ -462,7 +462,8 @@ class LockstepTransport:
     Args:
         run: the run, of the default team; closed by `close`.
         is_noted: whether the queries are recorded, so that the run can be repeated.
-        party: whose radio is used, with `[links]`: a robot's name, `coordinator`, or `EVERYWHERE`, which needs none.
+        party: party whose radio is used, with `[links]`: a robot's name, `coordinator`, or `EVERYWHERE`, which needs
+            none.
 
     """
 
@@ -475,7 +476,7 @@ class LockstepTransport:
         self._is_recorded = is_noted
         self.party = party
         self.run = run
-        """Arena, hosts and coordinator, to look at from inside."""
+        """Arena, hosts and coordinator, for inspection."""
         self.summary: RecordingSummary | None = None
         """Digest and recording, once the run is closed."""
         self.session = run.session

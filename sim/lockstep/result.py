@@ -21,11 +21,11 @@ class RobotResult(msgspec.Struct, frozen=True, kw_only=True):
     collisions: int
     pose: Pose2D
     time_use: TimeUse = TimeUse()
-    """Where its time went."""
+    """Its use of time."""
     pose_accuracy: PoseAccuracy | None = None
     """Accuracy of its poses over the run."""
     idle: IdleReason | None = None
-    """Why it was idle when the run ended, according to the coordinator; None if it was not."""
+    """Reason why it was idle when the run ended, by the coordinator; None if it was not."""
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,7 +36,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     robots: int
     motes: int
     ended: str
-    """Why the run ended: `explored`, `nothing_left`, `tasks_ended`, `time_limit` or `interrupted`."""
+    """Reason for the end of the run: `explored`, `nothing_left`, `tasks_ended`, `time_limit` or `interrupted`."""
     sim_time_s: float
     wall_time_s: float
     """Wall time of the run itself; time before the first tick is `setup_time_s`."""

@@ -21,7 +21,7 @@ class StartPicture:
     """Publishes the picture. No component of the run receives it, and it is not recorded, so it changes no digest.
 
     Args:
-        endpoint: where it is published; closed with the picture.
+        endpoint: endpoint of the picture; closed with it.
         world: whose robots need not be set up yet.
 
     """
@@ -46,7 +46,7 @@ class StartPicture:
 
 
 def start_truth(world: World) -> ArenaTruth:
-    """Where robots and motes are before the first step."""
+    """Places of robots and motes before the first step."""
     robots = [
         RobotTruth(robot=robot.name, pose=robot.start, collisions=0, distance_m=0.0, energy_j=0.0)
         for robot in world.robots

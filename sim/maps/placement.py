@@ -1,4 +1,4 @@
-"""Where robots and motes are put on a floor plan."""
+"""Placement of robots and motes on a floor plan."""
 
 import heapq
 import math
@@ -27,7 +27,7 @@ _STEPS = (
 
 
 class Starts(StrEnum):
-    """How a team's robots are placed relative to each other when a run begins."""
+    """Relative placement of a team's robots when a run begins."""
 
     TOGETHER = "together"
     SCATTERED = "scattered"

@@ -69,7 +69,7 @@ class FieldSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Plume(msgspec.Struct, frozen=True):
-    """Where one was at time 0, arena frame, and how it moves."""
+    """Place of a plume at time 0, arena frame, and its motion."""
 
     x_m: float
     y_m: float
@@ -81,7 +81,7 @@ class SimulatedField:
     """The field of one run.
 
     Args:
-        spec: how high and wide plumes are.
+        spec: heights and widths of plumes.
         plumes: which there are.
         corner: lowest x and y that a plume's middle can have.
         size_m: width and height beyond which it turns up on the other side.

@@ -216,7 +216,7 @@ class _Packet(msgspec.Struct):
 
     reading: ReadingPayload
     at_tick: int
-    """When its age was right."""
+    """Time at which its age was right."""
     kind: int = READING_TYPE
     hops: int = 0
     forwarder: int = 0
@@ -265,12 +265,12 @@ class MoteMesh:
 
     Args:
         motes: all of them.
-        spec: how they pass readings on.
+        spec: settings of forwarding.
         radio: properties of the air.
         energy: energy of a mote's states and packets.
         rate_hz: readings a second of each mote.
         seed: seed of the randomness of each pair of motes.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         say: sends to base stations.
         near: motes whose packets a base station receives now, by the mean, at least at a strength in dBm.
         deliver: gives a mote a packet that has come to it over others.

@@ -101,7 +101,7 @@ class MoteSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     quantities: tuple[Literal["temperature", "light", "humidity"], ...] = ("temperature",)
     """Quantities that the motes measure, in turn: the first mote the first of these."""
     mesh: MeshSpec = MeshSpec()
-    """How motes pass on readings of their neighbours; by default they do not."""
+    """Settings of forwarding between motes; by default they do not forward."""
     gateways: tuple[str, ...] = ()
     """Motes beside which a gateway stands, with mains power and a radio of the team's network; and robots that are
     gateways. A gateway stores readings while the coordinator is out of reach.
@@ -178,7 +178,7 @@ class SimulatedMote:
         quantity: the field that it senses.
         transmit_dbm: power of its radio.
         rng: the mote's own.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
 
     """
 
@@ -213,7 +213,7 @@ class SimulatedMote:
 
     @property
     def next_tick(self) -> int:
-        """When it wakes next."""
+        """Time of its next waking."""
         return min(self._sense_tick, self._answer_tick) if self._answers else self._sense_tick
 
     @property

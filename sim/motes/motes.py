@@ -49,7 +49,7 @@ class MoteField:
         field: the field that motes sense.
         endpoint: receiver of the packets that arrive, and source of base stations' packets.
         rng: source of the motes' randomness.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         gateways: motes beside which another base station stands, which is called like its mote.
 
     """

@@ -39,7 +39,7 @@ class SerialForwarder:
     """One robot's base station; its owner calls `step()` often. It never waits for anybody.
 
     Args:
-        endpoint: where packets come from and go to.
+        endpoint: source and receiver of packets.
         robot: owner of the base station.
         host: address to listen on; keep to loopback, as the protocol has no passwords.
         port: 0 for a free one.
@@ -61,13 +61,13 @@ class SerialForwarder:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where it listens: host and port."""
+        """Its address: host and port."""
         host, port = self._server.getsockname()[:2]
         return host, port
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of connected clients."""
         return len(self._clients)
 
     def step(self) -> None:

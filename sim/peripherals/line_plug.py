@@ -60,7 +60,7 @@ class LinePlug:
     """One robot's; its owner calls `step()` often.
 
     Args:
-        endpoint: where the bytes come from.
+        endpoint: source of the bytes.
         robot: robot whose hardware it is.
         line: its name, such as `lidar`.
         path: by which the line is opened; a link to the pseudo terminal.

@@ -45,7 +45,7 @@ class PointFloor:
 
     Args:
         walls: (H, W) solid cells.
-        geometry: where `walls` lies in the arena frame.
+        geometry: placement of `walls` in the arena frame.
 
     """
 
@@ -226,7 +226,7 @@ class PointTeam:
     Args:
         specs: the robots, in this order.
         floor: on which they drive.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
 
     """
 

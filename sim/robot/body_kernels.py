@@ -105,7 +105,7 @@ def drive(
         wheels: (N,) `WHEELS`.
         wanted_rad_s: (N, 3) speeds of the wheels.
         velocities: (N, 3) x, y and yaw rate in the arena frame: the result.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         speed_change_m_s: greatest change of the velocity in a tick.
         yaw_rate_change_rad_s: greatest change of the yaw rate in a tick.
 
@@ -145,12 +145,12 @@ def roll(
     """Update the bodies after a step of the space: pose, displacement, path length and turns of the wheels.
 
     Args:
-        state: (N,) `STATE`, moved on in place.
+        state: (N,) `STATE`, updated in place.
         motion: (N, `MOTION`).
         wheels: (N,) `WHEELS`.
-        turns_rad: (N, 3) how far each wheel has turned since the start; moved on in place.
+        turns_rad: (N, 3) turn of each wheel since the start; updated in place.
         normals: (N, K) normal random numbers of the slips; at least three of each row must be unused.
-        used: (N,) how many of each row are used; moved on in place.
+        used: (N,) number of used values of each row; updated in place.
         refill_at: number of used values from which a row needs more.
 
     Returns:

@@ -150,7 +150,7 @@ NEAR_M = 0.12
 PNG_LEVEL = 2
 """Of zlib: a tenth larger than its default makes it, in a quarter of the time."""
 FADE_PER_M = 0.07
-"""How much darker things get with distance."""
+"""Darkening with distance."""
 
 
 class CameraSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -192,9 +192,9 @@ class Camera:
     Args:
         spec: properties of the camera.
         walls: (H, W) solid cells.
-        geometry: where `walls` lies in the arena frame.
+        geometry: placement of `walls` in the arena frame.
         seed: of its noise.
-        chargers: where mats lie, arena frame.
+        chargers: places of mats, arena frame.
 
     """
 

@@ -43,7 +43,7 @@ class LidarSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     outlier: Share = 0.0
     """Share of the beams, drawn at random, with a random range: mixed pixels, stray reflections."""
     mount: Mount = Mount()
-    """How it is mounted on the robot; its turns are in its own frame. The robot's file knows of it."""
+    """Its mount on the robot; its turns are in its own frame. The robot's file knows of it."""
 
     @property
     def is_imperfect(self) -> bool:
@@ -58,7 +58,7 @@ class Lidar:
         spec: properties of the lidar.
         robot: whose it is.
         walls: (H, W) solid cells.
-        geometry: where `walls` lies in the arena frame.
+        geometry: placement of `walls` in the arena frame.
         rng: draws the noise, outliers and dropouts.
         surfaces: glass and mirrors among the walls; None if there are none.
 

@@ -59,7 +59,7 @@ class RobotBody:
     """One robot in the space of the arena, as of the last tick; `RobotBodies` moves it.
 
     Args:
-        space: where its body and shape are added.
+        space: space to which its body and shape are added.
         wheels: the three of them, as they truly are.
         start: pose in the arena frame.
         radius_m: of the round hull.
@@ -89,12 +89,12 @@ class RobotBody:
 
     @property
     def pose(self) -> Pose2D:
-        """Where it is, arena frame; yaw in [−π, π]."""
+        """Its pose, arena frame; yaw in [−π, π]."""
         return Pose2D(self.x_m, self.y_m, math.remainder(self.yaw_rad, math.tau))
 
     @property
     def place_m(self) -> tuple[float, float]:
-        """Where it is now, also in the middle of a step of the space; arena frame."""
+        """Its current pose, also in the middle of a step of the space; arena frame."""
         x_m, y_m = self.body.position
         return x_m, y_m
 
@@ -116,7 +116,7 @@ class RobotBodies:
     Args:
         space: has walls and these bodies; none must be added afterwards.
         bodies: in the order in which they were added.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         others: bodies that were added after them, and move by `other_velocities`.
 
     Raises:

@@ -20,7 +20,7 @@ from robrain.sim.robot.wheels import WheelSpec
 
 
 class Controller(StrEnum):
-    """How the motor controller of a `chassis` is reached."""
+    """Interface of the motor controller of a `chassis`."""
 
     CAN = "can"
     """By the frames of its DBC file, for the plugin `mocdevice`."""

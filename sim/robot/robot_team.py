@@ -34,11 +34,11 @@ class RobotTeam:
     Args:
         plan: the floor.
         walls: (H, W) cells that robots and cameras see; writable, doors and people change it.
-        geometry: where `walls` lies in the arena frame.
+        geometry: placement of `walls` in the arena frame.
         specs: the robots, in this order.
         endpoint: the arena's place on the wire.
         rng: the source of all randomness.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         surfaces: glass and mirrors among the walls; None if there are none.
         disturbance: delays of frames and scans; None for no delays.
         traffic: doors, moving obstacles and people; None if there are none.

@@ -60,12 +60,12 @@ class SimulatedRobot:
 
     Args:
         spec: its construction, and its start.
-        space: where its body moves.
+        space: space of its body.
         walls: (H, W) solid cells; writable, as it would be copied otherwise.
-        geometry: where `walls` lies in the arena frame.
+        geometry: placement of `walls` in the arena frame.
         endpoint: the arena's place on the wire.
         index: among the robots; they alternate, so that no tick has all the scans.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         rng: the source of all its randomness.
         surfaces: glass and mirrors among the walls; None if there are none.
         disturbance: delays of frames and scans; None for no delays.

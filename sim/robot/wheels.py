@@ -55,7 +55,7 @@ class Wheels:
         nominal: the robot's model of the base.
         true: the true base.
         radius_share: true radius of each wheel over that of `true`.
-        spec: how they slip.
+        spec: their slip.
         rng: draws the slip.
 
     """
@@ -98,7 +98,7 @@ class Wheels:
         return Twist2D(*body_twist(self.true.wheel_radius_m, self.true.wheel_distance_m, self.path_per_turn, turns))
 
     def turns_rad(self, displacement: Twist2D) -> tuple[float, float, float]:
-        """How far the wheels turn while the body moves by this (m, m, rad), slip included."""
+        """Turns of the wheels while the body moves by this (m, m, rad), slip included."""
         forward_m, left_m, turned_rad = displacement.forward_m_s, displacement.left_m_s, displacement.yaw_rad_s
         radius_m, turning_m = self.true.wheel_radius_m, self.true.wheel_distance_m * turned_rad
         turns = []

@@ -110,7 +110,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     links: LinkSpec | None = None
     """The radio between robots and coordinator; None if every component receives all messages."""
     fidelity: Fidelity = Fidelity.FULL
-    """How exactly robots are simulated."""
+    """Level of detail of simulated robots."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0

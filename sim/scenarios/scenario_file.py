@@ -53,7 +53,7 @@ class ScenarioTable(Checked, frozen=True, forbid_unknown_fields=True):
     time_limit_s: Positive = 900.0
     """Simulated time at which the run ends at the latest."""
     fidelity: Fidelity = Fidelity.FULL
-    """How exactly robots are simulated: `full`, or `points`, which is many times faster."""
+    """Level of detail of simulated robots: `full`, or `points`, which is many times faster."""
 
 
 class MapTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,7 +71,7 @@ class TeamTable(Checked, frozen=True, forbid_unknown_fields=True):
     near_m: tuple[float, float] | None = None
     """Point around which the robots start; if absent, where there is most room."""
     starts: Starts = Starts.TOGETHER
-    """How the robots are placed at the start."""
+    """Placement of the robots at the start."""
     starts_known: bool = True
     """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
 

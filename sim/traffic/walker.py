@@ -28,7 +28,7 @@ class Rounds:
         self._wait_s = at_s
 
     def begin(self) -> Point2D:
-        """Where it is at the start."""
+        """Its place at the start."""
         return self._points[0]
 
     def next_leg(self) -> Leg:
@@ -69,7 +69,7 @@ class Errands:
         self._rng = rng
 
     def begin(self) -> Point2D:
-        """Where it is at the start."""
+        """Its place at the start."""
         return self._places[self._to]
 
     def next_leg(self) -> Leg:
@@ -89,7 +89,7 @@ class Walker:
 
     Args:
         name: in the arena's truth.
-        legs: where it goes.
+        legs: its places.
         radius_m: of the disc that it needs.
         speed_m_s: while it moves.
         stop_m: distance to a robot on its path at which it stands; 0 if it never does.
@@ -104,7 +104,7 @@ class Walker:
         self._stop_m = stop_m
         begin = legs.begin()
         self.x_m, self.y_m = begin.x_m, begin.y_m
-        """Where it is, arena frame."""
+        """Its place, arena frame."""
         self.along = (1.0, 0.0)
         """Direction of its path, a unit vector."""
         self._ahead, self._pause_s = legs.next_leg()

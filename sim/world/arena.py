@@ -49,7 +49,7 @@ class SensorDesk:
 
     Args:
         names: of the robots.
-        bodies: where they are, in the same order.
+        bodies: their poses, in the same order.
         field: the field that is sensed.
         endpoint: where it is asked.
         rng: source of the noise.
@@ -99,14 +99,14 @@ class CameraDesk:
     Args:
         names: of the robots.
         specs: their cameras.
-        bodies: where they are; all three in the same order.
+        bodies: their poses; all three in the same order.
         motes: further objects that may be in view.
         walls: (H, W) solid cells.
-        geometry: where `walls` lies in the arena frame.
+        geometry: placement of `walls` in the arena frame.
         endpoint: where it is asked.
         rng: source of the pictures' noise.
         moment: counts the ticks.
-        chargers: where mats lie, arena frame.
+        chargers: places of mats, arena frame.
 
     """
 
@@ -207,7 +207,7 @@ TRUTH_PERIOD_S = 0.2
 
 
 class Arena:
-    """Walls, robots and motes, moved on tick by tick.
+    """Walls, robots and motes, advanced tick by tick.
 
     Randomness is spawned from `rng` by place: robots, motes and links keep theirs when others are added after them.
 
@@ -217,7 +217,7 @@ class Arena:
         motes: in this order.
         endpoint: publishes all messages of the arena; its owner closes it after the arena.
         rng: the source of all randomness.
-        tick_s: how long a tick is.
+        tick_s: length of a tick.
         network: specification of motes, their radio and the field that they sense.
         chargers: docks on the floor.
         faults: faults of hardware, at set times.

@@ -29,7 +29,7 @@ STEPS_PER_CELL = 2.0
 
 
 def walls_between(plan: FloorPlan, from_m: tuple[float, float], to_m: tuple[float, float]) -> int:
-    """How often the straight line between two places, metres, arena frame, enters a wall; outside the plan is none."""
+    """Number of walls on the straight line between two places, metres, arena frame; there are none outside the plan."""
     length_m = math.sqrt((to_m[0] - from_m[0]) ** 2 + (to_m[1] - from_m[1]) ** 2)
     steps = max(1, math.ceil(STEPS_PER_CELL * length_m / plan.resolution_m))
     along = np.arange(steps + 1) / steps
@@ -103,11 +103,11 @@ class TeamRadio:
         self._checked_ns: int | None = None
         self._on: Collection[str] = ()
         self._free_ns: dict[str, int] = {}
-        """When each radio has sent all that it has to send."""
+        """Time at which each radio has sent all its messages."""
 
     @property
     def places_m(self) -> dict[str, Place]:
-        """Where the radios are, metres, arena frame."""
+        """Places of the radios, metres, arena frame."""
         robots = [(float(x_m), float(y_m)) for x_m, y_m in self.where()]
         return dict(zip(self.parties, [self._own_m, *robots, *self._standing.values()], strict=True))
 

@@ -52,7 +52,7 @@ class Referee:
 
     Args:
         plan: the true floor.
-        starts: where the robots start, arena frame.
+        starts: starts of the robots, arena frame.
         clearance_m: least clearance of the robots, which decides their reachable area
             (`algorithms/navigation/clearance.py`).
         geometry: the team's grid; patches for another are refused and counted in `refused_patches`.
@@ -313,7 +313,7 @@ def floor_left(plan: FloorPlan, starts: list[Point2D], radius_m: float, referee:
 
     Args:
         plan: the true floor.
-        starts: where the robots started, arena frame.
+        starts: starts of the robots, arena frame.
         radius_m: radius of the robots.
         referee: holds their observations.
 

@@ -201,8 +201,8 @@ def start_poses(
         plan: the floor.
         specs: of the first robots.
         radii_m: of all robots.
-        near: where the others start together; where there is most room if None.
-        starts: how the others are placed.
+        near: common start of the others; the place with most room if None.
+        starts: placement of the others.
         rng: draws places and headings.
 
     Raises:

@@ -90,7 +90,7 @@ class TaskOutcome(msgspec.Struct, frozen=True, kw_only=True):
     robot: str = ""
     """The robot that has it, or had it when it ended."""
     why: str = ""
-    """Why it was refused, or stands so; empty if there is no reason."""
+    """Reason for its refusal or state; empty if there is none."""
     ended_s: float | None = None
     """Simulated time of its end."""
 

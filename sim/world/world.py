@@ -60,7 +60,7 @@ EXACT_START = {"start_sigma_m": 0.001, "start_sigma_rad": 0.0001}
 
 
 class Fidelity(StrEnum):
-    """How exactly robots are simulated."""
+    """Level of detail of simulated robots."""
 
     FULL = "full"
     """Bodies, firmware, buses and sensors."""
