@@ -39,9 +39,9 @@ from robrain.recording.invariants.findings import (
 from robrain.recording.invariants.judging import Judging
 from robrain.sim.firmware import motor_controller
 from robrain.sim.firmware.battery import BatterySpec, SimulatedBattery
+from robrain.sim.robot import robot_team
 from robrain.sim.robot.robot_body import RobotBodies
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.world import arena
 from robrain.sim.world.chargers import ChargerSpec
 
 pytestmark = pytest.mark.slow
@@ -198,8 +198,8 @@ def test_an_end_that_is_told_twice_as_two_changes_and_a_meter_of_energy_that_fal
 
 
 def test_a_robot_that_does_not_hear_halts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    hear = RobotHalts.hear
-    monkeypatch.setattr(RobotHalts, "hear", lambda desk: None if desk._robot == "r1" else hear(desk))
+    receive = RobotHalts.receive
+    monkeypatch.setattr(RobotHalts, "receive", lambda halts: None if halts._robot == "r1" else receive(halts))
     [one] = only(judged(halts), HaltIgnored)
     assert (one.robot, one.by) == ("r1", "script")
 
@@ -230,7 +230,7 @@ def test_robots_that_are_pushed_against_a_wall_do_not_cross_it(monkeypatch: pyte
 
 def test_robots_that_go_through_walls_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     pushed(monkeypatch)
-    monkeypatch.setattr(arena, "add_walls", lambda *_, **__: None)
+    monkeypatch.setattr(robot_team, "add_walls", lambda *_, **__: None)
     told = only(judged(standing, WITH_CHARGER), InWall)
     assert {one.robot for one in told} == {"r1", "r2"}
 

@@ -188,7 +188,7 @@ def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_t
     assert (second.robot, second.has_set_out, second.behind) == ("r1", False, "r2")
     assert second.why.startswith("waits for the charger at (3.5, 2.5), free in ")
     assert second.why.endswith(" s: r2 has it before")
-    assert (second.reason.charger, second.reason.behind) == (DOCKS[0], "r2")
+    assert (second.charger, second.reason.values["behind"]) == (DOCKS[0], "r2")
     assert team.coordinator.part(Charging).waiting == {"r1": second.reason}
     assert second.from_ns >= first.until_ns
     free_ns = first.until_ns

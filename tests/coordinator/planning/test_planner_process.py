@@ -16,6 +16,7 @@ from robrain.coordinator.planning.live_planner import LivePlanner, PlannerProces
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
+from robrain.protocol.backoff import Backoff
 from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
@@ -113,7 +114,7 @@ class Poison(str):
 def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answered(planner, made, caplog, monkeypatch):
     monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
     monkeypatch.setattr("robrain.coordinator.planning.live_planner.TRIES", 2)
-    monkeypatch.setattr(planner, "_pause_s", 0.01)
+    monkeypatch.setattr(planner, "_backoff", Backoff(0.01, 0.01))
     poisoned = open_floor_snapshot(1, 3)
     poisoned.told[Poison("t1")] = ()
     planner.ask(poisoned, SHORT)
@@ -206,7 +207,7 @@ def _fields(snapshot):
 def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, made, caplog, monkeypatch):
     caplog.set_level(logging.WARNING)
     monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
-    monkeypatch.setattr(planner, "_pause_s", 0.01)
+    monkeypatch.setattr(planner, "_backoff", Backoff(0.01, 0.01))
     with monkeypatch.context() as patch:
         patch.setattr(sys, "executable", "/nonexistent/python")
         planner.prepare()

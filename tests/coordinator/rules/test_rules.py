@@ -382,7 +382,7 @@ def test_a_flood_of_readings_costs_bounded_work_and_memory(begin):
     desk.tracks._capacity = 100
     for number in range(2500):
         sensed.sense(20.0, mote=f"m{number}", sequence=1)
-    assert len(desk._inbox) <= 2048
+    assert len(desk.inbox) <= 2048
     sensed.team.run(0.1)
     assert len(desk.tracks) == 100
     assert desk.tracks.turned_away > 0

@@ -168,6 +168,8 @@ def test_team_has_no_way_that_an_assistant_could_offer_by_mistake() -> None:
     dangerous = {"resume", "load", "unload", "reload", "lead", "hold", "release", "hand", "command", "set_objective"}
     assert dangerous - {"hand"} <= set(dir(Team))
     for file in Path(policy.__file__).parent.glob("*.py"):
-        called = {node.func.attr for node in ast.walk(ast.parse(file.read_text()))
-                  if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)}  # fmt: skip
+        nodes = list(ast.walk(ast.parse(file.read_text())))
+        decorators = [one for node in nodes if isinstance(node, ast.FunctionDef) for one in node.decorator_list]
+        called = {node.func.attr for node in nodes if node not in decorators
+                  and isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)}  # fmt: skip
         assert not called & dangerous, file

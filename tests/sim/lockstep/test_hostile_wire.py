@@ -48,7 +48,7 @@ class Team:
 
     def tick(self) -> None:
         self.run.tick()
-        self.source.hear(self.run.sim_time_s)
+        self.source.receive(self.run.sim_time_s)
 
     def listeners(self) -> list[Endpoint]:
         hosts = [host._wire for host in self.run.hosts]

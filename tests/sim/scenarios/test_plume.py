@@ -35,6 +35,6 @@ def test_one_task_is_made_and_the_run_goes_on_until_the_source_is_found():
     assert math.hypot(record.result["x_m"] - source.x_m, record.result["y_m"] - source.y_m) < NEAR_M
     first = told["histories"][0][0]
     assert first.reason.code == "rule_reading"
-    assert first.reason.value > 23.0
-    assert first.reason.held_s >= 6.0
+    assert first.reason.values["value"] > 23.0
+    assert first.reason.values["held_s"] >= 6.0
     assert (told["rule"].name, told["rule"].made, told["rule"].alarms) == ("heat", 1, 1)

@@ -170,8 +170,8 @@ def test_a_room_behind_a_gap_in_which_robots_failed_is_told_once_with_the_width_
         assert set(run.idle) == {"r1", "r2"}
         for reason in run.idle.values():
             assert reason.code == "too_narrow"
-            assert reason.gap_m == pytest.approx(0.4, abs=0.04)
-            assert reason.place.x_m < 4.2
+            assert reason.values["gap_m"] == pytest.approx(0.4, abs=0.04)
+            assert reason.values["x_m"] < 4.2
         for _ in range(round(6.0 / TICK_S)):
             run.tick()
         (told,) = inbox.drain()

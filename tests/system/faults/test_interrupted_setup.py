@@ -39,7 +39,7 @@ main()
 @pytest.mark.parametrize(
     ("module", "name", "user"),
     [
-        ("sim.robot.simulated_robot", "SimulatedRobot", "sim.world.arena"),
+        ("sim.robot.simulated_robot", "SimulatedRobot", "sim.robot.robot_team"),
         ("agent.host.agent_host", "AgentHost", "sim.lockstep.lockstep"),
     ],
 )

@@ -407,10 +407,10 @@ def test_at_the_end_everything_is_released(robot):
     [
         ("mocdevice", {"odom": "odom now"}, "topic such as"),
         ("mocdevice", {"namespace": "/r 1"}, "namespace"),
-        ("mocdevice", {"domain_id": 233}, "domain_id from 0 to 232"),
+        ("mocdevice", {"domain_id": 233}, "domain_id <= 232"),
         ("mocdevice", {"silent_s": 0.0}, "silent_s"),
         ("scan", {"beams": 0, "mount": {"x_m": 0.1}}, "beams > 0"),
-        ("scan", {"mount": {"yaw_rad": 7.0}}, "mount.yaw_rad"),
+        ("scan", {"mount": {"yaw_rad": 7.0}}, "mount: expected yaw_rad"),
         ("bm2", {"current_a": math.nan}, "finite"),
         ("imu", {"mounted_yaw_rad": math.inf}, "finite mounted_yaw_rad"),
     ],

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.plugins.device.ros2.ros2_scan import BadScan, ScanReader
+from robrain.plugins.device.ros2.scan_reader import BadScan, ScanReader
 from robrain.plugins.device.scan.lidar_device import Mount
 from tests.plugins.device.ros2.ros_words import header, scan
 
