@@ -213,7 +213,7 @@ def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it
         looking.set()
         may_end.wait(PATIENCE_S)
 
-    monkeypatch.setattr(manager.faults, "look", look)
+    monkeypatch.setattr(manager.faults, "check", look)
     assert looking.wait(PATIENCE_S)
     load = threading.Thread(target=robot.ask, args=(HOST_LOAD, "shop"))
     load.start()
