@@ -235,7 +235,7 @@ class _Run:
             self._check(self._host.board)
 
     def _check(self, board: Board) -> None:
-        """Poses of the scans that were mapped by now."""
+        """Record the poses of the scans that were mapped by now."""
         own, T_arena_odom = board.shared(OwnMap), board.T_arena_odom
         local_pose, local_map = own.local_pose, own.local_map
         if local_pose is None or T_arena_odom is None:

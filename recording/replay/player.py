@@ -11,7 +11,7 @@
     player.close()
 
 `seek` and `state_at` give the last message of each key before that time, found by the index of the file. A last map
-patch alone is not the map; in place of map patches they give patches that make up the merged map at that time.
+patch alone is not the map: in its place they give patches that make up the merged map at that time.
 """
 
 import logging

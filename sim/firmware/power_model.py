@@ -3,8 +3,8 @@
 Mei, Lu, Hu, Lee: Energy-Efficient Motion Planning for Mobile Robots, ICRA 2004, fit polynomials to the power of a
 robot's motors over their speed. The power is a loss plus m(a + gμ)v, beside constants for sensing, control and
 computing. Source: the same authors, A Case Study of Mobile Robot's Energy Consumption and Conservation Techniques, ICAR
-2005. Kept here: the constants, the loss, the first order in speed (it grows with the mass), a second order, turning,
-and the energy of speeding up. The values are chosen for a base of 4 kg, not measured on one.
+2005. Kept here: the constants, the loss, the first order in speed (it grows with the mass) and a second order. Turning
+and the energy of speeding up are added. The values are chosen for a base of 4 kg, not measured on one.
 """
 
 import math
