@@ -51,7 +51,7 @@ class Team:
         self.source.receive(self.run.sim_time_s)
 
     def listeners(self) -> list[Endpoint]:
-        hosts = [host._wire for host in self.run.hosts]
+        hosts = [host.wire for host in self.run.hosts]
         return [*hosts, *self.run._endpoints, self.dashboard]
 
     def refused(self, topic: str) -> int:
