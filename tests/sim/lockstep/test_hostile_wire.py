@@ -72,7 +72,7 @@ class Team:
             self.tick()
         assert self.run.messages > heard
         now_s = self.run.sim_time_s
-        assert all(now_s - view.heard_s < 0.5 for view in self.source.view.robots.values() if view.name in ("r1", "r2"))
+        assert all(now_s - view.last_seen_s < 0.5 for view in self.source.view.robots.values() if view.name in ("r1", "r2"))
 
     def close(self) -> None:
         self.source.close()
