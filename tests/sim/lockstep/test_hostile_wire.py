@@ -71,8 +71,8 @@ class Team:
         for _ in range(6):
             self.tick()
         assert self.run.messages > heard
-        now_s = self.run.sim_time_s
-        assert all(now_s - view.last_seen_s < 0.5 for view in self.source.view.robots.values() if view.name in ("r1", "r2"))
+        seen = self.source.view.robots
+        assert all(self.run.sim_time_s - seen[name].last_seen_s < 0.5 for name in ("r1", "r2"))
 
     def close(self) -> None:
         self.source.close()
