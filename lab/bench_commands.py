@@ -86,8 +86,8 @@ def allocation(
     gap = "" if result.gap is None else f", gap {100 * result.gap:.2f} %"
     print_result(f"{result.instance}: {result.customers} customers, {result.vehicles} vehicles used")
     print_result(f"value {result.value:g}, best known {'–' if known is None else f'{known:g}'}{gap}")
-    if result.note:
-        print_result(f"note: {result.note}")
+    if result.remark:
+        print_result(f"note: {result.remark}")
 
 
 @bench_app.command(help=BENCHES["mapping"])
@@ -130,10 +130,6 @@ def exploration(
     time_limit_s: TimeLimitOption = 900.0,
     map_folder: MapFolderOption = None,
     json_file: JsonFileOption = None,
-    page: Annotated[
-        Path | None,
-        typer.Option("--page", help="Markdown page whose tables of times are replaced, or a new one."),
-    ] = None,
 ) -> None:
     """Compare exploration strategies."""
     from robrain.deploy.command_line.scenario_choice import place_of
@@ -142,12 +138,12 @@ def exploration(
     around = place_of("--near", near)
     place = None if around is None else (around.x_m, around.y_m)
     plan = choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder, with_sight=sight)
-    run_bench(plan, json_file, page)
+    run_bench(plan, json_file)
 
 
 @bench_app.command(help=BENCHES["motes"])
 def motes(
-    ways: Annotated[
+    methods: Annotated[
         str | None, typer.Option(help="tree, routes, mules, relief, turns, or several; default: all.")
     ] = None,
     seeds: SeedsOption = "1-10",
@@ -160,7 +156,7 @@ def motes(
     """Measure how long a mote field lives."""
     from robrain.lab.bench.motes import choose, run_bench
 
-    run_bench(choose(ways, seeds, count, tours_per_day, goal_days, jobs), json_file)
+    run_bench(choose(methods, seeds, count, tours_per_day, goal_days, jobs), json_file)
 
 
 @bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")

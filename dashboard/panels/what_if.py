@@ -47,7 +47,7 @@ class ForkRunner(Protocol):
     """Runs one fork of the shown recording at a time."""
 
     @property
-    def why_not(self) -> str:
+    def refusal(self) -> str:
         """Reason why the recording cannot be run again; empty if it can."""
 
     @property
@@ -91,8 +91,8 @@ class WhatIfTab:
         self._ticks: dict[str, viser.GuiCheckboxHandle] = {}
         self._names: viser.GuiTextHandle | None = None
         with panel.add_tab("What if"):
-            if forks.why_not:
-                gui.add_html(render("elements", "message", kind="", words=forks.why_not, testid="what-if-not"))
+            if forks.refusal:
+                gui.add_html(render("elements", "message", kind="", words=forks.refusal, testid="what-if-not"))
                 self._button = None
                 return
             if len(source.robots) <= TICKED_MAX:

@@ -1,7 +1,6 @@
 """Exploration by strategies, team sizes and floors: full runs and runs of points side by side."""
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -43,18 +42,30 @@ from robrain.sim.scenarios.scenario_file import MAX_ROBOTS
 from robrain.sim.world.time_use import TimeUse
 from robrain.sim.world.world import Fidelity
 
-BLOCK = re.compile(
-    r"^<!-- exploration: (?P<motion>\w+) -->\n(?P<body>.*?)^<!-- /exploration -->$", re.DOTALL | re.MULTILINE
-)
-"""A part of a page that is replaced by the table of one motion."""
-
-
 STANDPOINT_M = 0.4
 """Distance between the places from which is looked."""
 RAYS = 720
 """At 6 m they are 5 cm apart, the pitch of the finest maps."""
 PERCENTILE = 95.0
 NOBODY = np.empty((0, 3))
+FULL, POINTS = Fidelity.FULL.value, Fidelity.POINTS.value
+MOTIONS = (FULL, POINTS)
+"""Fidelities of the runs."""
+SPEED_M_S = Driver.Parameters().speed_m_s
+"""Top speed."""
+BOUND_PERCENTILE = 95.0
+UNTIL = 0.99
+JUDGED_PERCENT = 95
+"""The share whose time is compared with the bounds."""
+SPEED_UPS = {2: 1.6, 4: 3.2, 8: 6.4}
+"""Least speed-up over the best strategy with one robot, by number of robots, unless the floor bounds the time."""
+OVER_BOUND = 1.5
+"""Factor on the floor's bound within which a speed-up is not asked for."""
+OVER_POINTS = {1: 1.15, 4: 1.25}
+"""Largest time over that of points, by number of robots."""
+OVER_BEST = 1.03
+"""Largest time of the default strategy over that of the best."""
+WIDTH = 178
 
 
 def sight_bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, speed_m_s: float) -> float:
@@ -106,15 +117,6 @@ def _seen_m(plan: FloorPlan, cells: np.ndarray, away_m: Floats, range_m: float) 
     return seen_m
 
 
-FULL, POINTS = Fidelity.FULL.value, Fidelity.POINTS.value
-MOTIONS = (FULL, POINTS)
-"""Fidelities of the runs."""
-SPEED_M_S = Driver.Parameters().speed_m_s
-"""Top speed."""
-BOUND_PERCENTILE = 95.0
-UNTIL = 0.99
-
-
 class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
     """One run."""
 
@@ -153,7 +155,7 @@ class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a run."""
 
     case: ExplorationCase
-    why_not: str = ""
+    refusal: str = ""
     """Reason why it could not be run; then the other fields are empty."""
     explored_percent_s: dict[int, float] = {}
     """Simulated time at which 90, 95 and 99 % were known, without shares that were not reached."""
@@ -173,14 +175,14 @@ class ExplorationRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_case(case: ExplorationCase) -> ExplorationRun:
-    """Make one run; if it cannot be made, `why_not` gives the reason (RunFailed if its strategy fails)."""
+    """Make one run; if it cannot be made, `refusal` gives the reason (RunFailed if its strategy fails)."""
     try:
         with errors_alone():
             return _made(case)
     except RunFailed:
         raise
     except RobrainError as error:
-        return ExplorationRun(case=case, why_not=str(error))
+        return ExplorationRun(case=case, refusal=str(error))
 
 
 def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, speed_m_s: float = SPEED_M_S) -> float:
@@ -238,86 +240,6 @@ class _Floor:
     def sight_s(self) -> float:
         """The least time in which robots with the map of the floor can have seen 95 % of it."""
         return sight_bound_s(*self._sight)
-
-
-def times_table(runs: Iterable[ExplorationRun], motion: str) -> str:
-    """Mean simulated seconds until 95 % of the floor was known: a row for each map and team, a column a strategy.
-
-    The shortest of a row is bold. Runs that did not reach the share make a dash; runs that could not be made are left
-    out.
-
-    Args:
-        runs: of any motion.
-        motion: motion whose runs are shown, of `MOTIONS`.
-
-    """
-    made = [run for run in runs if run.case.motion == motion and not run.why_not]
-    strategies = list(dict.fromkeys(run.case.strategy for run in made))
-    rows = dict.fromkeys((run.case.map, run.case.robots) for run in made)
-    lines = [
-        "| floor | robots | " + " | ".join(f"`{name}`" for name in strategies) + " |",
-        "|---|---|" + "---|" * len(strategies),
-    ]
-    for floor, robots in rows:
-        cells = []
-        for strategy in strategies:
-            group = floor, robots, strategy
-            alike = [run for run in made if (run.case.map, run.case.robots, run.case.strategy) == group]
-            cells.append(_mean_s(alike))
-        known = [cell for cell in cells if cell is not None]
-        told = ["–" if cell is None else f"**{cell:.1f}**" if cell == min(known) else f"{cell:.1f}" for cell in cells]
-        lines.append(f"| {floor} | {robots} | " + " | ".join(told) + " |")
-    return "\n".join(lines) + "\n"
-
-
-def write_page(path: Path, runs: Sequence[ExplorationRun]) -> None:
-    """Write the tables to a page: into its blocks `<!-- exploration: MOTION -->` if it has some, else as a new file.
-
-    A block of a motion that was not run stays as it is.
-
-    Args:
-        path: of the page.
-        runs: content of the tables.
-
-    Raises:
-        UsageError: the file cannot be read or written, or is there and has no block.
-
-    """
-    motions = [motion for motion in MOTIONS if any(run.case.motion == motion for run in runs)]
-    try:
-        if path.exists():
-            page = path.read_text(encoding="utf-8")
-            if not BLOCK.search(page):
-                raise UsageError(f"--page {path}: expected a block `<!-- exploration: {MOTIONS[0]} -->` or a new file")
-        else:
-            page = "\n".join(f"<!-- exploration: {motion} -->\n<!-- /exploration -->\n" for motion in motions)
-        for motion in motions:
-            page = _filled(page, motion, times_table(runs, motion))
-        path.write_text(page, encoding="utf-8")
-    except (OSError, UnicodeError) as error:
-        raise UsageError(f"--page {path}: {error}") from error
-
-
-def _filled(page: str, motion: str, table: str) -> str:
-    def block(found: re.Match[str]) -> str:
-        if found["motion"] != motion:
-            return found[0]
-        return f"<!-- exploration: {motion} -->\n{table}<!-- /exploration -->"
-
-    return BLOCK.sub(block, page)
-
-
-JUDGED_PERCENT = 95
-"""The share whose time is compared with the bounds."""
-SPEED_UPS = {2: 1.6, 4: 3.2, 8: 6.4}
-"""Least speed-up over the best strategy with one robot, by number of robots, unless the floor bounds the time."""
-OVER_BOUND = 1.5
-"""Factor on the floor's bound within which a speed-up is not asked for."""
-OVER_POINTS = {1: 1.15, 4: 1.25}
-"""Largest time over that of points, by number of robots."""
-OVER_BEST = 1.03
-"""Largest time of the default strategy over that of the best."""
-WIDTH = 178
 
 
 class ExplorationPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -389,16 +311,15 @@ def choose(
     return ExplorationPlan(cases=cases, jobs=jobs, absent=absent)
 
 
-def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path | None = None) -> None:
+def run_bench(plan: ExplorationPlan, json_file: Path | None = None) -> None:
     """Make all runs; prints a line for each group of seeds, and the figures at the end.
 
     Args:
         plan: the runs.
         json_file: written after each group, so that results are kept if the benchmark is interrupted.
-        page: a Markdown page whose tables of times are replaced after each group, too.
 
     Raises:
-        UsageError: `json_file` or `page` cannot be written.
+        UsageError: `json_file` cannot be written.
 
     """
     write_json(json_file, "exploration", [], [])
@@ -408,15 +329,13 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None, page: Path |
     runs: list[ExplorationRun] = []
     for run in all_runs(run_case, plan.cases, plan.jobs):
         runs.append(run)
-        if run.why_not:
-            print_line(f"{_text_of(_group_of(run))}, seed {run.case.seed}: not run: {run.why_not}")
+        if run.refusal:
+            print_line(f"{_text_of(_group_of(run))}, seed {run.case.seed}: not run: {run.refusal}")
         is_last = len(runs) == len(plan.cases) or _group_of(run) != _key(plan.cases[len(runs)])
         if is_last:
-            made = [one for one in runs if _group_of(one) == _group_of(run) and not one.why_not]
+            made = [one for one in runs if _group_of(one) == _group_of(run) and not one.refusal]
             print_line(f"{_text_of(_group_of(run))}: {_percents(made)}")
             write_json(json_file, "exploration", runs, figures(runs))
-            if page is not None:
-                write_page(page, runs)
     console = new_console(width=WIDTH)
     console.print(table(runs))
     found = list(figures(runs))
@@ -496,7 +415,7 @@ def by_group(runs: Iterable[ExplorationRun]) -> dict[Group, list[ExplorationRun]
     """The runs that could be made, grouped by all properties but the seed."""
     groups: dict[Group, list[ExplorationRun]] = {}
     for run in runs:
-        if not run.why_not:
+        if not run.refusal:
             groups.setdefault(_group_of(run), []).append(run)
     return groups
 
@@ -518,8 +437,8 @@ def _text_of(group: Group) -> str:
 
 
 def _percents(runs: Sequence[ExplorationRun]) -> str:
-    told = [f"{percent} % after {_interval(_times(runs, percent))} s" for percent in (90, 95, 99)]
-    return ", ".join(told)
+    texts = [f"{percent} % after {_interval(_times(runs, percent))} s" for percent in (90, 95, 99)]
+    return ", ".join(texts)
 
 
 def _times(runs: Iterable[ExplorationRun], percent: int) -> list[float | None]:

@@ -50,6 +50,20 @@ SAME_S = 5e-4
 """A stamp of a relation is that of the scan that is so near."""
 LOOP_S = 5.0
 """Relations over more time than this are also reported separately: the odometry has little influence on them."""
+HISTORY_ENTRIES = 1024
+RADIUS_M = 0.2
+ROBOT = "r1"
+LOAD = ["driver", "scan", "localisation", "mapper"]
+TICK_NS = 20_000_000
+BEGIN_NS = 1_000_000_000
+"""Of the run's clock, when the log begins."""
+SETTLE_NS = 5_000_000_000
+"""After the end of the log, so that the pose graph is solved once more."""
+MARGIN_M = 10.0
+"""Margin of the map around the area that the lidar can have seen by odometry."""
+RESOLUTION_M = 0.1
+AREA_MAX_CELLS = 6000
+"""Of either side of the map."""
 
 
 class LogScan(Device):
@@ -76,12 +90,8 @@ class LogScan(Device):
     def latest(self) -> LaserScan | None:
         return self._latest
 
-    def doubt(self, why: str) -> None:
+    def doubt(self, reason: str) -> None:
         """Do nothing: the log holds the lidar's output unchanged."""
-
-
-HISTORY_ENTRIES = 1024
-RADIUS_M = 0.2
 
 
 class LogDriver(Unit):
@@ -117,19 +127,7 @@ class LogDriver(Unit):
         return RADIUS_M
 
 
-ROBOT = "r1"
-LOAD = ["driver", "scan", "localisation", "mapper"]
 OWN_PLUGINS = Path(__file__).parent
-TICK_NS = 20_000_000
-BEGIN_NS = 1_000_000_000
-"""Of the run's clock, when the log begins."""
-SETTLE_NS = 5_000_000_000
-"""After the end of the log, so that the pose graph is solved once more."""
-MARGIN_M = 10.0
-"""Margin of the map around the area that the lidar can have seen by odometry."""
-RESOLUTION_M = 0.1
-AREA_MAX_CELLS = 6000
-"""Of either side of the map."""
 
 Parameters = dict[str, dict[str, Any]]
 
@@ -141,7 +139,7 @@ class PlayedLog(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     """Of the log's clock."""
     odometry: list[Pose2D]
     """Poses of the lidar by odometry alone; they begin at the origin."""
-    told: list[Pose2D]
+    poses: list[Pose2D]
     """Pose that the robot reported after it had put the scan on its map."""
     poses: list[Pose2D]
     """The same after all loop closures."""
@@ -178,7 +176,7 @@ class _Placed(msgspec.Struct, frozen=True):
 
     submap: int | None
     local: Pose2D
-    told: Pose2D
+    reported: Pose2D
 
 
 class _Run:
@@ -213,9 +211,9 @@ class _Run:
         return PlayedLog(
             stamps_s=[entry.stamp_s for entry in entries],
             odometry=[self._T_start_odom.compose(entry.odometry) for entry in entries],
-            told=[each.told for each in self._placed],
+            poses=[each.reported for each in self._placed],
             poses=[
-                each.told if each.submap is None else lies[each.submap].compose(each.local) for each in self._placed
+                each.reported if each.submap is None else lies[each.submap].compose(each.local) for each in self._placed
             ],
             lost=self._lost,
             counters=msgspec.json.decode(counters, type=MapperCounters),
@@ -416,7 +414,7 @@ class LogReport(msgspec.Struct, frozen=True, kw_only=True):
     log: str
     scans: int
     duration_s: float
-    way_m: float
+    path_length_m: float
     """By odometry."""
     lost: int
     """Scans during which the robot reported that it is lost."""
@@ -476,7 +474,7 @@ def made_report(
     """The figures of a played log; `matching` are those of the relations between its scans."""
     trajectories = {
         "odometry alone": played.odometry,
-        "as the robot told it": played.told,
+        "as the robot reported it": played.poses,
         "after all loop closures": played.poses,
     }
     return LogReport(
@@ -484,7 +482,7 @@ def made_report(
         log=log.name,
         scans=log.scans,
         duration_s=log.duration_s,
-        way_m=_path_m(played.odometry),
+        path_length_m=_path_m(played.odometry),
         lost=played.lost,
         left_out=played.counters.scans_left_out,
         submaps=played.counters.submaps,
@@ -502,7 +500,7 @@ def made_report(
 
 def _show(report: LogReport) -> None:
     print_line(
-        f"way by odometry {report.way_m:.0f} m; lost during {report.lost} scans, {report.left_out} not mapped; "
+        f"path by odometry {report.path_length_m:.0f} m; lost during {report.lost} scans, {report.left_out} not mapped; "
         f"{report.submaps} submaps, {report.closures} loop closures, {report.contradictions} contradictions"
     )
     if not report.errors:

@@ -55,7 +55,7 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
     """Result of one run; errors and shares are those of the worst robot unless stated otherwise."""
 
     case: Case
-    why_not: str = ""
+    refusal: str = ""
     """Reason why it could not be run; then the other fields are empty."""
     sim_time_s: float = 0.0
     ended: str = ""
@@ -80,8 +80,8 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
         """A line for the table below `HEADINGS`."""
         case = self.case
         begin = f"{case.map:<24}{case.robots:>3}{case.seed:>6}  {case.wheels:<9}{case.conditions:<6}"
-        if self.why_not:
-            return f"{begin}  not run: {self.why_not}"
+        if self.refusal:
+            return f"{begin}  not run: {self.refusal}"
         in_band = "–" if self.nees_in_band is None else f"{100 * self.nees_in_band:.1f}"
         return (
             f"{begin}{self.sim_time_s:>7.1f}  {self.ended:<13}{self.explored_fraction:>8.1%}"
@@ -118,18 +118,18 @@ def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
 
 
 def run_case(case: Case) -> MappedRun:
-    """Make one run; if it cannot be made, `why_not` gives the reason."""
+    """Make one run; if it cannot be made, `refusal` gives the reason."""
     try:
         with errors_alone():
             return mapped(case, case.scenario().run(time_limit_s=case.time_limit_s))
     except RobrainError as error:
-        return MappedRun(case=case, why_not=str(error))
+        return MappedRun(case=case, refusal=str(error))
 
 
 def mapped(case: Case, result: RunResult) -> MappedRun:
     """Result of a run that was made."""
-    told = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
-    compared = [each for each in told if each.nees_in_band is not None and each.nees is not None]
+    accuracies = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
+    compared = [each for each in accuracies if each.nees_in_band is not None and each.nees is not None]
     samples = sum(each.samples for each in compared)
     of_map = result.map_accuracy
     return MappedRun(
@@ -139,13 +139,13 @@ def mapped(case: Case, result: RunResult) -> MappedRun:
         explored_fraction=result.explored_fraction,
         share_off=of_map.share_off if of_map is not None else 0.0,
         doubled_walls_m=of_map.doubled_walls_m if of_map is not None else 0.0,
-        rmse_m=max((each.rmse_m or 0.0 for each in told), default=0.0),
-        max_error_m=max((each.max_error_m or 0.0 for each in told), default=0.0),
-        longest_silent_divergence_s=max((each.longest_silent_divergence_s for each in told), default=0.0),
+        rmse_m=max((each.rmse_m or 0.0 for each in accuracies), default=0.0),
+        max_error_m=max((each.max_error_m or 0.0 for each in accuracies), default=0.0),
+        longest_silent_divergence_s=max((each.longest_silent_divergence_s for each in accuracies), default=0.0),
         nees_in_band=sum(each.samples * (each.nees_in_band or 0.0) for each in compared) / samples if samples else None,
         nees=sum(each.samples * (each.nees or 0.0) for each in compared) / samples if samples else None,
-        lost=sum(each.is_lost for each in told),
-        lost_s=sum(each.lost_s for each in told),
+        lost=sum(each.is_lost for each in accuracies),
+        lost_s=sum(each.lost_s for each in accuracies),
         collisions=result.collisions,
         wall_time_s=result.wall_time_s,
     )
@@ -153,7 +153,7 @@ def mapped(case: Case, result: RunResult) -> MappedRun:
 
 def figures(runs: Iterable[MappedRun]) -> Iterator[Figure]:
     """Worst run and median for each kind of wheels and conditions, with their bounds."""
-    made = [run for run in runs if not run.why_not]
+    made = [run for run in runs if not run.refusal]
     for kind in WHEELS:
         usual = [run for run in made if run.case.wheels == kind and run.case.conditions == USUAL]
         for conditions in CONDITIONS:

@@ -184,8 +184,8 @@ def _map_of(word: str, known: dict[str, str], absent: Sequence[str]) -> tuple[st
         return word, known[word]
     if word.endswith(".yaml") and Path(word).is_file():
         return Path(word).stem, word
-    why = "it is not on this computer, see --map-folder" if word in absent else "there is no such map"
-    raise UsageError(f"--maps {word}: {why}; expected a map.yaml or one of {', '.join(known)}")
+    reason = "it is not on this computer, see --map-folder" if word in absent else "there is no such map"
+    raise UsageError(f"--maps {word}: {reason}; expected a map.yaml or one of {', '.join(known)}")
 
 
 def _words(option: str, text: str) -> list[str]:

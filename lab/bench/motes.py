@@ -20,6 +20,24 @@ from robrain.lab.report.mean_interval import mean_interval
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.scenarios.scenario import MAX_SEED
 
+SIZE_M = 100.0
+SINK = Point2D(0.0, 0.0)
+DRAWS_MAX = 10_000
+TREE, ROUTES, MULES, RELIEF, TURNS = "tree", "routes", "mules", "relief", "turns"
+METHODS = {
+    TREE: "a collection tree with the fewest hops, no robots",
+    ROUTES: "routes in turn that spare the weak motes, no robots",
+    MULES: "robots collect everything once a day",
+    RELIEF: "robots collect what would wear motes down before the goal; the rest travels at once",
+    TURNS: "the same, with only as many motes on duty as the coverage needs",
+}
+OF_BOUND = 0.9
+"""Least lifetime over the linear program's, on every field."""
+OVER_TREE = 3.5
+"""Least mean lifetime with robots over that of the plain tree."""
+MOTES_MAX = 1000
+WIDTH = 132
+
 
 def lifetime_bound_days(graph: RadioGraph, left_j: list[float], energy: MoteEnergy, rate_hz: float) -> float:
     """No routes let all motes live longer than this, if each sends `rate_hz` readings a second to the sink.
@@ -63,23 +81,10 @@ def _matrix(entries: list[tuple[int, int, float]], size: tuple[int, int]) -> coo
     return coo_array((np.array(values), (np.array(rows), np.array(columns))), shape=size)
 
 
-SIZE_M = 100.0
-SINK = Point2D(0.0, 0.0)
-DRAWS_MAX = 10_000
-TREE, ROUTES, MULES, RELIEF, TURNS = "tree", "routes", "mules", "relief", "turns"
-WAYS = {
-    TREE: "a collection tree with the fewest hops, no robots",
-    ROUTES: "routes in turn that spare the weak motes, no robots",
-    MULES: "robots collect everything once a day",
-    RELIEF: "robots collect what would wear motes down before the goal; the rest travels at once",
-    TURNS: "the same, with only as many motes on duty as the coverage needs",
-}
-
-
 class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
     """One run."""
 
-    way: str
+    method: str
     seed: int
     motes: int
     tours_per_day: float
@@ -95,7 +100,7 @@ class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
             MULES: FieldPlan(routing=Routing.NONE, tours_per_day=tours),
             RELIEF: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal),
             TURNS: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal, takes_turns=True),
-        }[self.way]
+        }[self.method]
 
 
 class MoteFieldRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -152,14 +157,6 @@ def site_of(seed: int, motes: int) -> MoteSite:
     raise UsageError(f"--motes {motes}: {DRAWS_MAX} draws had no field in which all motes reach the sink; take more")
 
 
-OF_BOUND = 0.9
-"""Least lifetime over the linear program's, on every field."""
-OVER_TREE = 3.5
-"""Least mean lifetime with robots over that of the plain tree."""
-MOTES_MAX = 1000
-WIDTH = 132
-
-
 class MotePlan(msgspec.Struct, frozen=True, kw_only=True):
     """All runs of the benchmark."""
 
@@ -167,14 +164,14 @@ class MotePlan(msgspec.Struct, frozen=True, kw_only=True):
     jobs: int
 
 
-def choose(ways: str | None, seeds: str, motes: int, tours_per_day: float, goal_days: float, jobs: int) -> MotePlan:
+def choose(methods: str | None, seeds: str, motes: int, tours_per_day: float, goal_days: float, jobs: int) -> MotePlan:
     """Make a plan from the options.
 
     Raises:
         UsageError: an option is wrong; the text names it and the expected value.
 
     """
-    names = list(WAYS) if ways is None else names_of("--ways", ways, WAYS)
+    names = list(METHODS) if methods is None else names_of("--methods", methods, METHODS)
     drawn = numbers_of("--seeds", seeds, 0, MAX_SEED)
     if not 1 <= motes <= MOTES_MAX:
         raise UsageError(f"--motes {motes}: expected 1 to {MOTES_MAX}")
@@ -184,8 +181,8 @@ def choose(ways: str | None, seeds: str, motes: int, tours_per_day: float, goal_
         if not 0 < value <= 1e4:
             raise UsageError(f"{option} {value:g}: expected a number above 0 and at most 10000")
     cases = [
-        MoteCase(way=way, seed=seed, motes=motes, tours_per_day=tours_per_day, goal_days=goal_days)
-        for way in names
+        MoteCase(method=method, seed=seed, motes=motes, tours_per_day=tours_per_day, goal_days=goal_days)
+        for method in names
         for seed in drawn
     ]
     return MotePlan(cases=cases, jobs=jobs)
@@ -202,9 +199,9 @@ def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
     runs: list[MoteFieldRun] = []
     for run in all_runs(run_case, plan.cases, plan.jobs):
         runs.append(run)
-        made = [one for one in runs if one.case.way == run.case.way]
-        if len(runs) == len(plan.cases) or plan.cases[len(runs)].way != run.case.way:
-            print_line(f"{run.case.way}: first dead mote after {_interval([one.first_days for one in made])} days")
+        made = [one for one in runs if one.case.method == run.case.method]
+        if len(runs) == len(plan.cases) or plan.cases[len(runs)].method != run.case.method:
+            print_line(f"{run.case.method}: first dead mote after {_interval([one.first_days for one in made])} days")
             write_json(json_file, "motes", runs, figures(runs))
     console = new_console(width=WIDTH)
     console.print(table(runs))
@@ -220,15 +217,15 @@ def table(runs: Sequence[MoteFieldRun]) -> Table:
         f"{count} motes on 100 × 100 m: means over the seeds (± 95 % interval); from arrived to m/d in the first year"
     )
     shown = Table(title=title, title_justify="left")
-    shown.add_column("way", no_wrap=True)
+    shown.add_column("method", no_wrap=True)
     headings = ("runs", "first dead d", "half d", "last d", "of bound", "× tree", "arrived", "covered", "age h")
     for heading in (*headings, "newest h", "robot kJ/d", "m/d"):
         shown.add_column(heading, justify="right", no_wrap=True)
-    tree_days = _mean([run.first_days for run in runs if run.case.way == TREE])
-    for way, made in _by_way(runs).items():
+    tree_days = _mean([run.first_days for run in runs if run.case.method == TREE])
+    for method, made in _by_method(runs).items():
         first_days = _mean([run.first_days for run in made])
         shown.add_row(
-            way,
+            method,
             str(len(made)),
             _interval([run.first_days for run in made]),
             _words(_mean([run.half_days for run in made]), 0),
@@ -247,8 +244,8 @@ def table(runs: Sequence[MoteFieldRun]) -> Table:
 
 def figures(runs: Sequence[MoteFieldRun]) -> Iterator[Figure]:
     """Figures of the comparison: routes against the bound, and robots against the tree."""
-    ways = _by_way(runs)
-    routes = ways.get(ROUTES, [])
+    methods = _by_method(runs)
+    routes = methods.get(ROUTES, [])
     if routes:
         shares = [run.first_days / run.bound_days for run in routes]
         yield deterministic(
@@ -257,23 +254,23 @@ def figures(runs: Sequence[MoteFieldRun]) -> Iterator[Figure]:
             bound=at_least(OF_BOUND),
             beside=f"mean {sum(shares) / len(shares):.3f} of {len(shares)} fields",
         )
-    tree_days = _mean([run.first_days for run in ways.get(TREE, [])])
-    for way in (MULES, RELIEF):
-        made = ways.get(way, [])
+    tree_days = _mean([run.first_days for run in methods.get(TREE, [])])
+    for method in (MULES, RELIEF):
+        made = methods.get(method, [])
         first_days = _mean([run.first_days for run in made])
         if first_days is not None and tree_days is not None:
             age_h, news_h = _mean([run.age_h for run in made]), _mean([run.news_age_h for run in made])
             energy_kj = _mean([run.robot_j_per_day / 1000.0 for run in made])
             yield deterministic(
-                f"lifetime with {way} over that of the collection tree",
+                f"lifetime with {method} over that of the collection tree",
                 first_days / tree_days,
                 bound=at_least(OVER_TREE),
                 beside=f"data {_words(age_h, 1)} h old, newest {_words(news_h, 1)} h; {_words(energy_kj, 1)} kJ a day",
             )
 
 
-def _by_way(runs: Sequence[MoteFieldRun]) -> dict[str, list[MoteFieldRun]]:
-    return {way: made for way in WAYS if (made := [run for run in runs if run.case.way == way])}
+def _by_method(runs: Sequence[MoteFieldRun]) -> dict[str, list[MoteFieldRun]]:
+    return {method: made for method in METHODS if (made := [run for run in runs if run.case.method == method])}
 
 
 def _mean(values: Iterable[float]) -> float | None:

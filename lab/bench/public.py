@@ -61,7 +61,7 @@ class PublicResult(msgspec.Struct, frozen=True, kw_only=True):
     """Routes that carry more than a vehicle holds."""
     routes: list[list[int]]
     """Customers of each vehicle that is used, numbered from 1 as in the file."""
-    note: str = ""
+    remark: str = ""
     """Reason why the value cannot be compared; empty if it can."""
 
 
@@ -142,7 +142,7 @@ def solve_public(
         left_out=len(plan.unassigned),
         over_capacity=over,
         routes=[[index + 1 for index in route] for route in routes],
-        note=_record(plan, over, instance.capacity),
+        remark=_record(plan, over, instance.capacity),
     )
 
 
@@ -167,11 +167,11 @@ def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstanc
     for key in ("backhaul", "vehicles_depot", "vehicles_allowed_clients", "release_time"):
         if key in found:
             raise ValueError(f"{key.upper()}_SECTION: not supported by the allocators' model")
-    ways = _rounded(np.asarray(found["edge_weight"], dtype=np.float64), decimals)
-    count = len(ways)
+    distances = _rounded(np.asarray(found["edge_weight"], dtype=np.float64), decimals)
+    count = len(distances)
     windows = np.asarray(found.get("time_window", np.tile([0.0, math.inf], (count, 1))), dtype=np.float64)
     service_s = np.broadcast_to(np.asarray(found.get("service_time", 0.0), dtype=np.float64), (count,))
-    prize = PRIZE_FACTOR * float(ways.max()) * 2 + 1.0
+    prize = PRIZE_FACTOR * float(distances.max()) * 2 + 1.0
     jobs = tuple(
         Job(
             id=f"c{customer}",
@@ -188,11 +188,11 @@ def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstanc
     # DISTANCE there limits a route's length and service together, which is its duration here.
     horizon_s = min(float(windows[0][1]), float(found.get("distance", math.inf)))
     workers = tuple(
-        Worker(name=f"v{number}", start=0, ends=(0,), usable_j=min(longest, float(2 * ways.sum()) + 1.0))
+        Worker(name=f"v{number}", start=0, ends=(0,), usable_j=min(longest, float(2 * distances.sum()) + 1.0))
         for number in range(_vehicles(path, found, count))
     )
     demand = np.asarray(found.get("demand", np.zeros(count)), dtype=np.float64)
-    problem = Problem(jobs=jobs, workers=workers, energy_j=ways[None], time_s=ways[None], horizon_s=horizon_s)
+    problem = Problem(jobs=jobs, workers=workers, energy_j=distances[None], time_s=distances[None], horizon_s=horizon_s)
     return PublicInstance(
         name=str(found.get("name", path.stem)),
         problem=problem,
@@ -206,10 +206,10 @@ def _vehicles(path: Path, found: dict[str, Any], count: int) -> int:
         return int(found["vehicles"])
     if "capacity" not in found:
         return 1  # a travelling salesman
-    told = str(found.get("name", path.stem)).rpartition("-k")[2]  # A-n32-k5: by convention the name has the number
-    return int(told) if told.isdigit() else count - 1
+    number = str(found.get("name", path.stem)).rpartition("-k")[2]  # A-n32-k5: by convention the name has the number
+    return int(number) if number.isdigit() else count - 1
 
 
-def _rounded(ways: NDArray[np.float64], decimals: int) -> NDArray[np.float64]:
+def _rounded(distances: NDArray[np.float64], decimals: int) -> NDArray[np.float64]:
     # The slack is for roots that are slightly below their exact values.
-    return np.floor(ways * 10**decimals + 1e-9) / 10**decimals if decimals else np.floor(ways + 0.5)
+    return np.floor(distances * 10**decimals + 1e-9) / 10**decimals if decimals else np.floor(distances + 0.5)

@@ -71,7 +71,7 @@ def changes_of(
 def _tasks(words: str, at_s: float) -> list[Change]:
     found: list[Change] = []
 
-    def take(**given: Any) -> None:
+    def add_tasks(**given: Any) -> None:
         for option in ("connect", "as_json", "team", "dry_run"):
             if given.pop(option) not in (None, False, "default"):
                 name = option.removeprefix("as_").replace("_", "-")
@@ -85,12 +85,12 @@ def _tasks(words: str, at_s: float) -> list[Change]:
     )
     try:
         given = command.make_context("task", shlex.split(words)).params
-        take(**given)
+        add_tasks(**given)
     except ValueError as error:  # a quote that is not closed
         raise UsageError(f"--task {words}: {error}") from error
     except _WRONG_USAGE as error:
-        said = error.format_message() if hasattr(error, "format_message") else str(error)
-        raise UsageError(f"--task {words}: {said.rstrip('.')}; give it as to `robrain task add`") from error
+        text = error.format_message() if hasattr(error, "format_message") else str(error)
+        raise UsageError(f"--task {words}: {text.rstrip('.')}; give it as to `robrain task add`") from error
     return found
 
 

@@ -10,6 +10,9 @@ from robrain.deploy.errors import UsageError
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.scenarios.scenario import Scenario
 
+CHANGES_MAX = 1000
+"""Changes of one fork, its parents' included."""
+
 
 class Without(msgspec.Struct, frozen=True, kw_only=True, tag="without", forbid_unknown_fields=True):
     """A robot's computer is switched off. Its body stays on the floor."""
@@ -46,14 +49,12 @@ class AddFault(msgspec.Struct, frozen=True, kw_only=True, tag="fault", forbid_un
 
 
 Change = Without | AddTask | SetPolicy | AddFault
-CHANGES_MAX = 1000
-"""Changes of one fork, its parents' included."""
 
 
-def told(change: Change) -> str:
+def change_text(change: Change) -> str:
     """A change in a few words.
 
-    >>> told(Without(at_s=12.0, robot="r2"))
+    >>> change_text(Without(at_s=12.0, robot="r2"))
     'without r2'
     """
     match change:

@@ -60,14 +60,14 @@ class ForkChild:
         self._last: ForkLine | None = None
         self._now_s = self._at_s = self._until_s = 0.0
         self._failure = ""
-        self.why_not = ""
+        self.refusal = ""
         """Reason why the recording cannot be run again; empty if it can."""
         try:
             repeatable(recording)
             info = recording_info(recording)
             self._until_s = to_seconds(info.start_ns) + info.duration_s
         except RecordingError as error:
-            self.why_not = str(error)
+            self.refusal = str(error)
 
     @property
     def state(self) -> ForkState:
@@ -118,13 +118,13 @@ class ForkChild:
         self._children.stop()
 
     def _receive(self, line: str) -> None:
-        heard = decode_line(line)
-        if heard is None:
+        read = decode_line(line)
+        if read is None:
             return
-        if heard.progress is not None:
-            self._now_s = heard.progress.now_s
+        if read.progress is not None:
+            self._now_s = read.progress.now_s
         else:
-            self._last = heard
+            self._last = read
 
     def _url(self) -> str:
         if self._page is None:

@@ -49,7 +49,7 @@ def fork(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     as_json: JsonOption = False,
-    tell_progress: Annotated[
+    show_progress: Annotated[
         bool, typer.Option("--progress", help="With --json: also print a line with the progress now and then.")
     ] = False,
 ) -> None:
@@ -85,7 +85,7 @@ def fork(
                 output=path,
                 seconds=seconds,
                 overwrite=overwrite,
-                on_progress=_print_progress if as_json and tell_progress else display.show,
+                on_progress=_print_progress if as_json and show_progress else display.show,
             )
     runs = compare_runs(recording, path) if result.same_whole is not True else None
     if as_json:

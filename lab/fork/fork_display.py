@@ -11,7 +11,7 @@ from robrain.lab.fork.fork_result import ForkResult
 from robrain.recording.reader.two_runs import TwoRuns
 from robrain.sim.scenarios.driving import Progress as RunProgress
 
-WHY_ENDED = {
+END_REASONS = {
     "explored": "target reached",
     "nothing_left": "nothing left that a robot could reach",
     "time_limit": "time limit",
@@ -78,7 +78,7 @@ def show_fork(result: ForkResult, runs: TwoRuns | None) -> None:
     else:
         print_line(f"after it: {', '.join(result.changes) or 'nothing changed'}")
     print_line(
-        f"{result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)} ({WHY_ENDED[result.ended]}), "
+        f"{result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)} ({END_REASONS[result.ended]}), "
         f"{result.messages} messages"
     )
     if runs is not None:

@@ -15,7 +15,7 @@ from robrain.lab.fork.changes import (
     Without,
     as_json,
     check_changes,
-    told,
+    change_text,
     with_faults,
 )
 from robrain.lab.fork.fork_result import ForkResult
@@ -33,6 +33,11 @@ from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.scenarios.driving import Progress, end_reason
 from robrain.sim.world.arena import TICK_S
+
+BY = "fork"
+"""Name of the client that submits the tasks of a fork."""
+PROGRESS_S = 0.1
+"""Wall time between two reports of progress."""
 
 
 class Sameness:
@@ -57,14 +62,14 @@ class Sameness:
         """Digest of the recording, as far as it was compared."""
         return self._digest.hexdigest()
 
-    def take(self, told: Sequence[tuple[Topic[Any], str, bytes, int, int]], now_ns: int) -> None:
+    def compare(self, messages: Sequence[tuple[Topic[Any], str, bytes, int, int]], now_ns: int) -> None:
         """Compare the recorded messages of one step of the run."""
-        for _, key, payload, _, _ in told:
+        for _, key, payload, _, _ in messages:
             if self.difference is not None:
                 return
             recorded = self._next
-            said = RecordedMessage(key, now_ns, payload, "json")
-            self.difference = compare_messages(self.messages, recorded, said)
+            repeated = RecordedMessage(key, now_ns, payload, "json")
+            self.difference = compare_messages(self.messages, recorded, repeated)
             if self.difference is not None or recorded is None:
                 return
             self.messages += 1
@@ -80,12 +85,6 @@ class Sameness:
 
 def _of_the_wire(path: Path) -> Iterator[RecordedMessage]:
     return (message for message in read_messages(path) if not is_visual(message.topic_key))
-
-
-BY = "fork"
-"""Name of the client that submits the tasks of a fork."""
-PROGRESS_S = 0.1
-"""Wall time between two reports of progress."""
 
 
 def fork_run(
@@ -119,7 +118,7 @@ def fork_run(
     scenario = with_faults(recorded.scenario, every)
     world = scenario.world()
     warm_up()
-    said = {
+    metadata = {
         "parent": recorded.path.stem,
         "parent_digest": recorded.info.digest,
         "at_s": f"{to_seconds(moment_ns):g}",
@@ -133,7 +132,7 @@ def fork_run(
             session=open_lockstep_session() if recorded.inputs.number else None,
             should_stop=lambda: interrupt.requested,
             is_script=recorded.is_script,
-            fork=said,
+            fork=metadata,
         )
         try:
             forking = _Forking(run, recorded, every, moment_ns, is_changed=bool(changes), seconds=seconds)
@@ -148,7 +147,7 @@ def fork_run(
             raise
         summary = run.close()
     assert summary is not None  # the run was built, so it has a recorder
-    return forking.result(summary, output, [told(change) for change in changes], ended, truth.explored_fraction)
+    return forking.result(summary, output, [change_text(change) for change in changes], ended, truth.explored_fraction)
 
 
 def _check(
@@ -202,7 +201,7 @@ class _Forking:
         self._messages_before = 0
         self._same_before = False
         self._team: Team | None = None
-        run.follow(self._sameness.take)
+        run.follow(self._sameness.compare)
 
     def _fixed_end_ns(self, is_changed: bool, seconds: float | None) -> int | None:
         """Latest end; None if it ends as its scenario does."""
@@ -213,7 +212,7 @@ class _Forking:
 
     def drive(self, interrupt: StopOnInterrupt, on_progress: Callable[[Progress], None] | None) -> str:
         """Run to the end; returns why it ended."""
-        run, pacer, told_s = self._run, Pacer(0.0), -1.0
+        run, pacer, shown_s = self._run, Pacer(0.0), -1.0
         while True:
             now_ns = run.clock.now_ns()
             if now_ns == self._moment_ns:
@@ -221,9 +220,9 @@ class _Forking:
             self._recorded.inputs.repeat(run, now_ns)
             self._change(now_ns)
             ended = self._end_reason(now_ns, interrupted=interrupt.requested)
-            if on_progress is not None and (ended or pacer.wall_time_s - told_s > PROGRESS_S):
-                told_s = pacer.wall_time_s
-                on_progress(Progress(run.sim_time_s, told_s, run.explored_fraction, run.messages))
+            if on_progress is not None and (ended or pacer.wall_time_s - shown_s > PROGRESS_S):
+                shown_s = pacer.wall_time_s
+                on_progress(Progress(run.sim_time_s, shown_s, run.explored_fraction, run.messages))
             if ended:
                 return ended
             run.tick()
@@ -265,7 +264,7 @@ class _Forking:
         self._messages_before = sameness.messages
         self._same_before = sameness.difference is None and self._digest_before == self._recorded_digest_before
         if not self._repeats_all:
-            self._run.follow(lambda told, now_ns: None)
+            self._run.follow(lambda _messages, _now_ns: None)
 
     def _change(self, now_ns: int) -> None:
         while self._due and to_ns(self._due[0].at_s) <= now_ns:

@@ -238,6 +238,6 @@ def _scenario(path: Path, folder: Path, provenance: Provenance, setup: RunSetup)
             raise ScenarioError(f"{file}: map.file: expected {MAP_YAML_ATTACHMENT}")
         scenario.plan()
     except ScenarioError as error:
-        said = str(error).replace(f"{folder}/", "")
-        raise RecordingError(path, f"{path} cannot be run again: {said}") from error
+        text = str(error).replace(f"{folder}/", "")
+        raise RecordingError(path, f"{path} cannot be run again: {text}") from error
     return scenario.replace(toml=provenance.scenario_toml)

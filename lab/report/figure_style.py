@@ -54,6 +54,18 @@ STYLE: Any = {
     "svg.hashsalt": "robrain",  # names in the file are equal each time
     "pdf.fonttype": 42,  # letters stay letters: a reader can search and edit them
 }
+FORMATS: Mapping[str, dict[str, Any]] = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+"""Formats of figures, each with the metadata that is left out, because it differs with time and version."""
+POINTS_AT, POINTS_HEIGHT = -0.17, 0.15
+"""Middle of the strip of points from the middle of its row, and half the strip's height, in rows."""
+MEAN_AT = 0.16
+CURVE_POINTS = 240
+PANELS_PER_LINE = (3, 4, 2)
+"""Numbers of panels side by side; the one that leaves the smallest gap is taken, of equal ones the first."""
 
 
 @contextmanager
@@ -95,14 +107,6 @@ def legend(axes: Axes, count: int) -> None:
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
-FORMATS: Mapping[str, dict[str, Any]] = {
-    "svg": {"Date": None, "Creator": None},
-    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
-    "png": {"Software": None},
-}
-"""Formats of figures, each with the metadata that is left out, because it differs with time and version."""
-
-
 def picture(figure: Figure, form: str = "svg") -> bytes:
     """The figure in one of `FORMATS`; the same figure gives the same bytes. Call it within `figure_style`."""
     out = io.BytesIO()
@@ -114,13 +118,6 @@ def png(figure: Figure) -> bytes:
     """The figure as a PNG; the same figure gives the same bytes."""
     return picture(figure, "png")
 
-
-POINTS_AT, POINTS_HEIGHT = -0.17, 0.15
-"""Middle of the strip of points from the middle of its row, and half the strip's height, in rows."""
-MEAN_AT = 0.16
-CURVE_POINTS = 240
-PANELS_PER_LINE = (3, 4, 2)
-"""Numbers of panels side by side; the one that leaves the smallest gap is taken, of equal ones the first."""
 
 Curve = Sequence[tuple[float, float]]
 """Times and values of a run."""
@@ -178,14 +175,14 @@ def label_rows(axes: Axes, labels: Sequence[str], title: str = "") -> None:
 def draw_mean_curves(axes: Axes, groups: Sequence[Sequence[Curve]], labels: Sequence[str], unit_s: float) -> None:
     """Draw the mean of each group's curves and its 95 % interval; a run keeps its last value after its end."""
     for index, (curves, label) in enumerate(zip(groups, labels, strict=True)):
-        told = [curve for curve in curves if curve]
-        if not told:
+        drawn = [curve for curve in curves if curve]
+        if not drawn:
             continue
-        times, mean, ends = mean_curve(told)
-        look = line_style(index)
-        axes.plot(times / unit_s, mean, label=label, **look)
+        times, mean, ends = mean_curve(drawn)
+        style = line_style(index)
+        axes.plot(times / unit_s, mean, label=label, **style)
         if ends is not None:
-            axes.fill_between(times / unit_s, *ends, color=look["color"], alpha=0.15, linewidth=0)
+            axes.fill_between(times / unit_s, *ends, color=style["color"], alpha=0.15, linewidth=0)
 
 
 def mean_curve(

@@ -102,15 +102,15 @@ def trajectory_figure(run: RunData) -> Figure | None:
         axes.plot(*places.T, "d", color="#f0e442", markeredgecolor=INK, markersize=5, label="mote", linestyle="none")
     robots = _robots(run)
     for index, robot in enumerate(robots):
-        look = line_style(index)
+        style = line_style(index)
         x_m, y_m = np.array(robot.x_m), np.array(robot.y_m)
         known = np.flatnonzero(np.isfinite(x_m))
-        axes.plot(x_m, y_m, linewidth=1.3, label=label(robot.name), **look)
+        axes.plot(x_m, y_m, linewidth=1.3, label=label(robot.name), **style)
         if known.size:
             first, last = known[0], known[-1]
-            axes.plot(x_m[first], y_m[first], "o", markerfacecolor="white", markeredgecolor=look["color"], markersize=7)
+            axes.plot(x_m[first], y_m[first], "o", markerfacecolor="white", markeredgecolor=style["color"], markersize=7)
             marker = MARKERS[index % len(MARKERS)]
-            axes.plot(x_m[last], y_m[last], marker, color=look["color"], markeredgecolor="white", markersize=9)
+            axes.plot(x_m[last], y_m[last], marker, color=style["color"], markeredgecolor="white", markersize=9)
     axes.set_aspect("equal", adjustable="box" if bounds is not None else "datalim")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
@@ -214,13 +214,13 @@ def battery_figure(run: RunData) -> Figure | None:
     unit_s = time_axis(axes, run.duration_s)
     lowest, highest = 100.0, 0.0
     for index, robot in enumerate(robots):
-        look = line_style(index)
+        style = line_style(index)
         times, soc = np.array(robot.t_s) / unit_s, 100 * np.array(robot.soc)
         sd = 196 * np.nan_to_num(np.array(robot.soc_sd))
-        axes.plot(times, soc, label=label(robot.name), **look)
+        axes.plot(times, soc, label=label(robot.name), **style)
         if len(robots) <= 8:
             axes.fill_between(
-                times, np.maximum(soc - sd, 0), np.minimum(soc + sd, 100), color=look["color"], alpha=0.12, linewidth=0
+                times, np.maximum(soc - sd, 0), np.minimum(soc + sd, 100), color=style["color"], alpha=0.12, linewidth=0
             )
         # The first estimates of a filter are wide, and would hide the rest.
         lowest = min(lowest, float(np.nanpercentile(soc - sd, 2)))
@@ -320,10 +320,10 @@ def happenings_figure(run: RunData) -> Figure | None:
     axes.set_yticks(range(len(rows)), [label(row) for row in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    told = [kind for kind in HAPPENING_COLORS if any(happening.kind == kind for happening in run.happenings)]
-    if told:
-        handles = [Patch(color=HAPPENING_COLORS[kind]) for kind in told]
-        axes.legend(handles, told, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    kinds = [kind for kind in HAPPENING_COLORS if any(happening.kind == kind for happening in run.happenings)]
+    if kinds:
+        handles = [Patch(color=HAPPENING_COLORS[kind]) for kind in kinds]
+        axes.legend(handles, kinds, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
 
 

@@ -44,27 +44,34 @@ from robrain.recording.reader.two_runs import TwoRuns, outcome_of, text_of
 
 COMPARED = ("Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages")
 """Totals that the comparison of runs draws."""
+SEED_AT_END = re.compile(r"[-_ ]*(?:seed)?[-_ ]*$")
+ROWS_MAX = 300
+"""Rows of a table in the page."""
+SECTIONS_MAX = 6
+"""With more runs of several seeds than this, the page compares them and has no section for each."""
+VECTOR = "svg"
+"""Format of the figures in the page."""
 
 
 def totals(run: RunData) -> dict[str, float | None]:
     """Figures of a whole run, for the table and for comparison; None for missing data."""
     robots = run.robots.values()
-    told = [robot.accuracy for robot in robots if robot.accuracy is not None]
+    accuracies = [robot.accuracy for robot in robots if robot.accuracy is not None]
     of_map = run.map_accuracy[-1][1] if run.map_accuracy else None
     return {
         "Duration (s)": run.duration_s,
         "Explored (%)": 100 * run.explored[-1][1] if run.explored else None,
         "Known area (m²)": run.map.known_area_m2 or None,
         "Robots": float(len(run.robots)),
-        "Motes heard": float(len(run.motes)),
+        "Motes received": float(len(run.motes)),
         **_of_motes(run),
         "Distance (m)": _sum(robot.distance_m for robot in robots),
         "Energy (kJ)": _sum(None if robot.energy_j is None else robot.energy_j / 1000 for robot in robots),
         "Collisions": _sum(robot.collisions for robot in robots),
         "Map cells off (%)": None if of_map is None else 100 * of_map.share_off,
         "Walls doubled (m)": None if of_map is None else of_map.doubled_walls_m,
-        "Worst position RMSE (m)": max((each.rmse_m for each in told if each.rmse_m is not None), default=None),
-        "Silent divergence (s)": _sum(each.silent_divergence_s for each in told),
+        "Worst position RMSE (m)": max((each.rmse_m for each in accuracies if each.rmse_m is not None), default=None),
+        "Silent divergence (s)": _sum(each.silent_divergence_s for each in accuracies),
         "Lidar on the map (%)": _agreement_percent(robots),
         "Tasks done": float(run.count(TaskState.DONE)),
         "Tasks failed": float(run.count(TaskState.FAILED)),
@@ -99,8 +106,8 @@ def _agreement_percent(robots: Iterable[RobotRun]) -> float | None:
 
 
 def _sum(values: Iterable[float | None]) -> float | None:
-    told = [value for value in values if value is not None]
-    return float(sum(told)) if told else None
+    known = [value for value in values if value is not None]
+    return float(sum(known)) if known else None
 
 
 def comparison_figure(runs: list[RunData]) -> Figure | None:
@@ -126,9 +133,6 @@ def comparison_figure(runs: list[RunData]) -> Figure | None:
     return figure
 
 
-SEED_AT_END = re.compile(r"[-_ ]*(?:seed)?[-_ ]*$")
-
-
 @dataclass(frozen=True)
 class RunGroup:
     """Runs that differ in their seeds only."""
@@ -138,8 +142,8 @@ class RunGroup:
 
     def values(self, total: str) -> list[float]:
         """A figure of each run's totals, of the runs that have it."""
-        told = (totals(run).get(total) for run in self.runs)
-        return [value for value in told if value is not None]
+        values = (totals(run).get(total) for run in self.runs)
+        return [value for value in values if value is not None]
 
     def mean(self, total: str) -> MeanInterval | None:
         """Mean and interval of a figure; None if no run has it."""
@@ -153,12 +157,12 @@ def group_runs(runs: Sequence[RunData]) -> list[RunGroup]:
     """
     found: dict[tuple[object, ...], list[RunData]] = {}
     for place, run in enumerate(runs):
-        told = run.contents.run
+        header = run.contents.run
         key: tuple[object, ...] = (
-            told.get("scenario"), run.scenario_toml, told.get("drive"), len(run.robots), len(run.motes)
+            header.get("scenario"), run.scenario_toml, header.get("drive"), len(run.robots), len(run.motes)
         )  # fmt: skip
         seeds = {other.contents.run.get("seed") for other in found.get(key, ())}
-        if not told.get("scenario") or not told.get("seed") or told["seed"] in seeds:
+        if not header.get("scenario") or not header.get("seed") or header["seed"] in seeds:
             key = (*key, place)
         found.setdefault(key, []).append(run)
     return [RunGroup(_name(group), tuple(group)) for group in found.values()]
@@ -209,17 +213,11 @@ def _name(runs: Sequence[RunData]) -> str:
     if len(runs) == 1:
         return runs[0].name
     letters = zip(*(run.name.rstrip("0123456789") for run in runs), strict=False)
-    equal = itertools.takewhile(lambda told: len(set(told)) == 1, letters)
-    common = SEED_AT_END.sub("", "".join(told[0] for told in equal))
+    equal = itertools.takewhile(lambda column: len(set(column)) == 1, letters)
+    common = SEED_AT_END.sub("", "".join(column[0] for column in equal))
     return common or f"{runs[0].contents.run['scenario']}, {len(runs[0].robots)} robots"
 
 
-ROWS_MAX = 300
-"""Rows of a table in the page."""
-SECTIONS_MAX = 6
-"""With more runs of several seeds than this, the page compares them and has no section for each."""
-VECTOR = "svg"
-"""Format of the figures in the page."""
 FIGURES: dict[str, Callable[[RunData], Figure | None]] = {
     "explored": lambda run: figures.explored_figure([run]),
     "trajectories": figures.trajectory_figure,
@@ -324,8 +322,8 @@ def write_report(
     with figure_style():
         comparison = _comparison(runs, groups, pictures) if several else None
         is_long = has_several_seeds(groups) and len(runs) > SECTIONS_MAX
-        told = [] if is_long else list(enumerate(runs, 1))
-        sections = [_run_section(run, number if several else None, pictures) for number, run in told]
+        numbered = [] if is_long else list(enumerate(runs, 1))
+        sections = [_run_section(run, number if several else None, pictures) for number, run in numbered]
     page = _page(runs, comparison, sections)
     paths = []
     try:
@@ -369,8 +367,8 @@ def _run_section(run: RunData, number: int | None, pictures: _Pictures) -> RunSe
             missing.append(name)
         else:
             drawn[name] = pictures.add(name, figure, prefix)
-    told = run.contents.run
-    words = [f"{name} {told[name]}" for name in ("scenario", "seed", "drive", "team") if told.get(name)]
+    header = run.contents.run
+    words = [f"{name} {header[name]}" for name in ("scenario", "seed", "drive", "team") if header.get(name)]
     words += ["its end is missing"] if run.contents.info.truncated else []
     return RunSection(
         heading="" if number is None else run.name,
@@ -460,9 +458,9 @@ def _left(run: RunData) -> ReportTable:
 
 
 def _positions(run: RunData) -> ReportTable:
-    told = {name: run.robots[name].accuracy for name in sorted(run.robots, key=natural_key)}
+    accuracies = {name: run.robots[name].accuracy for name in sorted(run.robots, key=natural_key)}
     rows = []
-    for name, accuracy in told.items():
+    for name, accuracy in accuracies.items():
         if accuracy is None:
             continue
         in_band = None if accuracy.nees_in_band is None else 100 * accuracy.nees_in_band
@@ -495,8 +493,8 @@ def _tasks(run: RunData) -> ReportTable:
 
 def _origin(run: RunData) -> ReportTable:
     contents = run.contents
-    told = {**contents.run, **contents.host, **contents.versions, **contents.summary}
-    return ReportTable("Where it comes from", ("what", "value"), list(told.items()))
+    values = {**contents.run, **contents.host, **contents.versions, **contents.summary}
+    return ReportTable("Where it comes from", ("what", "value"), list(values.items()))
 
 
 def _number(value: float | None) -> str:

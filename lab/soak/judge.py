@@ -31,7 +31,7 @@ STRAY_S = LEASE_S + 2.0
 """A robot is off a task this long after its end, wherever it is."""
 HALT_S = 2.0
 """A robot stands this long after it could have received a halt."""
-HEARD_S = 1.5
+RECEIVED_S = 1.5
 """Two components that have been linked and awake for this long have received each other's messages."""
 HEALTHY_S = 60.0
 """A robot whose battery is empty must have been unable to charge within this time."""
@@ -227,7 +227,7 @@ class Judge:
         run = self._run
         robots: dict[str, list[str]] = {}
         for name in run.robots:
-            if run.script.consensus and not self._hears_coordinator(name):
+            if run.script.consensus and not self._receives_coordinator(name):
                 self._cut_ns[name] = now_ns
             task_id = run.work(name)
             if not task_id:
@@ -237,8 +237,8 @@ class Judge:
             if self._at.get(name) != task_id:
                 self._at[name] = task_id
                 self._judge_begin(task_id, name)
-            could_hear_ns = max(self._ends[task_id][2], self._cut_ns[name]) if task_id in self._ends else now_ns
-            if now_ns - could_hear_ns > to_ns(STRAY_S + self._slack_s):
+            informed_ns = max(self._ends[task_id][2], self._cut_ns[name]) if task_id in self._ends else now_ns
+            if now_ns - informed_ns > to_ns(STRAY_S + self._slack_s):
                 what = f"{name} works on {task_id}, which ended {to_seconds(now_ns - self._ends[task_id][2]):.1f} s ago"
                 self._break(TeamRule.DONE_TWICE, task_id, what)
         for task_id in [task for task in self._overlap_s if len(robots.get(task, ())) < 2]:
@@ -250,14 +250,14 @@ class Judge:
                     what = f"{' and '.join(names)} are both at {task_id} for more than {OVERLAP_S + self._slack_s:g} s"
                     self._break(TeamRule.TWO_AT_ONCE, task_id, what)
 
-    def _hears_coordinator(self, robot: str) -> bool:
+    def _receives_coordinator(self, robot: str) -> bool:
         """Whether both receive each other's messages."""
         one, other = self._run.processes[robot], self._run.processes[COORDINATOR]
         return one.is_awake and other.is_awake and self._run.is_linked(robot, COORDINATOR)
 
-    def _check_ends(self, robot: str, told: Iterable[TaskStatus | None], now_ns: int) -> None:
+    def _check_ends(self, robot: str, reported: Iterable[TaskStatus | None], now_ns: int) -> None:
         """Record tasks that a robot has done, by its status and its reports: several tasks may end in one tick."""
-        for status in told:
+        for status in reported:
             if status is not None and status.state is TaskState.DONE and status.id in self._asked:
                 self._record_done(robot, status, now_ns)
 
@@ -286,8 +286,8 @@ class Judge:
         record = None if coordinator is None else coordinator.tasks.find(task_id)
         if coordinator is None or (record is not None and task_id not in self._ends):
             return  # reported already, as not settled
-        if why := self._promises.breach_reason(task_id, record):
-            self._break(TeamRule.LOST, task_id, why)
+        if breach := self._promises.breach_reason(task_id, record):
+            self._break(TeamRule.LOST, task_id, breach)
         elif self._ends[task_id][0] is TaskState.DONE and task_id not in self._done:
             self._break(TeamRule.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")
 
@@ -298,8 +298,8 @@ class Judge:
         is_halted = run.operator.halt is not None
         for name, robot in run.robots.items():
             host = run.host(name)
-            stands = is_halted or host is None or not run.processes[name].is_awake or host.manager.halted
-            if stands or name in self._drained:
+            may_drain = is_halted or host is None or not run.processes[name].is_awake or host.manager.halted
+            if may_drain or name in self._drained:
                 self._unhealthy_ns[name] = now_ns
             elif robot.energy_j <= 0.0 and now_ns - self._unhealthy_ns[name] > to_ns(HEALTHY_S):
                 self._break(TeamRule.STRANDED, name, f"{name} has run out of energy")
@@ -327,7 +327,7 @@ class _Halts:
         self._run = run
         self._slack_ns = to_ns(HALT_S + slack_s)
         self._halt: object = None
-        self._knows_ns: dict[str, int] = {}
+        self._informed_ns: dict[str, int] = {}
         self._linked_ns: dict[str, int] = {}
         self._lives: dict[str, object] = {}
         self._is_lossy = any(fault.share is not None for fault in run.script.faults)
@@ -337,27 +337,27 @@ class _Halts:
         run, halt = self._run, self._run.operator.halt
         if halt is None:
             self._halt = None
-            self._knows_ns.clear()
+            self._informed_ns.clear()
             self._linked_ns.clear()
             return
         if halt is not self._halt:
             self._halt = halt
             for name in run.processes:
-                if self._hears(name) and run.is_linked(OPERATOR, name) and not self._is_lossy:
-                    self._knows_ns[name] = now_ns
+                if self._receives(name) and run.is_linked(OPERATOR, name) and not self._is_lossy:
+                    self._informed_ns[name] = now_ns
         self._forget()
         self._spread(now_ns)
         for name, robot in run.robots.items():
-            since_ns = self._knows_ns.get(name)
+            since_ns = self._informed_ns.get(name)
             host = run.host(name)
             is_free = host is not None and (robot.forward_m > 0 or not host.manager.halted)
-            if since_ns is not None and now_ns - since_ns > self._slack_ns and is_free and self._hears(name):
+            if since_ns is not None and now_ns - since_ns > self._slack_ns and is_free and self._receives(name):
                 yield name
 
     def _forget(self) -> None:
         for name, process in self._run.processes.items():
             if process.component is None or process.component is not self._lives.get(name, process.component):
-                self._knows_ns.pop(name, None)
+                self._informed_ns.pop(name, None)
                 self._linked_ns.pop(name, None)
             self._lives[name] = process.component  # one that was killed may be there again within a tick
 
@@ -365,21 +365,21 @@ class _Halts:
         run = self._run
         for name in run.robots:
             is_linked = run.is_linked(name, COORDINATOR)
-            if not (self._hears(name) and self._hears(COORDINATOR) and is_linked):
+            if not (self._receives(name) and self._receives(COORDINATOR) and is_linked):
                 self._linked_ns.pop(name, None)
                 continue
             since_ns = self._linked_ns.setdefault(name, now_ns)
-            if now_ns - since_ns <= to_ns(HEARD_S) + self._slack_ns or self._is_lossy:
+            if now_ns - since_ns <= to_ns(RECEIVED_S) + self._slack_ns or self._is_lossy:
                 continue
             for one, other in ((name, COORDINATOR), (COORDINATOR, name)):
-                if one in self._knows_ns and now_ns - self._knows_ns[one] > to_ns(HEARD_S):
-                    self._knows_ns.setdefault(other, now_ns)
+                if one in self._informed_ns and now_ns - self._informed_ns[one] > to_ns(RECEIVED_S):
+                    self._informed_ns.setdefault(other, now_ns)
 
-    def _hears(self, name: str) -> bool:
+    def _receives(self, name: str) -> bool:
         return self._run.processes[name].is_awake
 
 
-def _difference(asked: Task, told: Task) -> str:
-    before, after = msgspec.to_builtins(asked), msgspec.to_builtins(told)
+def _difference(asked: Task, published: Task) -> str:
+    before, after = msgspec.to_builtins(asked), msgspec.to_builtins(published)
     names = sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
     return ", ".join(f"{name} {before.get(name)} is {after.get(name)}" for name in names)

@@ -23,6 +23,7 @@ CONSENSUS_SHARE = 0.2
 _RNG_OF_SCRIPTS, _RNG_OF_ABSENCES = 13, 14
 
 Draw = Callable[[np.random.Generator, str, float], FaultSpec]
+_SHARES = [0.28, 0.12, 0.06, 0.05, 0.05, 0.05, 0.12, 0.08, 0.05, 0.14]
 
 
 def draw_script(seed: int) -> FaultScript:
@@ -194,7 +195,6 @@ _KINDS: dict[str, Draw] = {
     "reorder": _reorder,
     "partition": _partition,
 }
-_SHARES = [0.28, 0.12, 0.06, 0.05, 0.05, 0.05, 0.12, 0.08, 0.05, 0.14]
 
 
 def _place(rng: np.random.Generator) -> Point2D:

@@ -106,10 +106,10 @@ def fault_text(fault: FaultSpec) -> str:
         "share": fault.share, "late_s": fault.late_s, "skew_s": fault.skew_s, "period_s": fault.period_s,
         "soc": fault.soc, "side": ", ".join(fault.side) or None,
     }  # fmt: skip
-    told = ", ".join(f"{name} = {value}" for name, value in options.items() if value is not None)
+    words = ", ".join(f"{name} = {value}" for name, value in options.items() if value is not None)
     begins = "from" if until else "at"
     kind = str(fault.kind).replace("_", " ")
-    return f"{fault.robot}: {kind} {begins} {fault.at_s:g} s{until}{after}{f' ({told})' if told else ''}"
+    return f"{fault.robot}: {kind} {begins} {fault.at_s:g} s{until}{after}{f' ({words})' if words else ''}"
 
 
 def broken_text(broken: Broken) -> str:

@@ -75,7 +75,7 @@ _HARDWARE = (
     FaultKind.MOTE_BASE_FLOODS,
     FaultKind.CARRIED_OFF,
 )
-KNOWS = "r1"
+CONNECTED = "r1"
 """Never killed: an agent that is started again finds its place by the maps of the others."""
 
 
@@ -83,6 +83,8 @@ PATIENCE_S = 150.0
 TASK_S = 60.0
 """Time for everything to settle after the last fault: so long, and so much for each task."""
 OPERATOR_TICKS = 5
+SEEDS_AT_ONCE = 4
+"""Scripts that are run with a planted bug before it is looked whether one has found it."""
 
 
 def scenario_of(script: FaultScript) -> Scenario:
@@ -196,8 +198,8 @@ class _Trial:
             record = self._run.coordinator.tasks.find(task)
             if may_fail and record is not None and record.state in (TaskState.FAILED, TaskState.CANCELLED):
                 continue
-            if why := self._promises.breach_reason(task, record):
-                yield Broken(TeamRule.LOST, round(self._run.sim_time_s, 1), why)
+            if breach := self._promises.breach_reason(task, record):
+                yield Broken(TeamRule.LOST, round(self._run.sim_time_s, 1), breach)
 
     @property
     def _is_settled(self) -> bool:
@@ -269,7 +271,7 @@ def _faults(base: FaultScript, names: list[str]) -> Iterator[FaultSpec]:
         if fault.kind is FaultKind.DRAIN or (fault.kind is FaultKind.CLOCK_SKEW and is_agent):
             continue
         robot = fault.robot if not is_agent or fault.robot in names else names[-1]
-        if fault.kind is FaultKind.KILL and robot == KNOWS:
+        if fault.kind is FaultKind.KILL and robot == CONNECTED:
             robot = names[1]
         at_s = _sooner(fault.at_s)
         until_s = None if fault.until_s is None else max(_sooner(fault.until_s), round(at_s + 0.1, 1))
@@ -310,10 +312,6 @@ def _places() -> tuple[Point2D, ...]:
         )
         for row, column in zip(rows, columns, strict=True)
     )
-
-
-SEEDS_AT_ONCE = 4
-"""Scripts that are run with a planted bug before it is looked whether one has found it."""
 
 
 class SoakTask(msgspec.Struct, frozen=True, kw_only=True):
@@ -450,7 +448,7 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
     result, began_s = SoakResult(), time.monotonic()
     kinds: Counter[str] = Counter()
 
-    def take(record: SoakRecord) -> None:
+    def keep(record: SoakRecord) -> None:
         if record.state is RunState.INTERRUPTED:
             return
         result.runs += 1
@@ -470,7 +468,7 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
             return interrupt.requested or is_late
 
         tasks = [SoakTask(seed=seed, trials_max=options.trials_max, is_full=options.is_full) for seed in options.seeds]
-        execute_all(tasks, crew, take, without_result, should_stop)
+        execute_all(tasks, crew, keep, without_result, should_stop)
         result.interrupted = interrupt.requested
     result.wall_time_s = time.monotonic() - began_s
     return result
@@ -520,9 +518,9 @@ def _find(
     )
 
 
-def without_result(task: SoakTask, state: RunState, why: str) -> SoakRecord:
+def without_result(task: SoakTask, state: RunState, error: str) -> SoakRecord:
     """The record of a trial that ended without one."""
-    return SoakRecord(seed=task.seed, state=state, error=why, bug=task.bug)
+    return SoakRecord(seed=task.seed, state=state, error=error, bug=task.bug)
 
 
 def known_bugs() -> list[str]:

@@ -9,7 +9,7 @@ from robrain.lab.sweep.crew import Crew
 from robrain.lab.sweep.run_outcome import RunRecord, RunState
 from robrain.lab.sweep.worker import RunTask
 
-LOOK_S = 0.2
+CHECK_S = 0.2
 """Period of the checks for an interrupt."""
 DIED = "its process ended without a result: it was killed, or the memory was not enough"
 
@@ -26,8 +26,8 @@ def execute(
 ) -> None:
     """Run all runs of a sweep, as `execute_all` does."""
 
-    def without_result(task: RunTask, state: RunState, why: str) -> RunRecord:
-        return RunRecord(run=task.run, state=state, error=why)
+    def without_result(task: RunTask, state: RunState, error: str) -> RunRecord:
+        return RunRecord(run=task.run, state=state, error=error)
 
     execute_all(tasks, crew, on_record, without_result, should_stop)
 
@@ -56,7 +56,7 @@ def execute_all(
         while waiting and crew.has_room and not is_stopping:
             task = waiting.popleft()
             running[crew.submit(task)] = task
-        ended, _ = wait(running, LOOK_S, FIRST_COMPLETED)
+        ended, _ = wait(running, CHECK_S, FIRST_COMPLETED)
         for future in ended:
             task = running.pop(future)
             try:

@@ -150,9 +150,9 @@ def _difference(there: Mapping[str, Any], now: Mapping[str, Any], path: str = ""
         name = f"{path} {key}".strip()
         if isinstance(one, Mapping) and isinstance(other, Mapping):
             return _difference(one, other, name)
-        return f"{name} was {_told(one)} and is now {_told(other)}"
+        return f"{name} was {_text(one)} and is now {_text(other)}"
     return ""
 
 
-def _told(value: object) -> str:
+def _text(value: object) -> str:
     return "not given" if value is None else str(value)

@@ -47,6 +47,9 @@ IN_FILES = ("map", "strategy", "method", "planning.passes")
 """Columns whose values may be paths: a table shows them as they were given."""
 RANGE = re.compile(r"(\d{1,19})\.\.(\d{1,19})")
 MOST_VALUES = 100_000
+DEFAULT_LIMIT = 1000
+"""Runs of a sweep at the most, unless another limit is given."""
+NAME_LENGTH = 80
 
 
 def read_seeds(text: str) -> tuple[int, ...]:
@@ -210,11 +213,6 @@ def _toml_value(text: str) -> Any:
         return text
 
 
-DEFAULT_LIMIT = 1000
-"""Runs of a sweep at the most, unless another limit is given."""
-NAME_LENGTH = 80
-
-
 class Setting(msgspec.Struct, frozen=True, kw_only=True):
     """One combination of the varied values."""
 
@@ -304,16 +302,16 @@ def _setting(
     number: int, count: int, name: str, base: Mapping[str, Any], given: Mapping[str, Any], inputs: dict[str, str]
 ) -> Setting:
     document = with_values(base, given)
-    told = ", ".join(f"{column_of(key)}={value}" for key, value in given.items())
+    words = ", ".join(f"{column_of(key)}={value}" for key, value in given.items())
     try:
-        scenario = Scenario.from_toml(document_toml(document), f"--vary {told}" if given else name)
+        scenario = Scenario.from_toml(document_toml(document), f"--vary {words}" if given else name)
         document = scenario.document()
     except ScenarioError as error:
         raise UsageError(str(error)) from error
     try:
         _record_inputs(scenario, inputs)
     except (ScenarioError, UnknownEntry) as error:
-        raise UsageError(f"--vary {told}: {error}" if given else str(error)) from error
+        raise UsageError(f"--vary {words}: {error}" if given else str(error)) from error
     values = {
         column: _as_given(given[key]) if column in IN_FILES else value_at(document, key)
         for key in given

@@ -98,7 +98,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
 def outcome_of(result: RunResult, invariants_broken: int | None = None) -> RunOutcome:
     """The part of a result that is equal on every machine, and how many invariants the run broke, if it was judged."""
     of_map = result.map_accuracy
-    told = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
+    accuracies = [robot.pose_accuracy for robot in result.per_robot if robot.pose_accuracy is not None]
     reached = result.explored_percent_s
     return RunOutcome(
         robots=result.robots,
@@ -120,10 +120,10 @@ def outcome_of(result: RunResult, invariants_broken: int | None = None) -> RunOu
         wall_overlap_m=result.wall_overlap_m,
         map_cells_off_share=of_map.share_off if of_map is not None else None,
         map_walls_doubled_m=of_map.doubled_walls_m if of_map is not None else None,
-        position_rmse_m=max((each.rmse_m for each in told if each.rmse_m is not None), default=None),
-        position_error_max_m=max((each.max_error_m for each in told if each.max_error_m is not None), default=None),
-        lost_s=sum(each.lost_s for each in told) if told else None,
-        silent_divergence_s=sum(each.silent_divergence_s for each in told) if told else None,
+        position_rmse_m=max((each.rmse_m for each in accuracies if each.rmse_m is not None), default=None),
+        position_error_max_m=max((each.max_error_m for each in accuracies if each.max_error_m is not None), default=None),
+        lost_s=sum(each.lost_s for each in accuracies) if accuracies else None,
+        silent_divergence_s=sum(each.silent_divergence_s for each in accuracies) if accuracies else None,
         invariants_broken=invariants_broken,
         messages=result.messages,
         mote_readings=result.mote_readings,

@@ -10,6 +10,11 @@ from robrain.lab.report.mean_interval import MeanInterval, PairedDifference, hol
 from robrain.lab.sweep.plan import SweepPlan, Value
 from robrain.lab.sweep.run_outcome import RunRecord, RunState
 
+MILESTONES = ("explored_99_s", "explored_95_s", "explored_90_s", "explored_50_s")
+"""Times to an explored share, the hardest first."""
+ENDED_BY = {"explored": "explored_share", "time_limit": "sim_time_s"}
+"""Column whose value is that of the stop criterion, by the reason for the end: it gives no information on a setting."""
+
 
 class SummaryColumn(msgspec.Struct, frozen=True, kw_only=True):
     """One column of the table that is summarised."""
@@ -46,8 +51,6 @@ MEASURES = {
     "mote_readings": SummaryColumn(title="mote readings", higher_is_better=True),
 }
 """Measures by column."""
-MILESTONES = ("explored_99_s", "explored_95_s", "explored_90_s", "explored_50_s")
-"""Times to an explored share, the hardest first."""
 
 
 class SettingSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,10 +97,6 @@ class SweepSummary(msgspec.Struct, frozen=True, kw_only=True):
         return [each for each in self.comparisons if each.column == column]
 
 
-ENDED_BY = {"explored": "explored_share", "time_limit": "sim_time_s"}
-"""Column whose value is that of the stop criterion, by the reason for the end: it gives no information on a setting."""
-
-
 def values_by_seed(
     plan: SweepPlan, records: Mapping[str, RunRecord], setting: int, column: str, *, free: bool = False
 ) -> dict[int, float]:
@@ -132,8 +131,8 @@ def summarise(plan: SweepPlan, records: Mapping[str, RunRecord]) -> SweepSummary
     for index, setting in enumerate(plan.settings):
         means = {
             column: mean
-            for column, told in values.items()
-            if (mean := mean_interval(list(told[index].values()))) is not None
+            for column, by_seed in values.items()
+            if (mean := mean_interval(list(by_seed[index].values()))) is not None
         }
         states = _states(plan, records, index)
         settings.append(SettingSummary(setting=setting.label, values=setting.values, runs=states, means=means))

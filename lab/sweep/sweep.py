@@ -1,4 +1,4 @@
-"""The figures of a sweep, as SVG and PDF."""
+"""A sweep: runs the missing runs of its folder, and writes table, summary, figures and manifest."""
 
 import hashlib
 import io
@@ -49,6 +49,12 @@ from robrain.sim.scenarios.scenario import Scenario
 
 FORMS = ("svg", "pdf")
 FOLDER = "figures"
+MORE_PACKAGES = ("scipy", "numba")
+TYPES = {int: pa.int64(), float: pa.float64(), str: pa.string(), bool: pa.bool_()}
+TABLE = "table.parquet"
+RUNS_CSV = "runs.csv"
+SUMMARY = "summary.json"
+SUMMARY_CSV = "summary.csv"
 
 
 def figure_files(plan: SweepPlan, records: Mapping[str, RunRecord], summary: SweepSummary) -> dict[str, bytes]:
@@ -156,8 +162,8 @@ def _labels(plan: SweepPlan) -> tuple[Sequence[str], str]:
     """Names of the settings by their values alone, and the varied keys."""
     if not plan.varied:
         return [label(plan.scenario)], ""
-    told = [", ".join(map(str, setting.values.values())) for setting in plan.settings]
-    return [label(each) for each in told], label(", ".join(plan.varied))
+    names = [", ".join(map(str, setting.values.values())) for setting in plan.settings]
+    return [label(each) for each in names], label(", ".join(plan.varied))
 
 
 def _heading(column: str) -> str:
@@ -172,7 +178,6 @@ def _title(plan: SweepPlan, what: str) -> str:
 
 
 SOURCES = Path(__file__).resolve().parents[2]
-MORE_PACKAGES = ("scipy", "numba")
 
 
 def all_versions() -> dict[str, str]:
@@ -314,9 +319,6 @@ def _runs(folder: SweepFolder, plan: SweepPlan) -> list[ManifestRun]:
     return found
 
 
-TYPES = {int: pa.int64(), float: pa.float64(), str: pa.string(), bool: pa.bool_()}
-
-
 def table_of(plan: SweepPlan, records: Mapping[str, RunRecord]) -> pa.Table:
     """The table; runs that are not done have a state and no results."""
     columns: dict[str, tuple[pa.DataType, list[Any]]] = {
@@ -378,12 +380,6 @@ def _arrow_type(hint: Any) -> pa.DataType:
     if get_origin(hint) is tuple:
         return pa.list_(TYPES[get_args(hint)[0]])
     return TYPES[hint]
-
-
-TABLE = "table.parquet"
-RUNS_CSV = "runs.csv"
-SUMMARY = "summary.json"
-SUMMARY_CSV = "summary.csv"
 
 
 class SweepOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -493,8 +489,8 @@ def run_sweep(
         with StopOnInterrupt() as interrupt:
             if tasks := _tasks(plan, folder, options):
                 with closing(_crew(options, workers)) as crew:
-                    execute(tasks, crew, counter.take, lambda: interrupt.requested)
-        session = msgspec.structs.replace(session, wall_time_s=round(time.monotonic() - began_s, 3), runs=counter.taken)
+                    execute(tasks, crew, counter.add, lambda: interrupt.requested)
+        session = msgspec.structs.replace(session, wall_time_s=round(time.monotonic() - began_s, 3), runs=counter.added)
         return _finish(folder, plan, [*sessions, session], identity.versions, is_interrupted=interrupt.requested)
 
 
@@ -504,23 +500,23 @@ class _Counter:
     def __init__(
         self, plan: SweepPlan, folder: SweepFolder, workers: str, on_progress: Callable[[SweepProgress], None]
     ) -> None:
-        self.taken = 0
+        self.added = 0
         self._folder = folder
         self._total = len(plan.runs())
         self._before = self._count(RunState.DONE)
         self._workers = workers
         self._show = on_progress
         self._failed = 0
-        self._tell(None)
+        self._report(None)
 
-    def take(self, record: RunRecord) -> None:
+    def add(self, record: RunRecord) -> None:
         """A run has ended."""
         self._folder.add(record)
-        self.taken += 1
+        self.added += 1
         self._failed += record.state is RunState.FAILED
-        self._tell(record)
+        self._report(record)
 
-    def _tell(self, last: RunRecord | None) -> None:
+    def _report(self, last: RunRecord | None) -> None:
         self._show(
             SweepProgress(
                 ended=self._count(RunState.DONE) + self._failed,

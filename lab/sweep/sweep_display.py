@@ -124,8 +124,8 @@ def _heading(column: str) -> str:
 def _means(summary: SweepSummary, columns: Sequence[str]) -> Table:
     failed = ["failed"] if summary.count(RunState.FAILED) else []
     table = _table(f"{summary.scenario}: mean [95 % interval]", ["runs", *failed, *map(_heading, columns)])
-    told = {column: [each.means[column] for each in summary.settings if column in each.means] for column in columns}
-    digits = {column: digits_for(means, MEASURES[column]) for column, means in told.items()}
+    means_of = {column: [each.means[column] for each in summary.settings if column in each.means] for column in columns}
+    digits = {column: digits_for(means, MEASURES[column]) for column, means in means_of.items()}
     for setting in summary.settings:
         done = setting.runs.get(RunState.DONE, 0)
         cells = []
@@ -143,8 +143,8 @@ def _comparisons(summary: SweepSummary, columns: Sequence[str]) -> Table:
     headings = [part for column in columns for part in (_heading(column), "better")]
     table = _table(f"difference from {base}, by seed", headings)
     found = {(each.setting, each.column): each for each in summary.comparisons}
-    told = {column: [each.paired.difference for each in summary.compared(column)] for column in columns}
-    digits = {column: digits_for(means, MEASURES[column]) for column, means in told.items()}
+    means_of = {column: [each.paired.difference for each in summary.compared(column)] for column in columns}
+    digits = {column: digits_for(means, MEASURES[column]) for column, means in means_of.items()}
     for setting in summary.settings[1:]:
         parts = (_compared(found.get((setting.setting, column)), digits[column]) for column in columns)
         cells = [cell for part in parts for cell in part]

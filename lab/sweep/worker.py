@@ -47,11 +47,11 @@ def run_task(task: RunTask) -> RunRecord:
             _discard(task)
             return RunRecord(run=task.run, state=RunState.INTERRUPTED)
         except RobrainError as error:
-            why = str(error)
+            text = str(error)
         except Exception as error:  # noqa: BLE001 - allocators, strategies and passes of other distributions run here
-            why = f"{type(error).__name__}: {error}"
+            text = f"{type(error).__name__}: {error}"
         _discard(task)
-        return RunRecord(run=task.run, state=RunState.FAILED, error=why)
+        return RunRecord(run=task.run, state=RunState.FAILED, error=text)
 
 
 def start_worker(commands: Connection) -> None:
@@ -67,8 +67,8 @@ def is_asked_to_stop() -> bool:
 def _done(task: RunTask) -> RunRecord:
     own = software_versions()
     if different := [name for name, version in task.versions.items() if own.get(name) != version]:
-        told = ", ".join(f"{name} {own.get(name, 'missing')}, expected {task.versions[name]}" for name in different)
-        return RunRecord(run=task.run, state=RunState.FAILED, error=f"the worker has {told}")
+        versions = ", ".join(f"{name} {own.get(name, 'missing')}, expected {task.versions[name]}" for name in different)
+        return RunRecord(run=task.run, state=RunState.FAILED, error=f"the worker has {versions}")
     scenario = Scenario.from_toml(task.toml, task.run).replace(seed=task.seed)
     _discard(task)
     if task.recording is not None:

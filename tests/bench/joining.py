@@ -55,7 +55,7 @@ class JoiningRun(msgspec.Struct, frozen=True, kw_only=True):
     joined_s: float | None = None
     error_m: float = 0.0
     """The largest error of its position afterwards."""
-    why_not: str = ""
+    refusal: str = ""
 
     @property
     def took_s(self) -> float | None:
@@ -78,8 +78,8 @@ class JoiningRun(msgspec.Struct, frozen=True, kw_only=True):
         """As a line below `HEADINGS`."""
         case = self.case
         begin = f"{case.map:<24}{case.robots:>3}{case.seed:>6}  {self.kind:<9}{self.robot:<7}"
-        if self.why_not:
-            return f"{begin}  not run: {self.why_not}"
+        if self.refusal:
+            return f"{begin}  not run: {self.refusal}"
         overlap, joined = (f"{t_s:.1f}" if t_s is not None else "–" for t_s in (self.overlap_s, self.joined_s))
         verdict = (
             "FALSE" if self.is_false else "in time" if self.is_in_time else "late" if self.took_s else "no overlap"
@@ -91,7 +91,7 @@ class JoiningRun(msgspec.Struct, frozen=True, kw_only=True):
 
 def figures(runs: Iterable[JoiningRun]) -> Iterator[Figure]:
     """Shares and times of each kind, beside their bounds."""
-    made = [each for each in runs if not each.why_not]
+    made = [each for each in runs if not each.refusal]
     for kind in KINDS:
         own = [each for each in made if each.kind == kind and each.overlap_s is not None]
         if not own:
@@ -112,13 +112,13 @@ def figures(runs: Iterable[JoiningRun]) -> Iterator[Figure]:
 
 
 def run_case(asked: tuple[Case, str]) -> list[JoiningRun]:
-    """Make one run; what cannot be run is told in `why_not`."""
+    """Make one run; `refusal` gives the reason if it cannot be made."""
     case, kind = asked
     try:
         with errors_alone():
             return list(_unknown_starts(case) if kind == "unknown" else _carried_off(case))
     except RobrainError as error:
-        return [JoiningRun(case=case, kind=kind, why_not=str(error))]
+        return [JoiningRun(case=case, kind=kind, refusal=str(error))]
 
 
 def _unknown_starts(case: Case) -> Iterator[JoiningRun]:

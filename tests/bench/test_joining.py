@@ -54,12 +54,12 @@ def test_unknown_starts_are_timed_and_robots_carried_off_need_to_be_found() -> N
 def test_a_run_that_ends_before_there_was_time_tells_no_overlap(kind: str) -> None:
     runs = run_case((SMALL, kind))
     assert [each.robot for each in runs] == ["r2"]
-    assert (runs[0].overlap_s, runs[0].joined_s, runs[0].why_not) == (None, None, "")
+    assert (runs[0].overlap_s, runs[0].joined_s, runs[0].refusal) == (None, None, "")
 
 
 @pytest.mark.slow
 def test_what_cannot_be_run_says_why_and_counts_in_no_figure() -> None:
     (each,) = run_case((msgspec.structs.replace(SMALL, robots=1000), "unknown"))
-    assert "robots" in each.why_not
+    assert "robots" in each.refusal
     assert "not run: " in each.line()
     assert list(figures([each])) == []

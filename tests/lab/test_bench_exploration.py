@@ -113,7 +113,7 @@ def test_teams_of_all_sizes_start_at_the_same_spot(near: tuple[float, float] | N
 
 
 def test_a_run_that_cannot_be_made_says_why() -> None:
-    assert "robots" in run_case(msgspec.structs.replace(SMALL, robots=400)).why_not
+    assert "robots" in run_case(msgspec.structs.replace(SMALL, robots=400)).refusal
 
 
 def test_the_bound_is_the_way_to_the_farthest_floor_less_the_sight() -> None:
@@ -157,9 +157,10 @@ def test_the_table_has_a_row_for_each_group_with_its_speed_up() -> None:
     assert cells["95 % s"] == ["41.0 [40.0, 42.0]", "20.5"]
 
 
+@pytest.mark.slow
 def test_the_file_has_all_runs_and_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = chosen(robots="1,2")
     run_bench(plan, tmp_path / "out.json")
-    told = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
-    assert [run["case"]["robots"] for run in told["runs"]] == [1, 2]
+    written = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    assert [run["case"]["robots"] for run in written["runs"]] == [1, 2]
     assert f"arena_small, 2 robots, {DEFAULT}, points: 90 % after" in capsys.readouterr().out

@@ -159,7 +159,7 @@ def test_nothing_measured_is_told_as_such() -> None:
 
 def test_what_cannot_be_run_says_why_and_counts_in_no_figure() -> None:
     run = run_case(msgspec.structs.replace(SMALL, robots=1000))
-    assert "robots" in run.why_not
+    assert "robots" in run.refusal
     assert "not run: " in run.line()
     assert list(figures([run])) == []
 

@@ -23,8 +23,8 @@ from robrain.lab.bench.motes import (
 )
 
 
-def run(way: str, first_days: float, seed: int = 1, bound_days: float = 200.0) -> MoteFieldRun:
-    case = MoteCase(way=way, seed=seed, motes=100, tours_per_day=1.0, goal_days=330.0)
+def run(method: str, first_days: float, seed: int = 1, bound_days: float = 200.0) -> MoteFieldRun:
+    case = MoteCase(method=method, seed=seed, motes=100, tours_per_day=1.0, goal_days=330.0)
     return MoteFieldRun(
         case=case,
         bound_days=bound_days,
@@ -61,11 +61,11 @@ def test_without_a_tree_nothing_is_compared_with_it() -> None:
     assert list(figures([run(MULES, 400.0)])) == []
 
 
-def test_table_has_a_row_for_each_way_and_fits_its_width() -> None:
+def test_table_has_a_row_for_each_method_and_fits_its_width() -> None:
     out = io.StringIO()
     Console(width=WIDTH, file=out).print(table([run(TREE, 80.0), run(TREE, 100.0, 2), run(MULES, 450.0)]))
     text = out.getvalue()
-    tree, mules = (next(line for line in text.splitlines() if line.startswith(f"│ {way} ")) for way in (TREE, MULES))
+    tree, mules = (next(line for line in text.splitlines() if line.startswith(f"│ {method} ")) for method in (TREE, MULES))
     assert [cell.strip() for cell in tree.split("│")[1:10]] == [
         "tree", "2", "90 [80, 100]", "180", "270", "0.45", "1.00", "50.0 %", "25.0 %",
     ]  # fmt: skip
@@ -80,10 +80,10 @@ def test_fields_are_fixed_by_their_seeds_and_all_motes_reach_the_sink() -> None:
     assert len(RadioGraph(site.places, site.sink, site.range_m).reachable()) == 60
 
 
-def test_plan_has_a_run_for_each_way_and_seed() -> None:
+def test_plan_has_a_run_for_each_method_and_seed() -> None:
     plan = choose("tree,mules", "1-3", 100, 2.0, 400.0, 1)
-    assert [(case.way, case.seed) for case in plan.cases] == [
-        (way, seed) for way in (TREE, MULES) for seed in (1, 2, 3)
+    assert [(case.method, case.seed) for case in plan.cases] == [
+        (method, seed) for method in (TREE, MULES) for seed in (1, 2, 3)
     ]
     assert plan.cases[-1].plan.tours_per_day == 2.0
     with pytest.raises(UsageError, match="--tours-per-day 0"):

@@ -240,7 +240,7 @@ def test_totals_are_summed_over_what_was_told() -> None:
         "Explored (%)": 75.0,
         "Known area (m²)": 1.5,
         "Robots": 3,
-        "Motes heard": 1,
+        "Motes received": 1,
         "Distance (m)": 15.0,
         "Energy (kJ)": 3.0,
         "Collisions": 3,

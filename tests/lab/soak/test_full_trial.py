@@ -20,7 +20,7 @@ from robrain.lab.soak.fault_script import (
 )
 from robrain.lab.soak.judge import TeamRule
 from robrain.lab.soak.planted import planted
-from robrain.lab.soak.soaking import KNOWS, draw_full_script, run_full_trial, scenario_of
+from robrain.lab.soak.soaking import CONNECTED, draw_full_script, run_full_trial, scenario_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.recording.invariants import findings as recorded
@@ -119,7 +119,7 @@ def test_drawn_scripts_differ_by_seed_and_have_faults_of_all_sorts() -> None:
     kinds = {fault.kind for fault in faults}
     assert kinds >= set(FaultKind) - HARDWARE - {FaultKind.DRAIN}
     assert len(kinds & HARDWARE) == 6
-    assert KNOWS not in {fault.robot for fault in faults if fault.kind is FaultKind.KILL}
+    assert CONNECTED not in {fault.robot for fault in faults if fault.kind is FaultKind.KILL}
     assert {fault.robot for fault in faults if fault.kind is FaultKind.CLOCK_SKEW} == {COORDINATOR}
 
 

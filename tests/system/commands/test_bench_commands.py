@@ -43,11 +43,11 @@ def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
         (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
         (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
         (["mapping", "--maps", "clinic", "--conditions", "fog"], ["--conditions fog", "usual or glass or late"]),
-        (["motes", "--ways", "wind"], ["--ways wind", "tree or routes"]),
+        (["motes", "--methods", "wind"], ["--methods wind", "tree or routes"]),
         (["motes", "--motes", "0"], ["--motes 0", "1 to 1000"]),
         (["motes", "--jobs", "0"], ["--jobs 0", "at least 1"]),
         (["motes", "--goal-days", "0"], ["--goal-days 0", "above 0"]),
-        (["motes", "--motes", "8", "--ways", "tree", "--seeds", "1"], ["--motes 8", "take more"]),
+        (["motes", "--motes", "8", "--methods", "tree", "--seeds", "1"], ["--motes 8", "take more"]),
         (["log", "gone.clf"], ["gone.clf", "No such file"]),
     ],
 )
@@ -61,7 +61,7 @@ def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: l
 
 def test_life_of_a_mote_field_is_told_with_its_bounds(commands, tmp_path: Path) -> None:
     file = tmp_path / "motes.json"
-    done = commands.run_here("bench", "motes", "--seeds", "3", "--ways", "tree,routes,relief", "--json", str(file))
+    done = commands.run_here("bench", "motes", "--seeds", "3", "--methods", "tree,routes,relief", "--json", str(file))
     assert done.returncode == 0, done.stderr
     assert "first dead d" in done.stdout
     told = json.loads(file.read_text())
