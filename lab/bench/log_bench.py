@@ -139,7 +139,7 @@ class PlayedLog(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     """Of the log's clock."""
     odometry: list[Pose2D]
     """Poses of the lidar by odometry alone; they begin at the origin."""
-    poses: list[Pose2D]
+    reported: list[Pose2D]
     """Pose that the robot reported after it had put the scan on its map."""
     poses: list[Pose2D]
     """The same after all loop closures."""
@@ -211,7 +211,7 @@ class _Run:
         return PlayedLog(
             stamps_s=[entry.stamp_s for entry in entries],
             odometry=[self._T_start_odom.compose(entry.odometry) for entry in entries],
-            poses=[each.reported for each in self._placed],
+            reported=[each.reported for each in self._placed],
             poses=[
                 each.reported if each.submap is None else lies[each.submap].compose(each.local) for each in self._placed
             ],
@@ -474,7 +474,7 @@ def made_report(
     """The figures of a played log; `matching` are those of the relations between its scans."""
     trajectories = {
         "odometry alone": played.odometry,
-        "as the robot reported it": played.poses,
+        "as the robot reported it": played.reported,
         "after all loop closures": played.poses,
     }
     return LogReport(

@@ -108,7 +108,9 @@ def trajectory_figure(run: RunData) -> Figure | None:
         axes.plot(x_m, y_m, linewidth=1.3, label=label(robot.name), **style)
         if known.size:
             first, last = known[0], known[-1]
-            axes.plot(x_m[first], y_m[first], "o", markerfacecolor="white", markeredgecolor=style["color"], markersize=7)
+            axes.plot(
+                x_m[first], y_m[first], "o", markerfacecolor="white", markeredgecolor=style["color"], markersize=7
+            )
             marker = MARKERS[index % len(MARKERS)]
             axes.plot(x_m[last], y_m[last], marker, color=style["color"], markeredgecolor="white", markersize=9)
     axes.set_aspect("equal", adjustable="box" if bounds is not None else "datalim")

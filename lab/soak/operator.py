@@ -48,7 +48,7 @@ class Operator:
         self._submits = sorted(script.tasks, key=lambda order: order.at_s)
         self._cancels = sorted(script.cancels, key=lambda order: order.at_s)
         self._halts = sorted(script.halts, key=lambda order: order.at_s)
-        self._halts = wire.publisher(HALT)
+        self._halt_publisher = wire.publisher(HALT)
         self._inbox = Inbox()
         self._halted: dict[str, bool] = {}
         self._is_resuming = False
@@ -128,16 +128,16 @@ class Operator:
             self.halt = self._halts.pop(0)
             self._is_resuming = False
             self._sent_ns = now_ns
-            self._halts.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
+            self._halt_publisher.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
         elif self.halt is not None and self.halt.until_s <= due_s:
             self.halt = None
             self._is_resuming = True
             self._again_ns = now_ns
         elif self.halt is not None and self._repeats and now_ns - self._sent_ns <= REPEATED_NS and self._is_unheard:
-            self._halts.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
+            self._halt_publisher.put(Halt(halted=True, by=OPERATOR, reason="the script says so"))
 
     def _resume(self) -> None:
-        self._halts.put(Halt(halted=False, by=OPERATOR))
+        self._halt_publisher.put(Halt(halted=False, by=OPERATOR))
         self._is_resuming = self._is_team_halted
 
     @property

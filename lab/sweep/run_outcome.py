@@ -121,7 +121,9 @@ def outcome_of(result: RunResult, invariants_broken: int | None = None) -> RunOu
         map_cells_off_share=of_map.share_off if of_map is not None else None,
         map_walls_doubled_m=of_map.doubled_walls_m if of_map is not None else None,
         position_rmse_m=max((each.rmse_m for each in accuracies if each.rmse_m is not None), default=None),
-        position_error_max_m=max((each.max_error_m for each in accuracies if each.max_error_m is not None), default=None),
+        position_error_max_m=max(
+            (each.max_error_m for each in accuracies if each.max_error_m is not None), default=None
+        ),
         lost_s=sum(each.lost_s for each in accuracies) if accuracies else None,
         silent_divergence_s=sum(each.silent_divergence_s for each in accuracies) if accuracies else None,
         invariants_broken=invariants_broken,

@@ -65,7 +65,9 @@ def test_table_has_a_row_for_each_method_and_fits_its_width() -> None:
     out = io.StringIO()
     Console(width=WIDTH, file=out).print(table([run(TREE, 80.0), run(TREE, 100.0, 2), run(MULES, 450.0)]))
     text = out.getvalue()
-    tree, mules = (next(line for line in text.splitlines() if line.startswith(f"│ {method} ")) for method in (TREE, MULES))
+    tree, mules = (
+        next(line for line in text.splitlines() if line.startswith(f"│ {method} ")) for method in (TREE, MULES)
+    )
     assert [cell.strip() for cell in tree.split("│")[1:10]] == [
         "tree", "2", "90 [80, 100]", "180", "270", "0.45", "1.00", "50.0 %", "25.0 %",
     ]  # fmt: skip

@@ -55,7 +55,7 @@ def solve(path, best=None, iterations=400):
 @pytest.mark.slow
 def test_published_optimum_of_solomons_r101_is_found_with_no_gap():
     result = solve(R101, 617.1, 3000)
-    assert (result.value, result.vehicles, result.note) == (617.1, 8, "")
+    assert (result.value, result.vehicles, result.remark) == (617.1, 8, "")
     assert result.gap == pytest.approx(0.0, abs=1e-9)
     assert sorted(customer for route in result.routes for customer in route) == list(range(1, 26))
 
@@ -76,7 +76,7 @@ def test_plan_that_exceeds_a_capacity_is_not_compared_and_says_why(written):
     result = solve(written("CAPACITY : 8", DEMANDS), best=60.0)
     assert result.over_capacity == 1
     assert result.gap is None
-    assert "capacit" in result.note
+    assert "capacit" in result.remark
 
 
 def test_limit_of_a_routes_length_is_kept(written):

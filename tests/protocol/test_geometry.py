@@ -64,3 +64,8 @@ def test_distance_is_the_same_there_and_back_and_for_points(ax, ay, bx, by):
 
 def test_three_four_five():
     assert Pose2D(0.0, 0.0, 0.0).distance_m(Point2D(3.0, 4.0)) == 5.0
+
+
+def test_distance_between_points_and_poses_is_euclidean():
+    assert Point2D(1.0, -1.0).distance_m(Point2D(4.0, 3.0)) == 5.0
+    assert Pose2D(1.0, -1.0, 2.0).distance_m(Pose2D(4.0, 3.0, 0.0)) == 5.0

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from robrain.agent.errors import PluginHung
-from robrain.agent.lifecycle.turn import PluginLock
+from robrain.agent.lifecycle.turn import LockstepTurn, PluginLock
 from robrain.protocol.clock import VirtualClock, to_ns
 from tests.waiting import PATIENCE_S
 
@@ -92,3 +92,14 @@ def test_a_turn_is_overdue_from_when_it_was_first_taken():
         with turn:
             assert turn.is_overdue(to_ns(101.1)), "since the outer one"
     assert not turn.is_overdue(to_ns(200.0))
+
+
+def test_in_a_lockstep_run_the_depth_alone_is_counted():
+    turn = LockstepTurn("bus", 1.0, VirtualClock())
+    with turn:
+        assert turn.acquire(0.0)
+        assert (turn.depth, turn.owner) == (2, threading.get_ident())
+        turn.release()
+        assert turn.depth == 1
+        assert turn.is_overdue(to_ns(100.0)) is False
+    assert (turn.depth, turn.owner) == (0, None)

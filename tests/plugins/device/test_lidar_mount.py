@@ -39,3 +39,10 @@ def test_a_beam_that_this_turn_lacks_is_that_of_the_turn_before_with_its_angle()
     scan = scan_of(Point(0.02, 1.0), before=(Point(0.04, 0.5), Point(0.72, 2.0)))
     assert scan.beam_angles_rad == pytest.approx([0.02, 0.72])
     assert scan.beam_ranges_m == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("range_m", [0.0, 2.0])
+def test_points_of_a_robot_that_has_turned_since_are_turned_as_well(range_m: float) -> None:
+    turned = Pose2D(0.0, 0.0, 0.5)
+    scan = ScanMaker(BEAMS, 8.0, Mount()).scan([(turned, (Point(0.3, range_m),))], (), 0)
+    assert (scan.beam_angles_rad, scan.beam_ranges_m) == (pytest.approx([0.8]), (range_m or 8.0,))

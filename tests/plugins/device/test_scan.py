@@ -64,3 +64,12 @@ def test_a_turn_without_beams_of_a_lidar_that_is_mounted_elsewhere_is_no_fault(s
     one.run(0.1)
     assert host.manager.get("scan").state == "active"
     assert host.manager.get("scan").plugin.latest().ranges_m.size == 0
+
+
+def test_ranges_of_a_lidar_beside_the_centre_are_converted_to_the_centre(stage):
+    one = stage()
+    host = one.host("scan", scan={"mount": {"x_m": 0.1}})
+    one.scan([2.0] * 4)  # behind, right, ahead, left of the lidar
+    one.run(0.02)
+    scan = host.manager.get("scan").plugin.latest()
+    assert sorted(scan.ranges_m.tolist()) == pytest.approx([1.9, math.hypot(2.0, 0.1), math.hypot(2.0, 0.1), 2.1])
