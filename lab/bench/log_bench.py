@@ -500,8 +500,8 @@ def made_report(
 
 def _show(report: LogReport) -> None:
     print_line(
-        f"path by odometry {report.path_length_m:.0f} m; lost during {report.lost} scans, {report.left_out} not mapped; "
-        f"{report.submaps} submaps, {report.closures} loop closures, {report.contradictions} contradictions"
+        f"path by odometry {report.path_length_m:.0f} m; lost during {report.lost} scans; "
+        f"{report.left_out} scans not mapped; {report.submaps} submaps, {report.closures} loop closures, {report.contradictions} contradictions"
     )
     if not report.errors:
         return

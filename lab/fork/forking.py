@@ -14,8 +14,8 @@ from robrain.lab.fork.changes import (
     SetPolicy,
     Without,
     as_json,
-    check_changes,
     change_text,
+    check_changes,
     with_faults,
 )
 from robrain.lab.fork.fork_result import ForkResult
