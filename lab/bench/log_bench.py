@@ -501,7 +501,8 @@ def made_report(
 def _show(report: LogReport) -> None:
     print_line(
         f"path by odometry {report.path_length_m:.0f} m; lost during {report.lost} scans; "
-        f"{report.left_out} scans not mapped; {report.submaps} submaps, {report.closures} loop closures, {report.contradictions} contradictions"
+        f"{report.left_out} scans not mapped; {report.submaps} submaps, "
+        f"{report.closures} loop closures, {report.contradictions} contradictions"
     )
     if not report.errors:
         return
