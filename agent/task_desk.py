@@ -149,8 +149,8 @@ class TaskDesk:
         status = facts.task
         if status is None or status.state.ended or foreseen is None or foreseen[0] != status.id:
             return facts
-        left_s = round(max(0.0, to_seconds(foreseen[1] - now_ns)), 2)
-        return facts._replace(task=msgspec.structs.replace(status, left_s=left_s))
+        remaining_s = round(max(0.0, to_seconds(foreseen[1] - now_ns)), 2)
+        return facts._replace(task=msgspec.structs.replace(status, remaining_s=remaining_s))
 
     def renew_lease(self, summary: TeamState, robot: str, now_ns: int) -> None:
         """Renew the lease by the coordinator's summary: it counts from the state of this robot that arrived there last.

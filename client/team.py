@@ -101,7 +101,7 @@ class CoordinatorAnswers:
             Names of the silent robots that do not count until their next message.
 
         """
-        return self._requests.coordinator(COORDINATOR_LEAD, LeadRequest(by=self.by if by is None else by)).left_out
+        return self._requests.coordinator(COORDINATOR_LEAD, LeadRequest(by=self.by if by is None else by)).skipped
 
     def remove_robot(self, robot: str) -> None:
         """Have the coordinator forget a robot that has gone; until then it is shown as gone.

@@ -10,7 +10,9 @@ with Scenario.builtin("arena_small").replace(robots=2).team(seed=3) as team:
 
     for record in team.wait_all(["door", "corner", "picture"]):
         result = record.result
-        print(f"{record.task.id:8}{record.state} by {record.robot}: {result['way_m']} m, {result['energy_j']} J")
+        print(
+            f"{record.task.id:8}{record.state} by {record.robot}: {result['path_length_m']} m, {result['energy_j']} J"
+        )
 
     print("corner:", team.why("corner").now)
     for change in team.why("corner").changes:

@@ -22,4 +22,4 @@ with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as 
         print(f"who is to do {task}?")
         for verdict in team.why(task).robots:
             if verdict.reason is None or verdict.reason.code != "far_from_place":
-                print(f"  {verdict.robot}: {'chosen' if verdict.chosen else verdict.why_not}")
+                print(f"  {verdict.robot}: {'chosen' if verdict.chosen else verdict.refusal}")

@@ -18,7 +18,7 @@ def work(objective: Objective) -> None:
         print(f"{objective}: {energy_j:.0f} J, {team.now_s - began_s:.0f} s, tasks of each {busy}")
         for verdict in team.why("visit-6").robots:
             figures = "" if verdict.energy_j is None else f" {verdict.energy_j:.0f} J"
-            did = "did it" if verdict.robot == records[-1].robot else verdict.why_not
+            did = "did it" if verdict.robot == records[-1].robot else verdict.refusal
             print(f"  visit-6 to {verdict.robot}:{figures} {did}")
 
 

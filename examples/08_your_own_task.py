@@ -21,6 +21,6 @@ with Scenario.builtin("arena_small").replace(robots=2).team() as team:
     task = team.submit("sweep", place=(3.0, 3.0), parameters={"width_m": 1.5, "height_m": 0.8})
     team.run_for(1.0)
     for verdict in team.why(task).robots:
-        print(f"{verdict.robot}: {f'{verdict.energy_j:.0f} J' if verdict.energy_j else verdict.why_not}")
+        print(f"{verdict.robot}: {f'{verdict.energy_j:.0f} J' if verdict.energy_j else verdict.refusal}")
     done = team.wait(task)
     print(f"{done.task.id} {done.state} by {done.robot}: {done.result}")

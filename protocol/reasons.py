@@ -174,17 +174,17 @@ def no_path() -> PlainReason:
     return plain("no_path", "no way there")
 
 
-def needs_time(needed_s: float, left_s: float) -> PlainReason:
+def needs_time(needed_s: float, remaining_s: float) -> PlainReason:
     """The robot would end the task after its deadline.
 
     Args:
         needed_s: time that the task takes.
-        left_s: time to the deadline; below 0 if it has passed.
+        remaining_s: time to the deadline; below 0 if it has passed.
 
     """
-    needed_s, left_s = round(needed_s, 3), round(left_s, 3)
-    text = f"needs {needed_s:.0f} s, and the deadline is in {left_s:.0f} s"
-    return plain("needs_time", text, needed_s=needed_s, left_s=left_s)
+    needed_s, remaining_s = round(needed_s, 3), round(remaining_s, 3)
+    text = f"needs {needed_s:.0f} s, and the deadline is in {remaining_s:.0f} s"
+    return plain("needs_time", text, needed_s=needed_s, remaining_s=remaining_s)
 
 
 # -- a robot, or a mote, does not do a task ---------------------------------------------------------------------------
@@ -300,9 +300,9 @@ def after_undone(task: str) -> PlainReason:
 class MinorityHeard(Reason, frozen=True, tag="minority_heard"):
     """The coordinator receives too few of its robots: the others may allocate tasks themselves."""
 
-    sentence = "{heard} of {robots} robots are heard, and the others may allocate tasks among themselves"
+    sentence = "{received} of {robots} robots are heard, and the others may allocate tasks among themselves"
 
-    heard: Count
+    received: Count
     """Robots that it receives."""
     robots: Count
     """Robots that count: those received in the last ten minutes that have not ended."""

@@ -15,7 +15,7 @@ MISLEADING = (
 )  # fmt: skip
 """Such that whoever searched sentences would find what it searches for."""
 MEANINGLESS = ("tohu", "wabohu", "lorem", "ipsum", "7", "")
-SPOKEN = frozenset({"why", "why_not", "now", "text", "error"})
+SPOKEN = frozenset({"why", "refusal", "now", "text", "error"})
 """Fields of messages and reasons that are for people."""
 
 

@@ -10,7 +10,7 @@ from tests.product import FOLDERS, ROOT
 SHOWS = ("dashboard", "recording")
 """Only show what others decided."""
 
-SENTENCES = {"why", "why_not"}
+SENTENCES = {"why", "refusal"}
 """Fields that hold the words of a reason."""
 SPEAK = {"told", "words"}
 """Functions that make them."""
@@ -34,6 +34,8 @@ def searched(tree: ast.AST) -> Iterator[int]:
     """Lines in which a sentence is compared or searched; whether there is one may be asked."""
     for node in ast.walk(tree):
         match node:
+            case ast.Compare(ops=[ast.Is() | ast.IsNot()]):
+                pass
             case ast.Compare(left=left, comparators=right) if any(map(is_sentence, (left, *right))):
                 yield node.lineno
             case ast.Call(func=ast.Attribute(value=value, attr=name)) if name in SEARCHES and is_sentence(value):
@@ -55,8 +57,9 @@ def searched(tree: ast.AST) -> Iterator[int]:
         ("record.why.startswith('waits')", True),
         ("FOR_ENERGY.search(left.why)", True),
         ("NUMBER.sub('', told(reason))", True),
-        ("match bid.why_not:\n    case 'x': pass", True),
+        ("match bid.refusal:\n    case 'x': pass", True),
         ("if record.why: say(record.why)", False),
+        ("if reply.refusal is not None: pass", False),
         ("match left.why:\n    case NotSeen(): pass", False),
         ("isinstance(record.reason, Gone)", False),
         ("if shunning.why(task, robot, 0) is None: pass", False),

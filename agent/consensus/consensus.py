@@ -211,7 +211,7 @@ class Consensus:
         self._was_alone = is_alone
         if not is_alone:
             self._sync.step(now_ns)
-        has_coordinator_elsewhere = any(teammate.said.hears_coordinator for teammate in self._others.values())
+        has_coordinator_elsewhere = any(teammate.said.receives_coordinator for teammate in self._others.values())
         self.is_leaderless = is_alone and not has_coordinator_elsewhere and self._has_quorum()
         self._record_own_ends(now_ns)
         if is_alone:
@@ -231,7 +231,7 @@ class Consensus:
             self._send(now_ns, is_alone=is_alone)
 
     @property
-    def changes_heard(self) -> int:
+    def changes_received(self) -> int:
         """The robot has received all changes of tasks up to this number."""
         return self._sync.last
 
@@ -306,7 +306,7 @@ class Consensus:
 
     def _receive_ballot(self, said: TeamBallot, now_ns: int) -> None:
         self._others[said.robot] = _Teammate(now_ns, said)
-        self._claim.record_echo(said.robot, said.hears)
+        self._claim.record_echo(said.robot, said.receives)
         if self._holders.receive(said, self._others, now_ns) and said.wants:
             self._due_ns = now_ns  # it waits for an echo
         if now_ns - self._received_ns > SILENT_NS:  # otherwise the coordinator decides about them
@@ -317,7 +317,7 @@ class Consensus:
         self.known.record_done(said.done)
         if now_ns - self._received_ns > SILENT_NS:  # see above
             self.known.drop(said.dropped)
-        if not said.hears_coordinator:
+        if not said.receives_coordinator:
             self._publish_until_ns = max(self._publish_until_ns, now_ns + ANSWER_NS)
         if not self._negotiation.receive(said.ballot):
             self._term = max(self._term, said.ballot.term)
@@ -471,11 +471,11 @@ class Consensus:
         """Tasks of silent robots, by their last ballots and the coordinator's last offers."""
         there = {self._robot, *self._others}
         reported = self._holders.to_report(there, now_ns)
-        left_s, names = to_seconds(self._received_ns + GIVEN_UP_NS - now_ns), {one.id for one in reported}
-        if left_s <= 0.0 or now_ns - self._received_ns <= SILENT_NS:  # a coordinator knows its own assignments
+        remaining_s, names = to_seconds(self._received_ns + GIVEN_UP_NS - now_ns), {one.id for one in reported}
+        if remaining_s <= 0.0 or now_ns - self._received_ns <= SILENT_NS:  # a coordinator knows its own assignments
             return reported
         reported += [
-            TaskHeldBy(id=name, robot=one.robot, left_s=left_s)
+            TaskHeldBy(id=name, robot=one.robot, remaining_s=remaining_s)
             for name, one in sorted(self.known.open.items())
             if one.robot and one.robot not in there and name not in names and not self.known.is_done(name)
         ]
@@ -486,7 +486,7 @@ class Consensus:
         said = TeamBallot(
             robot=self._robot,
             ballot=self._negotiation.ballot(),
-            hears_coordinator=not is_alone,
+            receives_coordinator=not is_alone,
             is_new=self._is_new,
             allocates=self.is_leaderless,
             held=self._held(),
@@ -496,7 +496,7 @@ class Consensus:
             dropped=list(self.known.dropped.values()),
             ended=self._ended_tasks_to_publish(),
             wants=self._claim.task,
-            hears=tuple(Heard(robot=name, number=teammate.said.ballot.number) for name, teammate in teammates),
+            receives=tuple(Heard(robot=name, number=teammate.said.ballot.number) for name, teammate in teammates),
             absent=self._absent_tasks_to_publish(now_ns),
         )
         self._claim.record_sent(said.ballot.number)
@@ -541,7 +541,7 @@ class ConsensusExtension(HostExtension):
 
     def extend_state(self, state: RobotState) -> RobotState:
         """Report that the robot continues without a coordinator."""
-        return msgspec.structs.replace(state, goes_on_s=GOES_ON_S, changes_heard=self.desk.changes_heard)
+        return msgspec.structs.replace(state, continues_for_s=GOES_ON_S, changes_received=self.desk.changes_received)
 
     def _submit(self, request: Request[TaskSubmission]) -> TaskTaken:
         return self.desk.submit(request.asked, self._host.clock.now_ns())

@@ -43,7 +43,7 @@ class Holders:
             self._record(task, said.robot, now_ns + GIVEN_UP_NS)
         for other in said.absent:
             if other.robot not in (self._robot, said.robot) and other.robot not in present:
-                self._record(other.id, other.robot, now_ns + min(to_ns(other.left_s), GIVEN_UP_NS))
+                self._record(other.id, other.robot, now_ns + min(to_ns(other.remaining_s), GIVEN_UP_NS))
         return not self._until.keys() <= before.keys()
 
     def of(self, task_id: str, now_ns: int) -> str:
@@ -54,7 +54,7 @@ class Holders:
     def to_report(self, present: Container[str], now_ns: int) -> list[TaskHeldBy]:
         """The tasks of robots that are not there to report them."""
         reported = [
-            TaskHeldBy(id=task, robot=robot, left_s=to_seconds(until_ns - now_ns))
+            TaskHeldBy(id=task, robot=robot, remaining_s=to_seconds(until_ns - now_ns))
             for task, (robot, until_ns) in sorted(self._until.items())
             if robot not in present and until_ns > now_ns
         ]

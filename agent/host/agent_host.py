@@ -383,7 +383,7 @@ class AgentHost:
                 map_agreement=board.map_agreement,
                 loaded=self._loaded(),
                 refused=most_refused(self.refusals) if self.refusals.total else msgspec.UNSET,
-                left_out=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
+                skipped=(self.thinning.total if self.thinning is not None else 0) or msgspec.UNSET,
                 faulted=list(self._faults.values()),
             )
             for extension in self.extensions.values():

@@ -141,7 +141,7 @@ class Bidder:
         """The same in the order in which it would do them."""
         self.winning: dict[str, Bid] = {}
         """The best bid known of each task that has one."""
-        self.heard: dict[str, int] = {}
+        self.received: dict[str, int] = {}
         self.limit: int | None = None
         """The most tasks of its path, those that are fixed included; None for any number."""
         self.is_resting = False
@@ -172,7 +172,7 @@ class Bidder:
         self.is_resting = rests
         self._tasks = sorted(set(tasks))[:TASKS_MAX]
         self._fixed = list(fixed)
-        self.winning, self.heard, self.bundle = {}, {}, []
+        self.winning, self.received, self.bundle = {}, {}, []
         self.path = self.scorer.ordered(self._first())
         self._is_stale = True
 
@@ -243,8 +243,8 @@ class Bidder:
         """The present ballot for the other robots."""
         self.number += 1
         bids = tuple(self.winning[task] for task in sorted(self.winning))
-        heard = tuple(Heard(robot=robot, number=self.heard[robot]) for robot in sorted(self.heard))
-        return Ballot(robot=self.robot, number=self.number, bids=bids, heard=heard)
+        received = tuple(Heard(robot=robot, number=self.received[robot]) for robot in sorted(self.received))
+        return Ballot(robot=self.robot, number=self.number, bids=bids, received=received)
 
     def receive(self, ballot: Ballot) -> bool:
         """Update by another robot's ballot; returns whether an opinion changed.
@@ -252,14 +252,14 @@ class Bidder:
         Repeated and old ones do not.
         """
         sender = ballot.robot
-        if sender == self.robot or ballot.number <= self.heard.get(sender, -1):
+        if sender == self.robot or ballot.number <= self.received.get(sender, -1):
             return False
         theirs = {bid.task: bid for bid in ballot.bids}
-        knows = {one.robot: one.number for one in ballot.heard} | {sender: ballot.number}
+        knows = {one.robot: one.number for one in ballot.received} | {sender: ballot.number}
         knows.pop(self.robot, None)
 
         def is_newer(robot: str) -> bool:
-            return knows.get(robot, -1) > self.heard.get(robot, -1)
+            return knows.get(robot, -1) > self.received.get(robot, -1)
 
         changed = []
         for task in sorted({*self.winning, *theirs}):
@@ -274,7 +274,7 @@ class Bidder:
             if self.winning.get(task) != mine:
                 changed.append(task)
         for robot, number in knows.items():
-            self.heard[robot] = max(self.heard.get(robot, -1), number)
+            self.received[robot] = max(self.received.get(robot, -1), number)
         self._is_stale |= bool(changed)
         return bool(changed)
 

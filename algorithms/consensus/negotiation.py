@@ -159,7 +159,7 @@ class Negotiation:
             robot=said.robot,
             number=said.number,
             bids=said.bids,
-            heard=said.heard,
+            received=said.received,
             term=self.term,
             round=self.round,
             base=self._base_digest,

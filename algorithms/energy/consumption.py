@@ -289,7 +289,7 @@ class Consumption:
             residual_w2_s=round(learner.residual_w2_s, 4),
             drift_w2_per_s=learner.drift_w2_per_s,
             relative_sd=round(max(RELATIVE_SD_LEAST, math.sqrt(self._relative_variance)), 4),
-            way_ratio=round(self._path_ratio, 4),
+            path_ratio=round(self._path_ratio, 4),
             pace_m_s=round(learner.pace_m_s, 4),
             turn_rate_rad_s=round(learner.turn_rate_rad_s, 4),
             packet_j=self._packet_j,

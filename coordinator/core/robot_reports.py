@@ -85,7 +85,7 @@ class RobotReports:
 
     def _handle_ballot(self, ballot: TeamBallot, key: str) -> None:
         core, now_ns = self._core, self._now_ns
-        core.roster.record_contact(ballot.robot, now_ns, hears_coordinator=ballot.hears_coordinator)
+        core.roster.record_contact(ballot.robot, now_ns, receives_coordinator=ballot.receives_coordinator)
         epochs = [one.epoch for one in ballot.held] + [one.epoch for one in ballot.done]
         if not all(map(core.tasks.is_possible, epochs)):
             why = "it reports an epoch that no coordinator gives out"

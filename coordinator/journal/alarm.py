@@ -9,7 +9,7 @@ class Alarm(NamedTuple):
     rule: str
     source: str
     """The mote, or the robot of an event; empty if the rule is one for the whole team."""
-    taken_ns: int
+    measured_ns: int
     """When the reading was taken, or the event happened, for which the task was made."""
     fired_ns: int
     """When it was made."""

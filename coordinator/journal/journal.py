@@ -48,6 +48,7 @@ from robrain.coordinator.journal.salvage import (
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask, KnownRobot
+from robrain.protocol.model.tasks.old_form import upgraded_json
 
 logger = logging.getLogger(__name__)
 
@@ -300,7 +301,7 @@ class Journal(JournalReading):
         """The robots of the team, as last received; empty if unreadable."""
         text = self._db.execute("SELECT robots FROM standing").fetchone()[0]
         try:
-            return msgspec.json.decode(str(text), type=dict[str, KnownRobot])
+            return msgspec.json.decode(upgraded_json(str(text).encode()), type=dict[str, KnownRobot])
         except msgspec.MsgspecError as error:
             logger.warning("%s: the robots of the team cannot be read: %s", self.path, error)
             return {}

@@ -102,7 +102,8 @@ class JournalReading:
         """Sources for which rules have made tasks."""
         rows = self._db.execute("SELECT rule, source, taken_ns, fired_ns, is_armed FROM alarm ORDER BY rule, source")
         return [
-            Alarm(rule, source, taken_ns, fired_ns, bool(armed)) for rule, source, taken_ns, fired_ns, armed in rows
+            Alarm(rule, source, measured_ns, fired_ns, bool(armed))
+            for rule, source, measured_ns, fired_ns, armed in rows
         ]
 
     def _records(self, statement: str, *values: str) -> list[TaskRecord]:

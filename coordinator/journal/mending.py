@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.model.tasks.old_form import upgraded
+from robrain.protocol.model.tasks.old_form import upgraded, upgraded_json
 from robrain.protocol.reasons import TaskReason
 
 FIELDS_MAX = 16
@@ -59,7 +59,7 @@ def read_record(text: str) -> tuple[TaskRecord, str]:
 def read_reason(text: str) -> TaskReason | None:
     """A reason as the journal has it; None if there is none, or if it cannot be read."""
     try:
-        return _REASON.decode(text)
+        return _REASON.decode(upgraded_json(text.encode()))
     except msgspec.DecodeError:
         return None
 

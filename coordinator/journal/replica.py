@@ -37,7 +37,7 @@ def put_entry(database: sqlite3.Connection, entry: JournalEntry) -> None:
 def put_alarms(database: sqlite3.Connection, alarms: list[JournalAlarm]) -> None:
     """Write alarms."""
     for one in alarms:
-        values = (one.rule, one.source, one.taken_ns, one.fired_ns, one.is_armed)
+        values = (one.rule, one.source, one.measured_ns, one.fired_ns, one.is_armed)
         database.execute("INSERT OR REPLACE INTO alarm VALUES (?, ?, ?, ?, ?)", values)
 
 

@@ -157,7 +157,7 @@ class Candidate:
         """The operator wants it to lead, unless it receives a coordinator: then the request is for that one."""
         now_ns = self._wire.clock.now_ns()
         is_heard = self._heard_ns is not None and now_ns - self._heard_ns <= STAND_NS
-        return LeadReply(left_out=[] if is_heard else self.election.force())
+        return LeadReply(skipped=[] if is_heard else self.election.force())
 
     def _is_followed(self, changes: JournalChanges, now_ns: int) -> bool:
         """Whether to follow changes: their coordinator leads, and no vote for this one is pending."""

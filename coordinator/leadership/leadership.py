@@ -250,11 +250,11 @@ class OfferFence:
         if not self._roster.some_go_on:
             return
         counted = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
-        heard = sum(robot.is_up(now_ns) for robot in counted)
-        apart = sum(robot.goes_on and not robot.hears_back(now_ns) for robot in counted)
+        received = sum(robot.is_up(now_ns) for robot in counted)
+        apart = sum(robot.continues and not robot.hears_back(now_ns) for robot in counted)
         if 2 * apart > len(counted):
             self._counted, self._apart_ns = frozenset(robot.name for robot in counted), now_ns
-            self.reason = MinorityHeard(heard, len(counted))
+            self.reason = MinorityHeard(received, len(counted))
             self._log(now_ns)
         elif now_ns - self._apart_ns > REPORT_NS:
             self._end()
@@ -265,9 +265,9 @@ class OfferFence:
         Call it only while offers are held back.
         """
         robots = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
-        heard = sorted(robot.changes_heard for robot in robots if robot.goes_on)
+        received = sorted(robot.changes_received for robot in robots if robot.continues)
         may_miss_it = len(robots) // 2
-        return heard[may_miss_it]
+        return received[may_miss_it]
 
     def force(self, now_ns: int) -> list[str]:
         """The operator confirms that silent robots do no tasks: they do not count any more; returns their names."""
@@ -293,7 +293,7 @@ class OfferFence:
         logger.error(
             "no task is offered: %d of %d robots are heard, and the others go on by themselves; if none of them does "
             "any task, say so with `robrain lead`",
-            reason.heard, reason.robots,
+            reason.received, reason.robots,
         )  # fmt: skip
 
     def _end(self) -> None:
@@ -340,7 +340,7 @@ class Leadership(CoordinatorPart):
         return replace(state, stand_by=StandByStatus(process="", in_step=False, held_back=self.fence.reason))
 
     def _force(self, _request: Request[LeadRequest]) -> LeadReply:
-        return LeadReply(left_out=self.force())
+        return LeadReply(skipped=self.force())
 
     def force(self) -> list[str]:
         """The operator wants this coordinator to lead; returns robots that do not count until their next message."""

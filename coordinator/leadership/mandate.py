@@ -119,9 +119,9 @@ class Mandate:
 
     def not_leading_reason(self, now_ns: int) -> PlainReason:
         """Number of witnesses that receive this coordinator, as the reason why it does not lead."""
-        heard, witnesses = self.heard(now_ns), len(self.witnesses)
-        text = f"{heard} of {witnesses} witnesses hear the coordinator, and another one may lead"
-        return plain("not_leading", text, heard=heard, witnesses=witnesses)
+        received, witnesses = self.heard(now_ns), len(self.witnesses)
+        text = f"{received} of {witnesses} witnesses hear the coordinator, and another one may lead"
+        return plain("not_leading", text, received=received, witnesses=witnesses)
 
     def may_acknowledge(self, copy: str) -> bool:
         """Whether a change may be acknowledged that is in this journal and in one other.
@@ -138,7 +138,7 @@ class Mandate:
             election=self._won.election,
             journal=self.journal,
             is_suspended=not self.leads(now_ns),
-            heard=self.heard(now_ns),
+            received=self.heard(now_ns),
             witnesses=list(self.witnesses),
         )
 

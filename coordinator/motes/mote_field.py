@@ -17,7 +17,7 @@ from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S
 from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.border.border import Received
-from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.motes.mote_messages import (
     ForwarderCount,
@@ -89,7 +89,7 @@ class ReadingPaths:
                 readings=self._by_gateway[name],
                 waiting=latest.waiting or 0,
                 dropped=latest.dropped or 0,
-                heard_ns=latest.stamp_ns,
+                last_seen_ns=latest.stamp_ns,
             )
             for name, latest in sorted(self._gateways.items())
         ]
@@ -113,7 +113,7 @@ class MoteLife:
         self.arrived = 0
         self.is_hopeless = False
         """Whether robots failed to collect there since its last reading."""
-        self._first_ns = taken_at_ns(reading)
+        self._first_ns = measured_at_ns(reading)
         self._newest_ns = self._first_ns
         self._spoke_ns = self._first_ns
         self._numbers = 0
@@ -122,20 +122,20 @@ class MoteLife:
 
     def note(self, reading: MoteReading, *, is_new: bool) -> None:
         """A reading has come. A reading measured by a robot in its place has no number, and gives no cell voltage."""
-        taken_ns = taken_at_ns(reading)
+        measured_ns = measured_at_ns(reading)
         self.arrived += is_new
         if reading.sequence is None:
-            self._newest_ns = max(self._newest_ns, taken_ns)
+            self._newest_ns = max(self._newest_ns, measured_ns)
             return
         is_latest = reading.sequence == self.latest.sequence  # sent once more, with a new period perhaps
-        if taken_ns < self._spoke_ns and not is_latest:
+        if measured_ns < self._spoke_ns and not is_latest:
             return
         if self.latest.sequence is not None:
             self._numbers += (reading.sequence - self.latest.sequence) % SEQUENCES
-        self.latest, self._spoke_ns = reading, max(self._spoke_ns, taken_ns)
-        self._newest_ns = max(self._newest_ns, taken_ns)
+        self.latest, self._spoke_ns = reading, max(self._spoke_ns, measured_ns)
+        self._newest_ns = max(self._newest_ns, measured_ns)
         self.is_hopeless = False
-        self._trend.note(to_seconds(taken_ns), reading.voltage_v)
+        self._trend.note(to_seconds(measured_ns), reading.voltage_v)
 
     @property
     def place(self) -> Point2D | None:
@@ -174,7 +174,7 @@ class MoteLife:
         """Whether it, or a robot in its place, reports about the floor around it at the expected rate."""
         return self.age_s(now_ns) <= max(SILENT_S, PERIODS * self.period_s)
 
-    def left_s(self, now_ns: int) -> float:
+    def remaining_s(self, now_ns: int) -> float:
         """Remaining time of its cells if they drain as before; infinite if it is unknown."""
         empty_s = self._trend.empty_s()
         return math.inf if empty_s is None else empty_s - to_seconds(now_ns)
@@ -183,7 +183,7 @@ class MoteLife:
         """Whether its cells are empty, by its reports."""
         if not self.is_overdue(now_ns):
             return False
-        return self.is_hopeless or self.latest.voltage_v <= FLAT_V + NEARLY_FLAT_V or self.left_s(now_ns) <= 0
+        return self.is_hopeless or self.latest.voltage_v <= FLAT_V + NEARLY_FLAT_V or self.remaining_s(now_ns) <= 0
 
     def due(self, now_ns: int) -> float:
         """Readings that it measured, or would have measured, since its first reading, that one included."""
@@ -457,7 +457,7 @@ class FieldKeeper(CoordinatorPart):
             age_s = mote.age_s(now_ns)
             if age_s < ALONG_SHARE * wanted_s or not self._may(COLLECT, mote, now_ns):
                 continue
-            weight = visit_weight(age_s, wanted_s, mote.left_s(now_ns))
+            weight = visit_weight(age_s, wanted_s, mote.remaining_s(now_ns))
             timeout_s = max(self._policy.collect_timeout_s, PERIODS_WAITED * mote.period_s)
             self._make(
                 COLLECT,
@@ -475,7 +475,7 @@ class FieldKeeper(CoordinatorPart):
     def _stand_in(self, now_ns: int) -> None:
         """Stand in where most of the floor would otherwise be covered by no mote."""
         placed = self.ledger.placed()
-        ending = [mote.is_dead(now_ns) or mote.left_s(now_ns) < self._policy.replace_before_s for mote in placed]
+        ending = [mote.is_dead(now_ns) or mote.remaining_s(now_ns) < self._policy.replace_before_s for mote in placed]
         room = self._policy.stand_ins - self._count(REPLACE)
         if room <= 0 or not any(ending):
             return
@@ -493,9 +493,9 @@ class FieldKeeper(CoordinatorPart):
             room -= 1
             mote = placed[best]
             wanted = Replace(mote=mote.name, duration_s=self._policy.stand_in_s, period_s=mote.usual_period_s)
-            left_s = max(0.0, mote.left_s(now_ns)) if not mote.is_dead(now_ns) else 0.0
-            cells = f"the cells of {mote.name} {f'last for {left_s:.0f} s' if left_s else 'are empty'}"
-            reason = plain("mote_ends", cells, mote=mote.name, left_s=round(left_s, 3))
+            remaining_s = max(0.0, mote.remaining_s(now_ns)) if not mote.is_dead(now_ns) else 0.0
+            cells = f"the cells of {mote.name} {f'last for {remaining_s:.0f} s' if remaining_s else 'are empty'}"
+            reason = plain("mote_ends", cells, mote=mote.name, remaining_s=round(remaining_s, 3))
             self._make(REPLACE, mote, wanted, reason)
 
     def _relay(self, now_ns: int) -> None:

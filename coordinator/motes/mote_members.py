@@ -29,7 +29,7 @@ from robrain.algorithms.motes.mote_energy import (
 from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
 from robrain.protocol.border.border import Received
-from robrain.protocol.border.reading_sieve import taken_at_ns
+from robrain.protocol.border.reading_sieve import measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
@@ -121,7 +121,7 @@ class MoteTask:
     def take(self, reading: MoteReading, now_ns: int) -> None:
         """A reading of the mote has arrived."""
         quantity = self.wanted.quantity
-        if taken_at_ns(reading) >= self.began_ns and reading.quantity == quantity:
+        if measured_at_ns(reading) >= self.began_ns and reading.quantity == quantity:
             self.values.append(reading.value)
             self.last_ns = now_ns
 

@@ -1,7 +1,7 @@
 """The motes of the team, by their readings: place, quantity and receivers."""
 
 from robrain.coordinator.team.roster import Roster
-from robrain.protocol.border.reading_sieve import taken_at_ns
+from robrain.protocol.border.reading_sieve import measured_at_ns
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.geometry import Point2D
@@ -34,13 +34,13 @@ class KnownMote:
         return self.latest.period_s or USUAL_PERIOD_S
 
     @property
-    def taken_ns(self) -> int:
+    def measured_ns(self) -> int:
         """When its last reading was sensed."""
-        return taken_at_ns(self.latest)
+        return measured_at_ns(self.latest)
 
     def note(self, reading: MoteReading, now_ns: int) -> None:
         """A message arrived; a stored reading does not show its present state."""
-        if taken_at_ns(reading) >= self.taken_ns:
+        if measured_at_ns(reading) >= self.measured_ns:
             self.latest, self.heard_ns = reading, now_ns
 
     def silent_s(self, now_ns: int) -> float:

@@ -47,7 +47,7 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     """The new or changed ones."""
     failures: tuple[PlanFailure, ...] = ()
     """Failures of other distributions' code while the plan was made."""
-    took_s: float = 0.0
+    duration_s: float = 0.0
     charger_ways: dict[str, ChargerWays] = {}
     """Path lengths to the chargers, for each robot that was free."""
     takes_j: dict[str, float] = {}
@@ -65,7 +65,7 @@ def planned(
     problem: Problem,
     plan: Plan,
     written: PlanProblem,
-    took_s: float,
+    duration_s: float,
     failures: tuple[PlanFailure, ...] = (),
 ) -> PlanInForce:
     """Convert an allocator's plan to the form that the coordinator follows."""
@@ -106,7 +106,8 @@ def planned(
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
     decisions = explain(problem, plan, new, number=written.plan, pauses=snapshot.pauses)
     return PlanInForce(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
-                   failures=failures, took_s=took_s, charger_ways=asked.charger_ways, takes_j=takes_j)  # fmt: skip
+                   failures=failures, duration_s=duration_s,
+                   charger_ways=asked.charger_ways, takes_j=takes_j)  # fmt: skip
 
 
 def _at(snapshot: Snapshot, in_s: float) -> int:

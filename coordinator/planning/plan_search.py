@@ -308,7 +308,7 @@ class Draft:
         """Yields before each search."""
         return self.solver.improve()
 
-    def planned(self, took_s: float = 0.0) -> PlanInForce:
+    def planned(self, duration_s: float = 0.0) -> PlanInForce:
         """The best plan up to now."""
         snapshot, policy = self._snapshot, self._policy
         plan = self.solver.plan
@@ -327,7 +327,7 @@ class Draft:
             cause=snapshot.cause,
             passes=list(policy.passes),
         )
-        return planned(snapshot, self.asked, self.solver.problem, plan, written, took_s, self.solver.failures)
+        return planned(snapshot, self.asked, self.solver.problem, plan, written, duration_s, self.solver.failures)
 
 
 def rehearse() -> None:

@@ -505,8 +505,8 @@ class Planning:
             method=self.policy.method,
             plans=self._number,
             planned=sum(len(tasks) for tasks in self._orders().values()),
-            left_out=len(self.left_out),
-            took_s=0.0 if plan is None else round(plan.took_s, 4),
+            skipped=len(self.left_out),
+            duration_s=0.0 if plan is None else round(plan.duration_s, 4),
             chargers=tuple(sorted(places, key=lambda place: (place.x_m, place.y_m))),
             charges=self.charges,
         )

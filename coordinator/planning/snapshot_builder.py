@@ -122,9 +122,9 @@ class SnapshotBuilder:
         found = {}
         for name, member in members.items():
             at = self._book.of_robot(name)
-            left_s = math.inf if at is None or at.own else left_of(at, member.state)
-            if at is not None and left_s <= AHEAD_S:
-                found[name] = PredictedEnd(at.task.id, at.task.place, left_s)
+            remaining_s = math.inf if at is None or at.own else left_of(at, member.state)
+            if at is not None and remaining_s <= AHEAD_S:
+                found[name] = PredictedEnd(at.task.id, at.task.place, remaining_s)
         return found
 
     def served_s(self, records: Iterable[TaskRecord], now_ns: int) -> dict[str, float]:
@@ -225,18 +225,18 @@ def free_in_s(robot: Robot, records: list[TaskRecord]) -> float:
         return 0.0 if at.task.kind == EXPLORE else math.inf
     if len(records) > 1 or state is None or state.next_task is not None:
         return math.inf
-    left_s = left_of(at, state)
-    return left_s if left_s <= AHEAD_S else math.inf
+    remaining_s = left_of(at, state)
+    return remaining_s if remaining_s <= AHEAD_S else math.inf
 
 
 def left_of(at: TaskRecord, state: RobotState) -> float:
     """Time until a robot ends the task that the book has it doing, as the robot reports it; infinite if it does not."""
     status = state.task
     is_at_it = status is not None and (status.id, status.epoch) == (at.task.id, at.epoch) and not status.state.ended
-    return status.left_s if is_at_it and status is not None and status.left_s is not None else math.inf
+    return status.remaining_s if is_at_it and status is not None and status.remaining_s is not None else math.inf
 
 
 def is_ending(state: RobotState | None) -> bool:
     """Whether a robot reports that it is about to end its task."""
-    left_s = state.task.left_s if state is not None and state.task is not None else None
-    return left_s is not None and left_s <= AHEAD_S
+    remaining_s = state.task.remaining_s if state is not None and state.task is not None else None
+    return remaining_s is not None and remaining_s <= AHEAD_S

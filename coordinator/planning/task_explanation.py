@@ -97,7 +97,7 @@ class TaskExplanation:
             if bid is not None and one.reason is None:
                 one = msgspec.structs.replace(
                     one,
-                    why_not=bid.why_not,
+                    refusal=bid.refusal,
                     reason=bid.reason,
                     energy_j=bid.energy_j,
                     time_s=bid.time_s,
@@ -160,7 +160,7 @@ def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVer
     known = {one.robot for one in judged}
     all_judged = [*judged, *(RobotVerdict(robot=name) for name in sorted(whose - known))]
     return [
-        msgspec.structs.replace(one, chosen=True, why_not="", reason=None)
+        msgspec.structs.replace(one, chosen=True, refusal="", reason=None)
         if one.robot in whose
         else msgspec.structs.replace(one, chosen=False)
         for one in all_judged

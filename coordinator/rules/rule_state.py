@@ -80,22 +80,22 @@ class LevelTrack:
         run = self._runs[-1] if self._runs else None
         return None if run is None or run.of is not Class.HOLDS else to_seconds(run.last_ns - run.first_ns)
 
-    def note(self, taken_ns: int, value: float, gap_ns: int) -> None:
+    def note(self, measured_ns: int, value: float, gap_ns: int) -> None:
         """A reading has come.
 
         Args:
-            taken_ns: when it was taken.
+            measured_ns: when it was measured.
             value: its value.
             gap_ns: readings farther apart than this give no state for the time between them.
 
         """
-        is_newest = taken_ns >= self.newest_ns
+        is_newest = measured_ns >= self.newest_ns
         if is_newest:
-            self.newest_ns, self.value = taken_ns, value
+            self.newest_ns, self.value = measured_ns, value
         if not self._condition.is_rate:
-            self._add(taken_ns, self._class_of(value), gap_ns)
+            self._add(measured_ns, self._class_of(value), gap_ns)
             return
-        rate_per_min = self._rate_with(taken_ns, value)
+        rate_per_min = self._rate_with(measured_ns, value)
         if rate_per_min is not None:
             self.rate_per_min = rate_per_min
             self._add(self.newest_ns, self._class_of(rate_per_min), gap_ns)
@@ -135,14 +135,14 @@ class LevelTrack:
                 runs.insert(index, ReadingSpan(at_ns, at_ns, of))
         del runs[:-RUNS_MAX]
 
-    def _rate_with(self, taken_ns: int, value: float) -> float | None:
+    def _rate_with(self, measured_ns: int, value: float) -> float | None:
         """Slope of the least-squares line through the readings of `over_s`, with this one, per minute."""
         rates, over_ns = self._rates, to_ns(self._condition.over_s)
-        index = bisect_right(rates, taken_ns, key=lambda one: one[0])
+        index = bisect_right(rates, measured_ns, key=lambda one: one[0])
         apart_ns = over_ns // RATE_READINGS_MAX
-        near = [each for each in rates[max(0, index - 1) : index + 1] if abs(each[0] - taken_ns) < apart_ns]
+        near = [each for each in rates[max(0, index - 1) : index + 1] if abs(each[0] - measured_ns) < apart_ns]
         if not near:
-            rates.insert(index, (taken_ns, value))
+            rates.insert(index, (measured_ns, value))
         stale = bisect_right(rates, self.newest_ns - over_ns - 1, key=lambda one: one[0])
         del rates[:stale]
         if len(rates) < RATE_READINGS_MIN or rates[-1][0] - rates[0][0] < RATE_SPAN_MIN * over_ns:
@@ -297,7 +297,7 @@ class RuleState:
 
     def is_clear(self, alarm: Alarm, track: LevelTrack, now_ns: int) -> bool:
         """Whether a source that is in alarm is to be armed again, after a reading of a mote of it."""
-        if track.newest_ns <= alarm.taken_ns:
+        if track.newest_ns <= alarm.measured_ns:
             return False
         if self.rule.per is Per.TEAM:
             return not self._alight and now_ns >= self._trusted_ns

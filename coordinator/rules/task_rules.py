@@ -17,7 +17,7 @@ from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rul
 from robrain.coordinator.rules.rule_state import RuleState, TrackTable
 from robrain.coordinator.rules.template import Values, fill
 from robrain.protocol.border.border import Received
-from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.motes.mote_messages import MoteReading
@@ -139,7 +139,7 @@ class TaskRules(CoordinatorPart):
         if track is None:
             return
         gap_ns = to_ns(max(GAP_MIN_S, GAP_PERIODS * (reading.period_s or USUAL_PERIOD_S)))
-        track.note(taken_at_ns(reading), reading.value, gap_ns)
+        track.note(measured_at_ns(reading), reading.value, gap_ns)
         watch.record_level(reading.mote, track, gap_ns, self._now_ns)
         source = watch.source_of(reading.mote)
         alarm = watch.in_alarm(source)
@@ -148,7 +148,7 @@ class TaskRules(CoordinatorPart):
                 self._arm(watch, alarm)
             return
         known = watch.alarms.get(source)
-        if known is not None and track.newest_ns <= known.taken_ns:
+        if known is not None and track.newest_ns <= known.measured_ns:
             return  # the reading for which there was a task, sent again to a coordinator that has started again
         held_s, age_ns = track.held_s, self._now_ns - track.newest_ns
         if held_s is None or held_s < condition.for_s or age_ns > to_ns(condition.max_age_s):
@@ -170,7 +170,7 @@ class TaskRules(CoordinatorPart):
             mote=reading.mote,
             quantity=reading.quantity,
             value=track.value,
-            taken_ns=track.newest_ns,
+            measured_ns=track.newest_ns,
             via=reading.via,
             comparison=condition.comparison,
             threshold=condition.threshold,
@@ -198,7 +198,7 @@ class TaskRules(CoordinatorPart):
             source = watch.source_of(event.robot)
             known = watch.alarms.get(source)
             # A coordinator that starts again receives the last events again.
-            is_known = known is not None and event.stamp_ns <= known.taken_ns
+            is_known = known is not None and event.stamp_ns <= known.measured_ns
             if not is_meant or is_old or is_known or not condition.holds(value):
                 continue
             where = {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}

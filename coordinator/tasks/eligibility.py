@@ -56,7 +56,7 @@ class HeldElsewhere:
         self._until = {task: one for task, one in self._until.items() if one[0] != said.robot and one[1] > now_ns}
         for other in said.absent:
             record, known = self._book.find(other.id), self._until.get(other.id)
-            until_ns = now_ns + to_ns(other.left_s)
+            until_ns = now_ns + to_ns(other.remaining_s)
             is_queued = record is not None and record.state is TaskState.QUEUED
             if is_queued and other.robot != said.robot and (known is None or known[1] < until_ns):
                 self._until[other.id] = (other.robot, until_ns)

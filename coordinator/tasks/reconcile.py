@@ -59,9 +59,9 @@ def reconcile(
     """
     name = record.robot
     free_after_s = FREE_AFTER_S
-    goes_on_s = team_goes_on_s if robot is None or robot.state is None else robot.state.goes_on_s
-    if goes_on_s is not msgspec.UNSET:
-        free_after_s = max(FREE_AFTER_S, goes_on_s + FREE_AFTER_S - LEASE_S)
+    continues_for_s = team_goes_on_s if robot is None or robot.state is None else robot.state.continues_for_s
+    if continues_for_s is not msgspec.UNSET:
+        free_after_s = max(FREE_AFTER_S, continues_for_s + FREE_AFTER_S - LEASE_S)
     heard_ns = max(since_ns, robot.heard_ns if robot is not None and robot.heard_ns is not None else since_ns)
     silent_ns = now_ns - heard_ns
     held_ns = now_ns - max(record.changed_ns, since_ns)

@@ -210,8 +210,8 @@ class TaskLifecycle:
             if record.robot:
                 robot = self._roster.robots.get(record.robot)
                 is_unheard = robot is None or robot.state is None
-                goes_on_s = self._roster.goes_on_s() if is_unheard else 0.0
-                move = reconcile(record, robot, now_ns, self._since_ns, goes_on_s)
+                continues_for_s = self._roster.continues_for_s() if is_unheard else 0.0
+                move = reconcile(record, robot, now_ns, self._since_ns, continues_for_s)
                 if move is not None and move.state is TaskState.QUEUED:
                     out = self._record_loss(record, robot) if isinstance(move.reason, LeaseRanOut) else None
                     self._book.give_back(task_id, out or move.reason)

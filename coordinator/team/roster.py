@@ -52,7 +52,7 @@ class Robot:
     @property
     def last_seen_ns(self) -> int | None:
         """Time of its last message, also to a coordinator before this one."""
-        return self.before.heard_ns if self.heard_ns is None and self.before is not None else self.heard_ns
+        return self.before.last_seen_ns if self.heard_ns is None and self.before is not None else self.heard_ns
 
     @property
     def has_left(self) -> bool:
@@ -60,16 +60,16 @@ class Robot:
         return self.left_ns is not None and self.left_ns == self.last_seen_ns
 
     @property
-    def goes_on(self) -> bool:
+    def continues(self) -> bool:
         """Whether it continues without a coordinator, and allocates tasks with others."""
         if self.state is None:
-            return self.before is not None and self.before.goes_on
-        return self.state.goes_on_s is not UNSET
+            return self.before is not None and self.before.continues
+        return self.state.continues_for_s is not UNSET
 
     @property
-    def changes_heard(self) -> int:
+    def changes_received(self) -> int:
         """Number of the last change of tasks that it has received; 0 if it does not report it."""
-        return 0 if self.state is None else self.state.changes_heard or 0
+        return 0 if self.state is None else self.state.changes_received or 0
 
     def hears_back(self, now_ns: int) -> bool:
         """Whether it is up, and has not just reported that it receives no coordinator."""
@@ -122,11 +122,13 @@ class Roster:
         for name, before in known.items():
             robot = self._robot(name)
             task = (tasks or {}).get(name) or before.summary.task
-            robot.before = KnownRobot(min(before.heard_ns, now_ns), before.goes_on, replace(before.summary, task=task))
-            robot.left_ns = None if before.goes_on else before.heard_ns
+            robot.before = KnownRobot(
+                min(before.last_seen_ns, now_ns), before.continues, replace(before.summary, task=task)
+            )
+            robot.left_ns = None if before.continues else before.last_seen_ns
             robot.was_there = True
             self._unseen -= 1
-            self.some_go_on = self.some_go_on or before.goes_on
+            self.some_go_on = self.some_go_on or before.continues
         self._written = self._to_write()
 
     @property
@@ -187,13 +189,13 @@ class Roster:
         robot = self._robot(state.robot)
         robot.state = state
         robot.heard_ns = now_ns
-        self.some_go_on = self.some_go_on or state.goes_on_s is not UNSET
+        self.some_go_on = self.some_go_on or state.continues_for_s is not UNSET
         self._up_at_ns = None
 
-    def record_contact(self, name: str, now_ns: int, *, hears_coordinator: bool) -> None:
+    def record_contact(self, name: str, now_ns: int, *, receives_coordinator: bool) -> None:
         """A robot has reported whether it receives a coordinator."""
         if name in self.robots:
-            self.robots[name].alone_ns = None if hears_coordinator else now_ns
+            self.robots[name].alone_ns = None if receives_coordinator else now_ns
 
     def record_presence(self, change: Change) -> Robot:
         """A robot's token came or went."""
@@ -224,10 +226,10 @@ class Roster:
             self._up_at_ns = now_ns
         return self._up
 
-    def goes_on_s(self) -> float:
+    def continues_for_s(self) -> float:
         """The longest time for which a known robot continues without a coordinator; 0 if none does."""
         states = [robot.state for robot in self._by_name if robot.state is not None]
-        return max((0.0, *(state.goes_on_s for state in states if state.goes_on_s is not UNSET)))
+        return max((0.0, *(state.continues_for_s for state in states if state.continues_for_s is not UNSET)))
 
     def write(self, now_ns: int) -> None:
         """Store the robots when one came, went or was removed, and every minute."""
@@ -239,9 +241,9 @@ class Roster:
         for summary in self.summaries(now_ns, all_robots=True):
             robot = self.robots[summary.name]
             if robot.last_seen_ns is not None and robot.was_there:
-                goes_on = robot.goes_on and not robot.has_left
+                continues = robot.continues and not robot.has_left
                 stored = replace(summary, task="") if robot.has_token else summary
-                robots[robot.name] = KnownRobot(robot.last_seen_ns, goes_on, stored)
+                robots[robot.name] = KnownRobot(robot.last_seen_ns, continues, stored)
         try:
             self._journal.record_robots(robots)
         except JournalUnwritable:

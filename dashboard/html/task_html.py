@@ -119,8 +119,13 @@ def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
     found: list[Foreseen] = []
     state = robot.state
     free_ns = now_ns
-    if state is not None and state.task is not None and state.task.left_s is not None and not state.task.state.ended:
-        free_ns = max(now_ns, state.stamp_ns + round(state.task.left_s * 1e9))
+    if (
+        state is not None
+        and state.task is not None
+        and state.task.remaining_s is not None
+        and not state.task.state.ended
+    ):
+        free_ns = max(now_ns, state.stamp_ns + round(state.task.remaining_s * 1e9))
         found.append(Foreseen(now_ns, free_ns, f"{state.task.id}: the rest of it", is_held=True))
     planned = view.board.planned().get(robot.name, [])
     held = state.next_task.id if state is not None and state.next_task is not None else ""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from robrain.dashboard.state.shown_robot import ShownMote, ShownRecorder, ShownRobot
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.protocol.border.border import Received
-from robrain.protocol.border.reading_sieve import ReadingSieve, taken_at_ns
+from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.maps.patch_cells import cells_of
@@ -277,7 +277,7 @@ class ShownTeam:
         if not self._sieve.is_new(reading):
             return
         before = mote.readings.get(reading.quantity)
-        if before is None or taken_at_ns(before) <= taken_at_ns(reading):  # else it comes out of the mote's log
+        if before is None or measured_at_ns(before) <= measured_at_ns(reading):  # else it comes out of the mote's log
             mote.readings[reading.quantity] = reading
 
     def _handle_task(self, event: TaskEvent, names: Names, now_s: float) -> None:

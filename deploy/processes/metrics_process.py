@@ -183,7 +183,7 @@ class TeamMetrics(Collector):
         )
         yield _of_robots(
             "robrain_robot_left_out",
-            ((name, each.left_out) for name, each in states.items() if each.left_out is not UNSET),
+            ((name, each.skipped) for name, each in states.items() if each.skipped is not UNSET),
         )
         plugins = [(robot, one) for robot, each in self._plugins.items() for one in each]
         names = ("robot", "plugin")

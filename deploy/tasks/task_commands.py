@@ -393,7 +393,7 @@ def objective(
     if as_json:
         print_json(found)
         return
-    print_result(f"{found.objective}, by {found.method}: {found.planned} planned, {found.left_out} left out")
+    print_result(f"{found.objective}, by {found.method}: {found.planned} planned, {found.skipped} left out")
 
 
 @task_app.command()

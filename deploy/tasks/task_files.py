@@ -94,7 +94,7 @@ def verdict_line(verdict: RobotVerdict) -> str:
     words = [f"{verdict.distance_m:.1f} m away"] if verdict.distance_m is not None else []
     words += [f"{verdict.time_s:.0f} s"] if verdict.time_s is not None else []
     words += [f"{verdict.energy_j:.0f} J"] if verdict.energy_j is not None else []
-    words += ["chosen"] if verdict.chosen else [verdict.why_not] if verdict.why_not else []
+    words += ["chosen"] if verdict.chosen else [verdict.refusal] if verdict.refusal else []
     return f"  {verdict.robot}: {', '.join(words)}"
 
 

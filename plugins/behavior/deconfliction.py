@@ -164,7 +164,7 @@ class TravelClaim:
 
     def set_out(self, priority: int, path_m: float) -> None:
         """Begin a new path."""
-        self._own = Claim(priority=priority, way_m=round(path_m, 1))
+        self._own = Claim(priority=priority, path_length_m=round(path_m, 1))
         self._lent = None
         self._held_ns = None
         self._waited_ns = 0

@@ -377,7 +377,7 @@ class Errand(Behavior, ABC, Generic[P]):
             self.env.tasks.vacate(self.env.plugin)
             self.ended_own(state, reason)
         elif run is not None:
-            reported = {**(result or {}), "energy_j": round(run.energy_j, 1), "way_m": round(run.gone_m, 2)}
+            reported = {**(result or {}), "energy_j": round(run.energy_j, 1), "path_length_m": round(run.gone_m, 2)}
             self.env.tasks.end(run.task.id, state, reason, reported)
 
     def _let_go(self, _reason: str) -> None:

@@ -242,6 +242,6 @@ class ReplaceBehavior(Errand[Replace]):
             voltage_v=battery.voltage_v if battery is not None else 0.0,
             rssi_dbm=0.0,
             via=self.env.robot,
-            taken_ns=stamp_ns,
+            measured_ns=stamp_ns,
             period_s=replace.period_s,
         )

@@ -18,7 +18,7 @@ from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelState
 from robrain.plugins.device.sensor_board import SensorBoardInterface
 from robrain.plugins.skill.energy import Work
-from robrain.protocol.border.reading_sieve import taken_at_ns
+from robrain.protocol.border.reading_sieve import measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
@@ -99,7 +99,7 @@ class SeekBehavior(Errand[Seek]):
         return Work(path_m=PACE_M_S * seek.duration_s + seek.reach_m, wait_s=0.5 * seek.duration_s)
 
     def do(self, task: Task, seek: Seek) -> Script:
-        """Climb. Result: `x_m`, `y_m`, `value`, `quantity`, `sd_m`, `at_wall`, `samples`, `heard`."""
+        """Climb. Result: `x_m`, `y_m`, `value`, `quantity`, `sd_m`, `at_wall`, `samples`, `received`."""
         if not self._receives_motes:
             self._receives_motes = True
             self.env.wire.subscribe(self._readings, MOTE_READING)
@@ -120,7 +120,7 @@ class SeekBehavior(Errand[Seek]):
             "sd_m": sd_m,
             "at_wall": climb.is_at_wall,
             "samples": climb.samples,
-            "heard": climb.heard,
+            "received": climb.heard,
         }
 
     def measured(self, quantity: str) -> float | None:
@@ -284,7 +284,7 @@ class Climb:
             self.samples += 1
             self._field.add(here, value, to_seconds(now_ns))
         for reading in self._errand.told():
-            sensed_ns = taken_at_ns(reading)
+            sensed_ns = measured_at_ns(reading)
             is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(RECEIVED_S)
             if is_meant and reading.place is not None and _apart_m(reading.place, here) < self._seek.reach_m:
                 self.heard += 1

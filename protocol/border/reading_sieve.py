@@ -28,26 +28,26 @@ class ReadingSieve:
         self.repeated = 0
         """Readings that had come before."""
         self._capacity = capacity
-        self._taken_ns: OrderedDict[tuple[str, int, str], int] = OrderedDict()
+        self._measured_ns: OrderedDict[tuple[str, int, str], int] = OrderedDict()
 
     def is_new(self, reading: MoteReading) -> bool:
         """Whether a reading comes for the first time; one without a sequence number always does."""
         if reading.sequence is None:
             return True
         key = (reading.mote, reading.sequence, reading.quantity)
-        taken_ns = taken_at_ns(reading)
-        before_ns = self._taken_ns.get(key)
-        self._taken_ns[key] = taken_ns
-        self._taken_ns.move_to_end(key)
-        if len(self._taken_ns) > self._capacity:
-            self._taken_ns.popitem(last=False)
-        age_ns = max(0, reading.stamp_ns - taken_ns)
-        if before_ns is None or abs(taken_ns - before_ns) > SAME_NS + SAME_PER_AGE * age_ns:
+        measured_ns = measured_at_ns(reading)
+        before_ns = self._measured_ns.get(key)
+        self._measured_ns[key] = measured_ns
+        self._measured_ns.move_to_end(key)
+        if len(self._measured_ns) > self._capacity:
+            self._measured_ns.popitem(last=False)
+        age_ns = max(0, reading.stamp_ns - measured_ns)
+        if before_ns is None or abs(measured_ns - before_ns) > SAME_NS + SAME_PER_AGE * age_ns:
             return True
         self.repeated += 1
         return False
 
 
-def taken_at_ns(reading: MoteReading) -> int:
+def measured_at_ns(reading: MoteReading) -> int:
     """Time of a reading's measurement; the time of its message, if that is unknown or would be later."""
-    return min(reading.taken_ns or reading.stamp_ns, reading.stamp_ns)
+    return min(reading.measured_ns or reading.stamp_ns, reading.stamp_ns)

@@ -72,7 +72,7 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     """Greater than in every earlier ballot of this robot."""
     bids: Bids = ()
     """At most one for each task, sorted by task."""
-    heard: HeardOf = ()
+    received: HeardOf = ()
     """Each other robot that this one has received."""
     term: Count = 0
     """Number of the negotiation; ballots of an earlier one are out of date."""

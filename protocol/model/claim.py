@@ -22,7 +22,7 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """Priority of its task; the higher goes first."""
     waited: Degree = 0
     """Counts up while the robot yields. Each count adds one to the priority, so that no robot waits for ever."""
-    way_m: Length = 0.0
+    path_length_m: Length = 0.0
     """Length of its path when it set out; the shorter goes first."""
     lent_by: Name = ""
     """A robot that makes room for another uses that robot's claim, so that others make room in turn. This is priority
@@ -41,4 +41,4 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
 
     def rank(self, name: str) -> Rank:
         """Key for comparisons with the claim of the robot `name`: the lesser goes first."""
-        return -self.cornered, -(self.priority + self.waited), self.way_m, self.lent_by or name, self.lent, name
+        return -self.cornered, -(self.priority + self.waited), self.path_length_m, self.lent_by or name, self.lent, name

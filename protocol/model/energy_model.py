@@ -93,7 +93,7 @@ class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
     """Variance that the standing power gains per second, because it drifts."""
     relative_sd: Annotated[float, Meta(ge=0.0, le=1e3)]
     """Standard deviation of a path's cost around its plan, as a share of the cost."""
-    way_ratio: Annotated[float, Meta(ge=0.0, le=1e3)]
+    path_ratio: Annotated[float, Meta(ge=0.0, le=1e3)]
     """Mean ratio of a path's cost to its plan: stops and detours that no plan foresees."""
     pace_m_s: Pace
     """Usual speed along a path, including stops and corners."""
@@ -115,7 +115,7 @@ def estimate(model: EnergyModel, work: Work) -> EnergyEstimate:
     amounts = (standing, moving, speed, yaw, acceleration)
     mean_j = sum(amount * coefficient for amount, coefficient in zip(amounts, model.coefficients, strict=True))
     waiting_j = work.wait_s * model.coefficients[0]
-    on_the_way_j = model.way_ratio * (mean_j - waiting_j)
+    on_the_way_j = model.path_ratio * (mean_j - waiting_j)
     mean_j = waiting_j + on_the_way_j + work.radio_packets * model.packet_j
     variance_j2 = quadratic_form(model.covariance, amounts)
     variance_j2 += standing * model.residual_w2_s + model.drift_w2_per_s * standing**3 / 3.0

@@ -33,11 +33,13 @@ class StartPicture:
         floor = to_message(WHO, team_geometry(world.plan), cells)
         self._blank = ArenaPreparation(parts_ready=0, parts=0, floor=floor, truth=start_truth(world))
 
-    def show(self, parts_ready: int, parts: int, left_s: float | None) -> None:
+    def show(self, parts_ready: int, parts: int, remaining_s: float | None) -> None:
         """Publish the picture, with the number of compiled parts, that of all parts, and the time left."""
         blank = self._blank
         self._publisher.put(
-            ArenaPreparation(parts_ready=parts_ready, parts=parts, left_s=left_s, floor=blank.floor, truth=blank.truth)
+            ArenaPreparation(
+                parts_ready=parts_ready, parts=parts, remaining_s=remaining_s, floor=blank.floor, truth=blank.truth
+            )
         )
 
     def close(self) -> None:

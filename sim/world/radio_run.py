@@ -365,7 +365,7 @@ class RadioRun:
             RadioTruth(
                 party=party,
                 place=Point2D(*place_m),
-                hears=network.hears(party),
+                receives=network.hears(party),
                 hops=network.hops(COORDINATOR, party),
             )
             for party, place_m in network.places_m.items()

@@ -163,15 +163,15 @@ def test_the_end_of_the_lease_forgets_what_is_held(desk, explorer):
 
 def test_how_long_a_task_takes_is_told_while_it_runs(desk, explorer):
     desk.foresee("t0", to_ns(9.0))
-    assert desk.standing(to_ns(1.0)).task.left_s is None
+    assert desk.standing(to_ns(1.0)).task.remaining_s is None
     desk.foresee("t1", to_ns(3.5))
-    assert desk.standing(to_ns(1.0)).task.left_s == 2.5
-    assert desk.standing(to_ns(5.0)).task.left_s == 0.0
-    assert desk.facts.task.left_s is None
+    assert desk.standing(to_ns(1.0)).task.remaining_s == 2.5
+    assert desk.standing(to_ns(5.0)).task.remaining_s == 0.0
+    assert desk.facts.task.remaining_s is None
     desk.end("t1", TaskState.DONE)
-    assert desk.standing(to_ns(5.0)).task.left_s is None
+    assert desk.standing(to_ns(5.0)).task.remaining_s is None
     desk.offer(offer("t1", 2), to_ns(6.0))  # the same again
-    assert desk.standing(to_ns(6.0)).task.left_s is None
+    assert desk.standing(to_ns(6.0)).task.remaining_s is None
 
 
 IDS, EPOCHS = st.sampled_from(["t1", "t2", "t3"]), st.integers(0, 6)

@@ -240,18 +240,18 @@ def test_result_has_at_most_a_kilobyte(desk, explorer, length, is_taken):
 def test_remaining_time_is_reported_while_the_task_runs_and_is_never_negative(desk, explorer):
     desk.offer(offer(), 0)
     desk.foresee("t0", to_ns(8))
-    assert desk.standing(0).task.left_s is None
+    assert desk.standing(0).task.remaining_s is None
     desk.foresee("t1", to_ns(8))
-    assert desk.standing(to_ns(5.5)).task.left_s == 2.5
-    assert desk.standing(to_ns(5.504)).task.left_s == 2.5  # to a hundredth
-    assert desk.standing(to_ns(9)).task.left_s == 0.0
+    assert desk.standing(to_ns(5.5)).task.remaining_s == 2.5
+    assert desk.standing(to_ns(5.504)).task.remaining_s == 2.5  # to a hundredth
+    assert desk.standing(to_ns(9)).task.remaining_s == 0.0
     desk.foresee("t1", None)
-    assert desk.standing(0).task.left_s is None
+    assert desk.standing(0).task.remaining_s is None
     desk.foresee("t1", to_ns(8))
     desk.end("t1", TaskState.DONE)
-    assert desk.standing(0).task.left_s is None
+    assert desk.standing(0).task.remaining_s is None
     desk.offer(offer("t1", epoch=2), 0)  # the same task again: the old estimate does not apply
-    assert desk.standing(0).task.left_s is None
+    assert desk.standing(0).task.remaining_s is None
 
 
 def summary(*robots: RobotSummary) -> TeamState:

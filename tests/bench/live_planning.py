@@ -234,7 +234,7 @@ def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: f
         residual_w2_s=1.0,
         drift_w2_per_s=1e-5,
         relative_sd=0.03,
-        way_ratio=1.0,
+        path_ratio=1.0,
         pace_m_s=0.5,
         turn_rate_rad_s=1.0,
         packet_j=0.0,

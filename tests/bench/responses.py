@@ -240,7 +240,7 @@ def _readings(wire: Endpoint, client: Team, wheels: WheelMessages, rounds: int) 
     def sense(value: float, place: Point2D) -> None:
         publisher.put(
             MoteReading(mote="bench", place=place, quantity=QUANTITY, value=value, voltage_v=3.0, rssi_dbm=-60.0,
-                        via="bench", taken_ns=wire.clock.now_ns())
+                        via="bench", measured_ns=wire.clock.now_ns())
         )  # fmt: skip
 
     for number in range(rounds):

@@ -66,9 +66,9 @@ class FakeRobot:
         self.battery: BatteryState | None = None
         self.energy: EnergyModel | None = None
         self.behavior = ""
-        self.goes_on_s: float | msgspec.UnsetType = msgspec.UNSET
-        """Set: it goes on without a coordinator, and has heard of `changes_heard` changes of tasks."""
-        self.changes_heard: int | msgspec.UnsetType = msgspec.UNSET
+        self.continues_for_s: float | msgspec.UnsetType = msgspec.UNSET
+        """Set: it goes on without a coordinator, and has heard of `changes_received` changes of tasks."""
+        self.changes_received: int | msgspec.UnsetType = msgspec.UNSET
         self.chargers: list[Point2D] | None = None
         """None: its host does not tell them."""
         self.start = Point2D(x_m, y_m)
@@ -108,8 +108,8 @@ class FakeRobot:
                 battery=self.battery,
                 energy=self.energy,
                 behavior=self.behavior,
-                goes_on_s=self.goes_on_s,
-                changes_heard=self.changes_heard,
+                continues_for_s=self.continues_for_s,
+                changes_received=self.changes_received,
             )
         )
 

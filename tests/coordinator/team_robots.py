@@ -46,7 +46,7 @@ class TeamRobot(DeskRobot):
 
     def put(self, state: RobotState) -> None:
         """The state as its host would complete it."""
-        self._team_states.put(msgspec.structs.replace(state, goes_on_s=GOES_ON_S))
+        self._team_states.put(msgspec.structs.replace(state, continues_for_s=GOES_ON_S))
 
     @property
     def _team_states(self):

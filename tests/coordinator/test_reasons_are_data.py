@@ -132,7 +132,7 @@ def without_words(value: object) -> object:
     """A value in plain types, without the sentences of reasons."""
     match value:
         case dict():
-            return {key: without_words(one) for key, one in value.items() if key not in ("text", "why", "why_not")}
+            return {key: without_words(one) for key, one in value.items() if key not in ("text", "why", "refusal")}
         case list() | tuple():
             return [without_words(one) for one in value]
         case msgspec.Struct():

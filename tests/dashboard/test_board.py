@@ -36,7 +36,7 @@ MODEL = EnergyModel(
     residual_w2_s=0.0,
     drift_w2_per_s=0.0,
     relative_sd=0.0,
-    way_ratio=1.0,
+    path_ratio=1.0,
     pace_m_s=0.5,
     turn_rate_rad_s=1.0,
     packet_j=0.0,
@@ -169,7 +169,7 @@ def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
     view = ShownTeam()
     view.coordinator_up = True
     view.team = TeamState(
-        robots=[], stand_by=StandByStatus(process="", in_step=False, held_back=MinorityHeard(heard=1, robots=4))
+        robots=[], stand_by=StandByStatus(process="", in_step=False, held_back=MinorityHeard(received=1, robots=4))
     )
     (alert,) = alerts_of(view, 0.0)
     assert alert.level is AlertLevel.BAD
@@ -183,7 +183,7 @@ def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
 def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
     view = ShownTeam()
     view.coordinator_up = True
-    lead = Lead(election=4, journal="a", is_suspended=True, heard=1, witnesses=["r1", "r2", "r3"])
+    lead = Lead(election=4, journal="a", is_suspended=True, received=1, witnesses=["r1", "r2", "r3"])
     view.team = TeamState(robots=[], lead=lead)
     (alert,) = alerts_of(view, 0.0)
     assert alert == (

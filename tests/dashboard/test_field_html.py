@@ -23,7 +23,7 @@ FIELD = MoteFieldState(
     motes=10, dead=1, delivery_ratio=0.97, age_s=5.0, oldest_s=140.0, coverage=0.7, on_duty=4,
     first_dead_ns=to_ns(700.0), forwarded=120, hops=1.5,
     forwarders=[ForwarderCount(mote=f"m{n}", readings=90 - n) for n in range(8)],
-    gateways=[GatewayCount(name="m1", readings=300, waiting=40, dropped=3, heard_ns=to_ns(990.0))],
+    gateways=[GatewayCount(name="m1", readings=300, waiting=40, dropped=3, last_seen_ns=to_ns(990.0))],
 )  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def test_names_from_the_wire_never_become_markup() -> None:
     field = msgspec.structs.replace(
         FIELD,
         forwarders=[ForwarderCount(mote=EVIL, readings=1)],
-        gateways=[GatewayCount(name=EVIL, readings=1, waiting=1, dropped=1, heard_ns=0)],
+        gateways=[GatewayCount(name=EVIL, readings=1, waiting=1, dropped=1, last_seen_ns=0)],
     )
     view = view_of(field, [RuleStatus(name=EVIL, waits=EVIL, refused=1, why=EVIL)])
     tell(view, MOTE_READING, reading("m1", via=EVIL, hops=1, forwarder=EVIL), mote="m1")

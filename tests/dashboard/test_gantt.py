@@ -49,7 +49,7 @@ def test_planned_tasks_stand_where_the_plan_has_them() -> None:
 
 
 def test_task_that_is_held_ready_follows_the_one_that_the_robot_is_at() -> None:
-    task = TaskStatus(id="a", epoch=1, state=TaskState.RUNNING, left_s=12.0)
+    task = TaskStatus(id="a", epoch=1, state=TaskState.RUNNING, remaining_s=12.0)
     view, robot = view_of(task=task, next_task=TaskStatus(id="b", epoch=2, state=TaskState.OFFERED))
     found = foreseen(view, robot, NOW_NS)
     assert [(one.start_ns // S, one.end_ns // S, one.is_held) for one in found] == [

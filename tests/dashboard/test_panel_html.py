@@ -147,7 +147,7 @@ def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
     why = TaskWhy(
         record=TaskRecord(task=Task(id=EVIL, kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.FAILED, why=EVIL),
         now=EVIL,
-        robots=[RobotVerdict(robot=EVIL, why_not=EVIL)],
+        robots=[RobotVerdict(robot=EVIL, refusal=EVIL)],
         changes=[TaskChange(number=1, stamp_ns=0, state=TaskState.FAILED, robot=EVIL, why=EVIL)],
     )
     plugin = PluginInfo(

@@ -49,7 +49,7 @@ def preparation(columns: int = 3, x_m: float = 1.0) -> ArenaPreparation:
     )
     robot = RobotTruth(robot="r1", pose=Pose2D(x_m, 0.5, 0.0), collisions=0, distance_m=0.0, energy_j=0.0)
     truth = ArenaTruth(sim_time_s=0.0, robots=[robot], motes=[MoteTruth(mote="m1", place=Point2D(0.5, 0.5))])
-    return ArenaPreparation(parts_ready=3, parts=16, left_s=12.2, floor=floor, truth=truth)
+    return ArenaPreparation(parts_ready=3, parts=16, remaining_s=12.2, floor=floor, truth=truth)
 
 
 def prepared() -> ShownTeam:

@@ -32,7 +32,7 @@ def team(**places_x_m: float) -> ShownTeam:
 def tell(view: ShownTeam, robot: str, **heard_dbm: float) -> None:
     """A robot says whom it hears: robots by names with r, motes by names with m."""
     links = [
-        RadioLink(peer=peer, is_robot=peer.startswith("r"), rssi_dbm=rssi_dbm, heard_ns=1)
+        RadioLink(peer=peer, is_robot=peer.startswith("r"), rssi_dbm=rssi_dbm, last_seen_ns=1)
         for peer, rssi_dbm in heard_dbm.items()
     ]
     key = ROBOT_LINKS.key("default", robot=robot)

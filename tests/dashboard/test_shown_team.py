@@ -203,7 +203,7 @@ def test_motes_keep_the_latest_of_each_quantity_and_a_place(view: ShownTeam) -> 
 def sensed(sequence: int, value: float, *, via: str = "r1", taken_s: int, told_s: int) -> MoteReading:
     return MoteReading(
         mote="m1", place=None, quantity="light", value=value, voltage_v=2.9, rssi_dbm=-60, via=via,
-        sequence=sequence, taken_ns=taken_s * 10**9, stamp_ns=told_s * 10**9,
+        sequence=sequence, measured_ns=taken_s * 10**9, stamp_ns=told_s * 10**9,
     )  # fmt: skip
 
 

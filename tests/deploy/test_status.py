@@ -95,7 +95,7 @@ def test_each_robot_is_shown_as_it_is(state: RobotState | None, condition: Robot
 
 
 def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    lead = Lead(election=4, journal="a", heard=2, witnesses=["r1", "r2", "r3"])
+    lead = Lead(election=4, journal="a", received=2, witnesses=["r1", "r2", "r3"])
     show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, lead=lead))
     assert "the coordinator leads by election 4: 2 of 3 witnesses hear it" in capsys.readouterr().out
 

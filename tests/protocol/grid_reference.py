@@ -66,8 +66,8 @@ class GridReference:
                 continue
             beam = np.array((math.cos(sensor.yaw_rad + angle_rad), math.sin(sensor.yaw_rad + angle_rad)))
             end = start + beam * min(range_m, range_max_m) / resolution_m
-            at_mate = any(math.dist(origin + resolution_m * end, circle[:2]) <= circle[2] for circle in ignore)
-            is_hit = range_m < range_max_m and not at_mate
+            at_other = any(math.dist(origin + resolution_m * end, circle[:2]) <= circle[2] for circle in ignore)
+            is_hit = range_m < range_max_m and not at_other
             deep = end + HIT_DEPTH_CELLS * beam if is_hit else end
             ways.append((deep, is_hit))
             cell = math.floor(deep[1]), math.floor(deep[0])

@@ -138,7 +138,7 @@ def test_times_of_a_sender_whose_clock_differs_are_converted_to_the_receivers(wi
     wire.publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"), stamp_ns)
     reading = MoteReading(
         mote="m1", place=None, quantity="q", value=1.0, voltage_v=3.0, rssi_dbm=-70.0, via="r1",
-        taken_ns=to_ns(now_s + ahead_s - 40.0),
+        measured_ns=to_ns(now_s + ahead_s - 40.0),
     )  # fmt: skip
     wire.publisher(MOTE_READING, mote="m1").put(reading, stamp_ns)
     wire.publisher(ROBOT_EVENT, robot="r1", plugin="p", event="e").put(
@@ -149,7 +149,7 @@ def test_times_of_a_sender_whose_clock_differs_are_converted_to_the_receivers(wi
     found = {received.topic.name: received.message for received in inbox.drain()}
     state, read, event, told = (found[topic.name] for topic in (ROBOT_STATE, MOTE_READING, ROBOT_EVENT, TASK_EVENT))
     assert state.stamp_ns == stamp_ns  # decisions count from its arrival
-    assert (read.stamp_ns, read.taken_ns) == (own_ns(0.0), own_ns(40.0))
+    assert (read.stamp_ns, read.measured_ns) == (own_ns(0.0), own_ns(40.0))
     assert event.stamp_ns == own_ns(0.0)
     assert (told.stamp_ns, told.task.deadline_ns) == (own_ns(0.0), own_ns(-90.0))
     assert refusals(wire) == []

@@ -1,4 +1,4 @@
-"""Older recordings: their tasks and reasons get today's form where messages are read."""
+"""Older recordings: fields, tasks and reasons get today's form where messages are read."""
 
 from pathlib import Path
 
@@ -6,9 +6,21 @@ import msgspec
 import pytest
 from mcap.records import Channel, Message
 
-from robrain.protocol.model.tasks.old_form import upgraded_json
+from robrain.protocol.messages.maps.map_messages import Closure
+from robrain.protocol.messages.motes.mote_messages import GatewayCount, MoteReading
+from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotState, TaskStatus
+from robrain.protocol.messages.robots.witness_messages import Lead
+from robrain.protocol.messages.tasks.consensus_messages import TaskHeldBy, TeamBallot
+from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.messages.team.arena_messages import ArenaPreparation, RadioTruth
+from robrain.protocol.messages.team.standing_messages import JournalAlarm, KnownRobot, LeadReply
+from robrain.protocol.model.ballot import Ballot
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.tasks.old_form import RENAMED, upgraded_json
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons import NearestOut, PlainReason
+from robrain.protocol.reasons import MinorityHeard, NearestOut, PlainReason
 from robrain.protocol.table.topics import COORDINATOR_STATE, TASK_EVENT
 from robrain.recording.reader.reading import recorded_message
 
@@ -52,3 +64,50 @@ def test_old_reasons_are_read_with_their_kind_sentence_and_values() -> None:
     nearest = {"robot": "r1", "because": {"code": "crowded"}, "code": "nearest_out"}
     decoded = msgspec.json.decode(upgraded_json(b'{"reason":' + msgspec.json.encode(nearest) + b"}"))["reason"]
     assert msgspec.convert(decoded, NearestOut) == NearestOut("r1", PlainReason("crowded", "crowded"))
+
+
+POSE = '{"x_m":1,"y_m":2,"yaw_rad":0}'
+PLACE = '{"x_m":1,"y_m":2}'
+SUMMARY = '{"name":"r1","up":true,"age_s":0}'
+FLOOR = '{"robot":"arena","resolution_m":0.1,"origin_x_m":0,"origin_y_m":0,"width":1,"height":1}'
+RENAMED_IN = {
+    Closure: f'"submap":1,"at":{POSE},"mate":"r2","mate_submap":7,"at_mate":{POSE},"information":[1,0,0,1,0,1]',
+    MoteReading: '"mote":"m","place":null,"quantity":"q","value":1,"voltage_v":3,"rssi_dbm":-7,"via":"r1","taken_ns":5',
+    GatewayCount: '"name":"g","readings":1,"waiting":0,"dropped":0,"heard_ns":5',
+    RadioLink: '"peer":"r2","rssi_dbm":-70,"heard_ns":5',
+    TaskStatus: '"id":"t","epoch":1,"state":"running","left_s":2.5',
+    RobotState: '"robot":"r1","goes_on_s":120,"changes_heard":41,"left_out":3',
+    Lead: '"election":3,"journal":"a","heard":2',
+    TaskHeldBy: '"id":"t","robot":"r9","left_s":41.5',
+    TeamBallot: '"robot":"r1","ballot":{"robot":"r1","number":1},"hears_coordinator":true,"hears":[]',
+    PlanningStatus: '"objective":"energy","method":"m","left_out":1,"took_s":0.25',
+    RobotVerdict: '"robot":"r1","why_not":"is halted"',
+    RadioTruth: f'"party":"r1","place":{PLACE},"hears":["coordinator"]',
+    ArenaPreparation: f'"parts_ready":1,"parts":2,"left_s":12.5,"floor":{FLOOR},"truth":{{"sim_time_s":0,"robots":[]}}',
+    JournalAlarm: '"rule":"warm","source":"m","taken_ns":5,"fired_ns":6',
+    KnownRobot: f'"heard_ns":5,"goes_on":true,"summary":{SUMMARY}',
+    LeadReply: '"left_out":["r2"]',
+    Ballot: '"robot":"r1","number":7,"heard":[{"robot":"r2","number":6}]',
+    Claim: '"way_m":12.5',
+    EnergyModel: (
+        '"coefficients":[8,0.5,7.5,1.25,8],"covariance":[0,0,0,0,0,0,0,0,0,0,0,0,0,0,0],"residual_w2_s":4,'
+        '"drift_w2_per_s":0,"relative_sd":0,"way_ratio":1.02,"pace_m_s":0.5,"turn_rate_rad_s":1,"packet_j":0,'
+        '"usable_j":9,"power_w":12,"usual_power_w":11'
+    ),
+    MinorityHeard: '"code":"minority_heard","heard":1,"robots":4',
+}
+"""Fields of messages that had another name, as an older recording has them."""
+
+
+@pytest.mark.parametrize(("kind", "fields"), RENAMED_IN.items(), ids=lambda given: getattr(given, "__name__", ""))
+def test_a_field_with_its_former_name_is_read(kind: type, fields: str) -> None:
+    old = f"{{{fields}}}".encode()
+    written = {RENAMED[name]: value for name, value in msgspec.json.decode(old).items() if name in RENAMED}
+    read = msgspec.json.decode(msgspec.json.encode(msgspec.json.decode(upgraded_json(old), type=kind)))
+    assert written
+    assert {name: read[name] for name in written} == written
+
+
+def test_free_contents_keep_their_names() -> None:
+    payload = b'{"left_s":1.0,"result":{"heard":3},"task":{"id":"t","kind":"own","parameters":{"way_m":1.0}}}'
+    assert upgraded_json(payload) == payload.replace(b"left_s", b"remaining_s")

@@ -193,7 +193,7 @@ class ClosureFinder:
             (xx, xy, xt), (_, yy, yt), (_, _, tt) = lying.information.tolist()
             upper = xx, xy, xt, yy, yt, tt
             closure = Closure(
-                submap=number, at=at_own, mate=key[0], mate_submap=key[1], at_mate=at_other, information=upper
+                submap=number, at=at_own, other_robot=key[0], other_submap=key[1], at_other=at_other, information=upper
             )
             self.found.append(closure)
         return True
@@ -207,16 +207,16 @@ class ClosureFinder:
         """
         reason = ""
         for closure in message.closures:
-            if closure.mate != self._robot:
+            if closure.other_robot != self._robot:
                 continue
             information = symmetric(closure.information)
             if not is_information(information):
                 reason = f"{message.robot}: the information of a loop closure is no inverse covariance"
-            elif not (self._is_near(closure.at) and self._is_near(closure.at_mate)):
+            elif not (self._is_near(closure.at) and self._is_near(closure.at_other)):
                 reason = f"{message.robot}: a loop closure lies far outside the map"
             else:
                 other = message.robot, closure.submap
-                self._graph.add_robot_closure(closure.mate_submap, closure.at_mate, other, closure.at, information)
+                self._graph.add_robot_closure(closure.other_submap, closure.at_other, other, closure.at, information)
         return reason
 
     def receive_submap_poses(self, patch: MapPatch) -> None:

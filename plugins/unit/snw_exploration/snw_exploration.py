@@ -126,7 +126,7 @@ class BaseLinks:
 
         """
         links = [
-            RadioLink(peer=name, is_robot=True, rssi_dbm=link.rssi_dbm, heard_ns=link.stamp_ns)
+            RadioLink(peer=name, is_robot=True, rssi_dbm=link.rssi_dbm, last_seen_ns=link.stamp_ns)
             for name, link in sorted(self._links.items())
             if now_ns - link.stamp_ns <= fresh_ns
         ]
@@ -136,7 +136,7 @@ class BaseLinks:
                 continue
             age_ns = now_ns - mote.stamp_ns
             if age_ns <= fresh_ns or age_ns <= 3 * received.period_ds * (NS_PER_S // DECI):
-                links.append(RadioLink(peer=mote.name, rssi_dbm=float(received.rssi_dbm), heard_ns=mote.stamp_ns))
+                links.append(RadioLink(peer=mote.name, rssi_dbm=float(received.rssi_dbm), last_seen_ns=mote.stamp_ns))
         if not links and not self._has_reported:
             return None
         self._has_reported = bool(links)
@@ -473,7 +473,7 @@ def wire_reading(
         rssi_dbm=reading.rssi_dbm,
         via=via,
         sequence=reading.sequence,
-        taken_ns=stamp_ns - reading.age_ds * (NS_PER_S // DECI),
+        measured_ns=stamp_ns - reading.age_ds * (NS_PER_S // DECI),
         period_s=reading.period_ds / DECI,
         stored=max(0, sequences_after(reading.sequence, reading.oldest)),
         hops=UNSET if route is None else route.hops,

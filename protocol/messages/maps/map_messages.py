@@ -77,12 +77,12 @@ class Closure(msgspec.Struct, frozen=True, kw_only=True):
     """Number of the submap of the robot that scanned."""
     at: Pose2D
     """Pose of the sensor in the frame of that submap."""
-    mate: Name
+    other_robot: Name
     """Name of the other robot."""
-    mate_submap: Count
+    other_submap: Count
     """Number of the submap of the other robot."""
-    at_mate: Pose2D
-    """Pose of the sensor in the frame of the teammate's submap."""
+    at_other: Pose2D
+    """Pose of the sensor in the frame of that submap."""
     information: Annotated[tuple[Quantity, ...], Meta(min_length=6, max_length=6)]
     """Inverse covariance of the match in x, y and yaw, in the axes of the teammate's submap. The values are the upper
     triangle xx, xy, xyaw, yy, yyaw, yawyaw, in 1/m², 1/(m·rad) and 1/rad²."""

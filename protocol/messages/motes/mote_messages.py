@@ -25,7 +25,7 @@ class MoteReading(Message, frozen=True, kw_only=True):
     """The robot or gateway that received it."""
     sequence: Count | None = None
     """Number of the reading, counted by the mote and wrapping at 65536: mote and number name a reading."""
-    taken_ns: Stamp = 0
+    measured_ns: Stamp = 0
     """Time of the measurement, within the accuracy of the mote's clock; 0 if it is unknown."""
     period_s: Seconds = 0.0
     """How often the mote senses; 0 if that is not known."""
@@ -42,8 +42,8 @@ class MoteReading(Message, frozen=True, kw_only=True):
 
     def moved_in_time(self, by_ns: int) -> Self:
         """The reading with its times moved, from its sender's clock to the receiver's."""
-        taken_ns = self.taken_ns and self.taken_ns + by_ns
-        return msgspec.structs.replace(self, stamp_ns=self.stamp_ns + by_ns, taken_ns=taken_ns)
+        measured_ns = self.measured_ns and self.measured_ns + by_ns
+        return msgspec.structs.replace(self, stamp_ns=self.stamp_ns + by_ns, measured_ns=measured_ns)
 
 
 class MoteDuty(Message, frozen=True, kw_only=True):
@@ -73,7 +73,7 @@ class GatewayCount(msgspec.Struct, frozen=True, kw_only=True):
     """Readings in its store when it last reported one."""
     dropped: Count
     """Readings that it has had no room for."""
-    heard_ns: Stamp
+    last_seen_ns: Stamp
     """Time of its last report."""
 
 

@@ -67,7 +67,7 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     why: Text = ""
     result: Result = {}
     """Result of a task that has ended: a few numbers, the key of an image; `energy_j` is the energy it took."""
-    left_s: Seconds | None = None
+    remaining_s: Seconds | None = None
     """Estimated time until it ends; None if unknown, and once the task has ended."""
     reason: OfferRefusal | None = None
     """Of a task that was held and then refused: the reason that `why` puts in words; None if there are only words."""
@@ -132,15 +132,15 @@ class RobotState(Message, frozen=True, kw_only=True):
     """Share of the beams of recent scans that end at walls of the robot's map; None before the first comparison."""
     loaded: Count = 0
     """Number that changes with the set of loaded plugins, so that others need not poll it; 0 if not reported."""
-    goes_on_s: Seconds | msgspec.UnsetType = msgspec.UNSET
+    continues_for_s: Seconds | msgspec.UnsetType = msgspec.UNSET
     """Time for which it continues its tasks without a coordinator, if that is longer than the lease."""
-    changes_heard: Count | msgspec.UnsetType = msgspec.UNSET
+    changes_received: Count | msgspec.UnsetType = msgspec.UNSET
     """Number of the last change of tasks that it has received, if it continues without a coordinator."""
     refused: Refused = msgspec.UNSET
     """Messages and requests that the robot's host and plugins have refused."""
     led: Led | msgspec.UnsetType = msgspec.UNSET
     """The coordinator that the robot follows, if it was elected; absent otherwise."""
-    left_out: Count | msgspec.UnsetType = msgspec.UNSET
+    skipped: Count | msgspec.UnsetType = msgspec.UNSET
     """Messages of its telemetry that it has not sent, as its link is thin; absent if none."""
 
     def __post_init__(self) -> None:
@@ -176,7 +176,7 @@ class RadioLink(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Whether the peer is a robot; otherwise it is a mote."""
     rssi_dbm: Quantity
     """Strength of the last packet received."""
-    heard_ns: Stamp
+    last_seen_ns: Stamp
     """When that was."""
 
 

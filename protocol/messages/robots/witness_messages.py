@@ -83,7 +83,7 @@ class Lead(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Names its journal."""
     is_suspended: bool = False
     """Whether it offers no task and renews no lease, because another coordinator may have been elected."""
-    heard: Count = 0
+    received: Count = 0
     """Number of witnesses that receive it."""
     witnesses: Witnesses = []
     """All witnesses."""
@@ -91,7 +91,7 @@ class Lead(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def words(self) -> str:
         """In one line."""
-        votes = f"{self.heard} of {len(self.witnesses)} witnesses hear it"
+        votes = f"{self.received} of {len(self.witnesses)} witnesses hear it"
         if self.is_suspended:
             return f"the coordinator does not lead: {votes}, and another one may lead"
         return f"the coordinator leads by election {self.election}: {votes}"

@@ -52,7 +52,7 @@ class TaskHeldBy(msgspec.Struct, frozen=True, kw_only=True):
     """Id of the task."""
     robot: Name
     """Robot that reports that it does or holds the task, or wants to begin it."""
-    left_s: Duration
+    remaining_s: Duration
     """Time until that robot has let it go at the latest."""
 
 
@@ -125,7 +125,7 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     """Name of the sender."""
     ballot: Ballot
     """Its bids."""
-    hears_coordinator: bool = False
+    receives_coordinator: bool = False
     """Whether the robot itself receives a coordinator; then no robot begins tasks that it has queued."""
     is_new: bool = False
     """Whether no coordinator has listed the robot as up since its start; it does not count for a majority then."""
@@ -149,7 +149,7 @@ class TeamBallot(Message, frozen=True, kw_only=True):
 
     wants: Name = ""
     """Id of the task that the robot begins once more than half of the team has received this; empty for none."""
-    hears: HeardOf = ()
+    receives: HeardOf = ()
     """Of each robot that this one receives directly, the number of its last ballot."""
     absent: Annotated[list[TaskHeldBy], Meta(max_length=ABSENT_MAX)] = msgspec.field(default_factory=list)
     """Tasks that may be at robots that this one does not receive any more."""

@@ -120,9 +120,9 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Number made up to now."""
     planned: Count = 0
     """Tasks in the current plan that have not begun."""
-    left_out: Count = 0
+    skipped: Count = 0
     """Tasks that the current plan assigns to no robot."""
-    took_s: Seconds = 0.0
+    duration_s: Seconds = 0.0
     """Computing time of the last plan; 0 in lockstep."""
     chargers: Annotated[tuple[Point2D, ...], Most] = ()
     """All that are known to robots of the team, arena frame."""

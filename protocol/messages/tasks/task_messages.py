@@ -158,7 +158,7 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
     robot: Name
     chosen: bool = False
     """Whether it has the task."""
-    why_not: Text = ""
+    refusal: Text = ""
     """Why it does not get the task, in words; empty if it could."""
     reason: RobotReason | None = None
     """The same as a value."""
@@ -179,8 +179,8 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
         time_s: float | None = None,
     ) -> "RobotVerdict":
         """A verdict whose text is that of its reason."""
-        why_not = told(reason)
-        return cls(robot=robot, chosen=chosen, why_not=why_not, reason=reason,
+        refusal = told(reason)
+        return cls(robot=robot, chosen=chosen, refusal=refusal, reason=reason,
                    distance_m=distance_m, energy_j=energy_j, time_s=time_s)  # fmt: skip
 
 

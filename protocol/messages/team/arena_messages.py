@@ -125,7 +125,7 @@ class RadioTruth(msgspec.Struct, frozen=True, kw_only=True):
     party: Name
     """The robot, or `coordinator`."""
     place: Point2D
-    hears: Annotated[list[Name], Meta(max_length=100_000)]
+    receives: Annotated[list[Name], Meta(max_length=100_000)]
     """Parties that it receives without a relay."""
     hops: Count | None = None
     """Number of hops to the coordinator; null if there is no path."""
@@ -147,7 +147,7 @@ class ArenaPreparation(Message, frozen=True, kw_only=True):
     """Number of compiled parts."""
     parts: Count
     """Number of all parts."""
-    left_s: Seconds | None = None
+    remaining_s: Seconds | None = None
     """Estimated time until the run begins, wall clock; null if it is not known yet."""
     floor: MapPatch
     """The floor plan on the grid of the team's map: free and occupied cells. The robots do not know it."""

@@ -39,7 +39,7 @@ class JournalAlarm(msgspec.Struct, frozen=True, kw_only=True):
     """Its name."""
     source: Name
     """The mote or robot; empty for the whole team."""
-    taken_ns: Stamp
+    measured_ns: Stamp
     """When the reading was taken, or the event happened."""
     fired_ns: Stamp
     """When the task was made."""
@@ -50,9 +50,9 @@ class JournalAlarm(msgspec.Struct, frozen=True, kw_only=True):
 class KnownRobot(msgspec.Struct, frozen=True):
     """A robot of the team, as last received."""
 
-    heard_ns: Stamp
+    last_seen_ns: Stamp
     """When that was."""
-    goes_on: bool
+    continues: bool
     """Whether it may be doing tasks without a coordinator."""
     summary: RobotSummary
     """Its `task` is empty while the robot is there: then the tasks of the journal are decisive."""
@@ -122,7 +122,7 @@ class LeadRequest(msgspec.Struct, frozen=True, kw_only=True):
 class LeadReply(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a request to lead."""
 
-    left_out: Names
+    skipped: Names
     """Silent robots that do not count until their next message, sorted."""
 
 

@@ -1,7 +1,8 @@
-"""Reads older forms of tasks and reasons in recordings and journals.
+"""Reads older forms of messages, tasks and reasons in recordings and journals.
 
-Each kind of task was a struct: its parameters stood beside the common fields, and the kind was the tag `type`. The
-place of an `explore` was its `goal`. Each reason had a code, also those that no decision uses.
+Fields of messages had other names. Each kind of task was a struct: its parameters stood beside the common fields, and
+the kind was the tag `type`. The place of an `explore` was its `goal`. Each reason had a code, also those that no
+decision uses.
 """
 
 import re
@@ -31,63 +32,83 @@ _CODES = (
 )
 PLAIN_REASONS = frozenset(_CODES.split("|"))
 """Codes of reasons that are a `PlainReason` today; the code is its `kind`."""
-_OLD_REASON = re.compile(rb'"code":"(?:%s)"' % _CODES.encode())
+RENAMED = {
+    "at_mate": "at_other",
+    "changes_heard": "changes_received",
+    "goes_on": "continues",
+    "goes_on_s": "continues_for_s",
+    "heard": "received",
+    "heard_ns": "last_seen_ns",
+    "hears": "receives",
+    "hears_coordinator": "receives_coordinator",
+    "left_out": "skipped",
+    "left_s": "remaining_s",
+    "mate": "other_robot",
+    "mate_submap": "other_submap",
+    "taken_ns": "measured_ns",
+    "took_s": "duration_s",
+    "way_m": "path_length_m",
+    "way_ratio": "path_ratio",
+    "why_not": "refusal",
+}
+"""Fields of messages by their former name. No message has one of the former names today."""
+FREE = frozenset(("parameters", "result", "returns", "value"))
+"""Fields of free JSON, whose contents are not those of messages."""
+_OLD = re.compile(rb'"task":\{"type":|"code":"(?:%s)"|"(?:%s)":' % (_CODES.encode(), "|".join(RENAMED).encode()))
 REFUSED = "refused"
 """Field of states with counts of refused messages, whose codes are no reasons."""
 WITHIN = ("because", "before")
 """Fields of reasons with another reason."""
 
 
-def upgraded(content: Any) -> Any:
-    """Convert a record with a `task` to today's form.
+def upgraded_json(payload: bytes) -> bytes:
+    """The JSON in today's form: names of fields, tasks and reasons; without older forms it is returned as it is."""
+    if _OLD.search(payload) is None:
+        return payload
+    try:
+        return msgspec.json.encode(upgraded(msgspec.json.decode(payload)))
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return payload
+
+
+def upgraded(value: Any, sentence: str = "") -> Any:
+    """A decoded message, record or request in today's form.
 
     Args:
-        content: a decoded message, record or request.
-
-    Returns:
-        The same with its task in today's form; `content` itself if it holds no task of the old form.
+        value: the message, or a part of it.
+        sentence: the text of a reason; empty if it is not known.
 
     """
-    task = content.get("task") if isinstance(content, dict) else None
+    if isinstance(value, list):
+        return [upgraded(one) for one in value]
+    if not isinstance(value, dict):
+        return value
+    content: dict[str, Any] = {RENAMED.get(name, name): part for name, part in value.items()}
+    text = content.get("why") or content.get("refusal") or content.get("now") or ""
+    for name, part in content.items():
+        if name == "task":
+            content[name] = _upgraded_task(upgraded(part))
+        elif name not in FREE and name != REFUSED:
+            content[name] = upgraded(part, "" if name in WITHIN else text)
+    return _upgraded_reason(content, sentence) if content.get("code") in PLAIN_REASONS else content
+
+
+def _upgraded_task(task: Any) -> Any:
+    """A task, which had its kind as a tag and its parameters beside the common fields."""
     if not isinstance(task, dict) or "kind" in task or task.get(TAG) not in STOCK_KINDS:
-        return content
+        return task
     kind = task[TAG]
     own = {field.name for field in msgspec.structs.fields(STOCK_KINDS[kind])}
     today = {name: value for name, value in task.items() if name in COMMON} | {"kind": kind}
     if GOAL in task:
         today["place"] = task[GOAL]
     parameters = {name: value for name, value in task.items() if name in own}
-    if parameters:
-        today["parameters"] = parameters
-    return {**content, "task": today}
+    return today | {"parameters": parameters} if parameters else today
 
 
-def upgraded_json(payload: bytes) -> bytes:
-    """The same of JSON, also with reasons of older forms; a payload without older forms is returned as it is."""
-    has_task, has_reason = b'"task":{"type":' in payload, _OLD_REASON.search(payload) is not None
-    if not (has_task or has_reason):
-        return payload
-    try:
-        content = upgraded(msgspec.json.decode(payload))
-        return msgspec.json.encode(_with_plain_reasons(content, "") if has_reason else content)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return payload
-
-
-def _with_plain_reasons(value: Any, text: str) -> Any:
-    """The value with each reason of an older form as a `PlainReason`; `text` is its sentence, if that is known."""
-    if isinstance(value, list):
-        return [_with_plain_reasons(one, "") for one in value]
-    if not isinstance(value, dict):
-        return value
-    sentence = value.get("why") or value.get("why_not") or value.get("now") or ""
-    inner = {
-        name: part if name == REFUSED else _with_plain_reasons(part, "" if name in WITHIN else sentence)
-        for name, part in value.items()
-    }
-    code = inner.get("code")
-    if code not in PLAIN_REASONS:
-        return inner
-    values = {name: part for name, part in inner.items() if name != "code" and isinstance(part, str | int | float)}
-    plain = {"code": "said", "text": text or str(code).replace("_", " "), "kind": code}
+def _upgraded_reason(reason: dict[str, Any], sentence: str) -> dict[str, Any]:
+    """A reason that no decision uses, which had a code and fields of its own."""
+    code = reason["code"]
+    values = {name: part for name, part in reason.items() if name != "code" and isinstance(part, str | int | float)}
+    plain = {"code": "said", "text": sentence or str(code).replace("_", " "), "kind": code}
     return {**plain, "values": values} if values else plain

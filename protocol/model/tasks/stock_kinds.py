@@ -98,8 +98,8 @@ class Seek(TaskParameters, frozen=True, kw_only=True):
     """Find where a quantity is greatest: climb its field from the place on, by readings along the path.
 
     Result: `x_m`, `y_m`, and the `value` there, as fitted to the readings; `sd_m`, the uncertainty of the place.
-    `at_wall` is true if the value rises further behind an obstacle to the robot. `samples` were recorded, `heard`
-    readings of motes.
+    `at_wall` is true if the value rises further behind an obstacle to the robot. `samples` were recorded, and
+    `received` readings of motes have arrived.
     """
 
     quantity: Name = "temperature_c"

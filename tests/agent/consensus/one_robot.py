@@ -63,7 +63,7 @@ class OneRobot:
             echo = tuple(Heard(robot="r1", number=ballot.ballot.number) for ballot in self._said[-1:])
             for number, (name, words) in enumerate(self.says.items()):
                 said = Ballot(robot=name, number=self.clock.now_ns() // 1000 + number)
-                self._ballots[name].put(TeamBallot(robot=name, ballot=said, **{"hears": echo, **words}))
+                self._ballots[name].put(TeamBallot(robot=name, ballot=said, **{"receives": echo, **words}))
             self.consensus.step(self.clock.now_ns(), may_begin=True)
         said, self._said = [*self._said, *(received.message for received in self._inbox.drain())], []
         return said

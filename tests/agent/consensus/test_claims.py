@@ -47,8 +47,8 @@ class Agreed:
 
 def test_a_task_is_begun_when_more_than_half_of_the_team_has_heard_that_the_robot_wants_it(one: OneRobot) -> None:
     one.tell(visit("t1"))
-    alone(one, hears=())
-    one.says["r3"] = {"hears": ()}
+    alone(one, receives=())
+    one.says["r3"] = {"receives": ()}
     one.consensus._negotiation = Agreed(one.clock, ["t1"])
     one.consensus._opened = _Opened(one.clock.now_ns(), 1, frozenset({"r2", "r3"}), frozenset({"t1"}))
     one.run(0.2)
@@ -87,7 +87,7 @@ def test_what_a_mate_wanted_before_it_was_cut_off_is_not_free_and_the_others_are
     del one.says["r2"]
     told = one.run(3.0)[-1]
     assert [(held.id, held.robot) for held in told.absent] == [("t1", "r2")]
-    assert GOES_ON_S - 3.0 < told.absent[0].left_s < GOES_ON_S
+    assert GOES_ON_S - 3.0 < told.absent[0].remaining_s < GOES_ON_S
     assert one.consensus.is_leaderless
     assert free(one) == []
 
@@ -97,7 +97,7 @@ def test_what_others_say_of_an_absent_robot_counts_for_as_long_as_they_say_and_n
 ) -> None:
     for name in ("t1", "t2"):
         one.tell(visit(name))
-    absent = [TaskHeldBy(id="t1", robot="r9", left_s=4.0), TaskHeldBy(id="t2", robot="r3", left_s=4.0)]
+    absent = [TaskHeldBy(id="t1", robot="r9", remaining_s=4.0), TaskHeldBy(id="t2", robot="r3", remaining_s=4.0)]
     alone(one, absent=absent)
     assert free(one) == ["t2"]
     one.says["r2"] = {}

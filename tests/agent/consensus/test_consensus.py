@@ -68,7 +68,7 @@ def test_five_ballots_a_second_without_a_coordinator_and_for_two_seconds_after_i
     one.is_coordinated, one.says = True, {}
     told = one.run(1.9)
     assert 9 <= len(told) <= 10
-    assert {ballot.hears_coordinator for ballot in told} == {True}
+    assert {ballot.receives_coordinator for ballot in told} == {True}
     one.run(0.3)
     assert one.run(3.0) == []
 

@@ -88,7 +88,7 @@ def test_robots_tell_which_tasks_a_coordinator_gave_to_one_that_is_silent(one: O
     one.says = {"r2": {}}
     (told,) = one.run(3.0)[-1].absent
     assert (told.id, told.robot) == ("t1", "r3")
-    assert 117.0 < told.left_s < 120.0
+    assert 117.0 < told.remaining_s < 120.0
     one.is_coordinated = True
     assert [said.absent for said in one.run(2.0)[-1:]] == [[]]
     one.is_coordinated = False

@@ -193,7 +193,7 @@ def test_way_that_cost_more_raises_the_ratio_by_its_share_and_one_that_went_wron
         one = consumption()
         planned_j = estimate(one.model(0.0), WAY).mean_j
         one.compare(WAY, planned_j * (1.0 + share))
-        assert one.model(0.0).way_ratio == pytest.approx(1.0 + counted / (PRIOR_OUTCOMES + 1), abs=1e-4)
+        assert one.model(0.0).path_ratio == pytest.approx(1.0 + counted / (PRIOR_OUTCOMES + 1), abs=1e-4)
 
 
 def test_waiting_and_packets_are_not_held_against_the_way():
@@ -202,7 +202,7 @@ def test_waiting_and_packets_are_not_held_against_the_way():
     planned = estimate(one.model(0.0), work)
     way_j = estimate(one.model(0.0), WAY).mean_j
     one.compare(work, planned.mean_j + 0.1 * way_j)
-    assert one.model(0.0).way_ratio == pytest.approx(1.0 + 0.1 / 5, abs=1e-4)
+    assert one.model(0.0).path_ratio == pytest.approx(1.0 + 0.1 / 5, abs=1e-4)
 
 
 def test_work_without_a_way_teaches_nothing_of_ways():
@@ -234,7 +234,7 @@ def test_model_tells_what_was_given_and_learned():
     model = one.model(1234.56)
     assert (model.packet_j, model.usable_j, model.power_w, model.usual_power_w) == (0.001, 1234.6, 12.346, 7.654)
     assert (model.pace_m_s, model.turn_rate_rad_s) == (PRIOR.pace_m_s, PRIOR.turn_rate_rad_s)
-    assert (model.residual_w2_s, model.relative_sd, model.way_ratio) == (4.0, 0.05, 1.0)
+    assert (model.residual_w2_s, model.relative_sd, model.path_ratio) == (4.0, 0.05, 1.0)
     assert model.coefficients == (8.0, 0.4, 9.0, 1.5, 8.0)
     assert consumption(1e-6).model(0.0).relative_sd == 0.01
 

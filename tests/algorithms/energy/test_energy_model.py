@@ -20,7 +20,7 @@ MODEL = EnergyModel(
     residual_w2_s=0.0,
     drift_w2_per_s=0.0,
     relative_sd=0.0,
-    way_ratio=1.0,
+    path_ratio=1.0,
     pace_m_s=0.5,
     turn_rate_rad_s=1.0,
     packet_j=0.001,
@@ -90,7 +90,7 @@ def test_standing_power_that_wanders_counts_with_the_third_power_of_the_time(wai
 
 
 def test_the_way_alone_turns_out_other_than_planned():
-    unsure = msgspec.structs.replace(MODEL, relative_sd=0.1, way_ratio=1.2)
+    unsure = msgspec.structs.replace(MODEL, relative_sd=0.1, path_ratio=1.2)
     way_j = 1.2 * estimate(MODEL, Work(path_m=10.0)).mean_j
     told = estimate(unsure, Work(path_m=10.0, wait_s=60.0, radio_packets=1000))
     assert told.sigma_j == pytest.approx(0.1 * way_j)
@@ -107,7 +107,7 @@ def test_bounds_lie_on_their_sides_of_the_mean_and_not_below_nothing():
 
 
 def test_ways_that_cost_more_than_planned_cost_more_in_the_next_plan():
-    dear = msgspec.structs.replace(MODEL, way_ratio=1.1)
+    dear = msgspec.structs.replace(MODEL, path_ratio=1.1)
     assert estimate(dear, Work(path_m=10.0)).mean_j == pytest.approx(1.1 * estimate(MODEL, Work(path_m=10.0)).mean_j)
     assert estimate(dear, Work(wait_s=10.0)) == estimate(MODEL, Work(wait_s=10.0))
 

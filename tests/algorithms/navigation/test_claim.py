@@ -8,7 +8,7 @@ claims = st.builds(
     cornered=st.integers(0, 2),
     priority=st.integers(-1, 2),
     waited=st.integers(0, 2),
-    way_m=st.sampled_from([0.0, 1.5, 9.0]),
+    path_length_m=st.sampled_from([0.0, 1.5, 9.0]),
 )
 names = st.sampled_from(["r1", "r2", "r10"])
 
@@ -26,8 +26,8 @@ def test_who_goes_first_is_an_order(first, second, third):
 
 
 def test_priority_counts_before_the_way_and_the_way_before_the_name():
-    assert Claim(priority=1, way_m=9.0).beats("b", Claim(way_m=1.0), "a")
-    assert Claim(way_m=1.0).beats("b", Claim(way_m=9.0), "a")
+    assert Claim(priority=1, path_length_m=9.0).beats("b", Claim(path_length_m=1.0), "a")
+    assert Claim(path_length_m=1.0).beats("b", Claim(path_length_m=9.0), "a")
     assert Claim().beats("a", Claim(), "b")
 
 

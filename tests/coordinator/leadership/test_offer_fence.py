@@ -33,7 +33,7 @@ class RobotsThatGoOn(PartedTeam):
         self.alone: set[str] = set()
         """Robots that say that they hear no coordinator."""
         for robot in self.robots:
-            robot.goes_on_s, robot.changes_heard = 120.0, ALL
+            robot.continues_for_s, robot.changes_received = 120.0, ALL
         self._numbers = 0
         self._ballots = {robot.name: robot.wire.publisher(ROBOT_BALLOT, robot=robot.name) for robot in self.robots}
 
@@ -118,7 +118,7 @@ def test_robots_without_consensus_hold_nothing_back() -> None:
     with open_lockstep_session() as session:
         team = RobotsThatGoOn(session, 4)
         for robot in team.robots[1:]:
-            robot.goes_on_s = robot.changes_heard = msgspec.UNSET
+            robot.continues_for_s = robot.changes_received = msgspec.UNSET
         team.run(3.0)
         team.part("r2", "r3", "r4")
         team.run(1.0)
@@ -180,7 +180,7 @@ def test_the_operator_may_say_that_the_others_do_nothing(four: RobotsThatGoOn) -
     four.run(1.0)
     four.queue("t1")
     four.run(3.0)
-    assert four.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).left_out == ["r2", "r3", "r4"]
+    assert four.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).skipped == ["r2", "r3", "r4"]
     four.run(2.0)
     assert four.asked() == ["t1"]
 
@@ -198,7 +198,7 @@ def test_a_restarted_coordinator_knows_which_robots_may_be_out_of_reach(tmp_path
         team.run(3.0)
         assert team.asked() == []
         assert team.coordinator.part(Leadership).fence.reason == MinorityHeard(1, 4)
-        assert team.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).left_out == ["r2", "r3", "r4"]
+        assert team.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).skipped == ["r2", "r3", "r4"]
         team.run(2.0)
         assert team.asked() == ["t1"]
         assert team.coordinator.part(Leadership).fence.reason is None
@@ -236,7 +236,7 @@ def test_what_was_given_to_a_robot_after_the_cut_is_taken_back(four: RobotsThatG
     (known, holder), (state, robot) = states["t1"], states["t2"]
     assert known is state is TaskState.RUNNING
     for other in four.robots:
-        other.changes_heard = ALL if other.name == robot else four.coordinator.tasks.find("t1").change
+        other.changes_received = ALL if other.name == robot else four.coordinator.tasks.find("t1").change
     four.run(0.2)
     four.part(*(other.name for other in four.robots if other.name not in (holder, robot)))
     four.part(*({"r1", "r2", "r3", "r4"} - {robot}))
@@ -253,7 +253,7 @@ def test_what_most_have_heard_of_stays_with_its_robot(four: RobotsThatGoOn) -> N
     robot = four.coordinator.tasks.find("t1").robot
     unaware = [other for other in four.robots if other.name != robot][:2]
     for other in unaware:
-        other.changes_heard = 0
+        other.changes_received = 0
     four.run(0.2)
     four.part(*({"r1", "r2", "r3", "r4"} - {robot}))
     four.run(3.0)

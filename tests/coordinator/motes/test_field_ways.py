@@ -43,4 +43,4 @@ def test_gateways_are_told_with_what_they_store_and_have_dropped() -> None:
     note(ways, "m2", via="r2")
     (gateway,) = ways.gateways()
     assert (gateway.name, gateway.readings, gateway.waiting, gateway.dropped) == ("m9", 2, 3, 2)
-    assert gateway.heard_ns == 30
+    assert gateway.last_seen_ns == 30

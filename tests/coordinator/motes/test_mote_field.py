@@ -160,7 +160,7 @@ def test_robot_stands_in_before_the_cells_are_empty(field) -> None:
     (record,) = made(field, "replace")
     assert record.task.parameters == {"mote": "m1", "duration_s": 50.0, "period_s": 4.0}
     assert field_reason(field, record).code == "mote_ends"
-    assert 0.0 < field_reason(field, record).values["left_s"] <= 30.0
+    assert 0.0 < field_reason(field, record).values["remaining_s"] <= 30.0
 
 
 def field_reason(field, record):

@@ -26,7 +26,7 @@ MODEL = EnergyModel(
     residual_w2_s=0.0,
     drift_w2_per_s=0.0,
     relative_sd=0.0,
-    way_ratio=1.0,
+    path_ratio=1.0,
     pace_m_s=0.5,
     turn_rate_rad_s=1.2,
     packet_j=0.0008,
@@ -69,7 +69,7 @@ class Mote:
                 rssi_dbm=-60.0,
                 via="r1",
                 sequence=self._sequence if numbered else None,
-                taken_ns=self.team.clock.now_ns() - to_ns(age_s),
+                measured_ns=self.team.clock.now_ns() - to_ns(age_s),
                 period_s=self.period_s,
             )
         )
@@ -127,8 +127,8 @@ def test_a_verdict_of_each_member_says_what_share_of_its_energy_it_would_take(fi
     field.run(5.0)
     verdicts = field.verdicts("s")
     assert verdicts["m1"].chosen
-    assert verdicts["m2"].why_not == "is 2.7 m from the place"
-    assert "of its energy; m1 takes" in verdicts["r1"].why_not
+    assert verdicts["m2"].refusal == "is 2.7 m from the place"
+    assert "of its energy; m1 takes" in verdicts["r1"].refusal
     assert verdicts["r1"].energy_j > 1000 * verdicts["m1"].energy_j
 
 
@@ -139,7 +139,7 @@ def test_why_a_mote_was_not_asked_is_told_when_a_robot_does_it(field):
     field.run(1.5)
     verdicts = field.verdicts("s")
     assert verdicts["r1"].chosen
-    assert verdicts["m1"].why_not == "senses temperature_c, not light_lx"
+    assert verdicts["m1"].refusal == "senses temperature_c, not light_lx"
 
 
 def test_mote_whose_cells_are_nearly_flat_is_spared(field):
@@ -204,7 +204,7 @@ def test_what_a_mote_cannot_do_it_is_not_asked_for(field, task, why):
     record = field.get("s")
     verdicts, mote = field.team.coordinator.part(MoteMembers).judge(record, field.team.clock.now_ns())
     assert mote is None
-    assert why in next(one.why_not for one in verdicts if one.robot == "m1")
+    assert why in next(one.refusal for one in verdicts if one.robot == "m1")
 
 
 def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
@@ -307,7 +307,7 @@ def test_a_mote_with_a_clock_far_ahead_is_heard_like_others():
     for second in range(5):
         ahead_ns = 10**18 if second == 0 else 0
         table.note(
-            MoteReading(value=float(second), stamp_ns=to_ns(second), taken_ns=to_ns(second) + ahead_ns, **fields),
+            MoteReading(value=float(second), stamp_ns=to_ns(second), measured_ns=to_ns(second) + ahead_ns, **fields),
             to_ns(second),
         )
     assert table.motes["m1"].latest.value == 4.0

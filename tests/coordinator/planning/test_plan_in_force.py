@@ -52,7 +52,7 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
         "r1": (PlannedStep("a", ns(2.0), 1.0, ns(3.0)), PlannedStep("b", ns(18.0), 2.0, ns(20.0))),
     }  # it is free at 2, at a from 3 to 8, and could be at b at 10
     assert made.orders == {"r1": ("a", "b")}
-    assert (made.problem, made.took_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": LATE}, {})
+    assert (made.problem, made.duration_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": LATE}, {})
 
 
 def test_a_task_that_begins_when_its_robot_is_there_is_set_out_for_at_once():
@@ -76,7 +76,7 @@ def test_a_decision_is_told_with_every_robots_bid():
     made = plan_of([["a"], []], job("a", 3, earliest_s=7.12345))
     [decision] = made.decisions
     assert (decision.task, decision.plan, decision.robots, decision.start_in_s) == ("a", 7, ("r0",), 7.12)
-    assert [(bid.robot, bid.chosen, bid.why_not) for bid in decision.bids] == [("r0", True, ""), ("r1", False, "")]
+    assert [(bid.robot, bid.chosen, bid.refusal) for bid in decision.bids] == [("r0", True, ""), ("r1", False, "")]
     assert [bid.energy_j for bid in decision.bids] == [6.0, 6.0]
     assert all(bid.time_s > 0 for bid in decision.bids)
 
@@ -85,7 +85,7 @@ def test_a_robot_that_may_not_be_asked_says_why_and_bids_nothing():
     made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): Refused(no_path())})
     [_, bid] = made.decisions[0].bids
     assert (bid.robot, bid.chosen, bid.energy_j, bid.time_s) == ("r1", False, None, None)
-    assert (bid.reason, bid.why_not) == (Refused(no_path()), "refused: no way there")
+    assert (bid.reason, bid.refusal) == (Refused(no_path()), "refused: no way there")
 
 
 def test_a_decision_of_nobody_has_no_time():

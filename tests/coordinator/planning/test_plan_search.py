@@ -101,7 +101,7 @@ def test_whatever_a_task_may_say_does_not_keep_others_from_being_planned(method,
 
 MODEL = EnergyModel(
     coefficients=(8.0, 0.5, 7.5, 1.25, 8.0), covariance=(0.0,) * 15, residual_w2_s=4.0, drift_w2_per_s=0.0003,
-    relative_sd=0.03, way_ratio=1.02, pace_m_s=0.5, turn_rate_rad_s=1.2, packet_j=0.0008, usable_j=240000.0,
+    relative_sd=0.03, path_ratio=1.02, pace_m_s=0.5, turn_rate_rad_s=1.2, packet_j=0.0008, usable_j=240000.0,
     power_w=12.5, usual_power_w=11.0,
 )  # fmt: skip
 
@@ -116,8 +116,8 @@ MODEL = EnergyModel(
         {"residual_w2_s": 1e12, "drift_w2_per_s": 1e12},
         {"pace_m_s": 1e-3, "turn_rate_rad_s": 1e-3},
         {"pace_m_s": 1e6},
-        {"way_ratio": 1e3, "relative_sd": 1e3},
-        {"way_ratio": 0.0},
+        {"path_ratio": 1e3, "relative_sd": 1e3},
+        {"path_ratio": 0.0},
         {"usable_j": 1e12},
         {"usable_j": -1e12},
     ],

@@ -142,9 +142,9 @@ def test_a_task_that_would_not_leave_the_reserve_is_left_out_and_everybody_is_to
     assert "% reserve" in team.why("t1")
     decision = ears.decided()[-1]
     assert (decision.task, decision.robots) == ("t1", ())
-    assert "< 10" in decision.bids[0].why_not
+    assert "< 10" in decision.bids[0].refusal
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
-    assert found.robots[0].why_not == decision.bids[0].why_not
+    assert found.robots[0].refusal == decision.bids[0].refusal
     assert found.now.startswith("it is queued: the plan leaves it out: r1, which comes nearest: would leave")
     queued = team.history("t1")
     run(team, [worker], 5.0)
@@ -208,7 +208,7 @@ def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
     team.run(1.0)
     assert offered(fresh) == ["t1"]
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
-    assert [one.why_not for one in found.robots] == ["goes home to charge", ""]
+    assert [one.refusal for one in found.robots] == ["goes home to charge", ""]
     fresh.end(TaskState.DONE)
     fresh.behavior, tired.behavior = "go home", "idle"
     team.run(0.5)
@@ -233,7 +233,7 @@ def test_a_decision_has_each_robots_bid(team, ears):
     assert near.chosen
     assert near.energy_j < far.energy_j
     assert near.time_s < far.time_s
-    assert (blind.reason, blind.why_not) == (lacks_plugins(("visit",)), "has no visit")
+    assert (blind.reason, blind.refusal) == (lacks_plugins(("visit",)), "has no visit")
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
     assert [(one.robot, one.chosen, one.energy_j) for one in found.robots] == [
         ("r1", True, near.energy_j), ("r2", False, far.energy_j), ("r3", False, None),

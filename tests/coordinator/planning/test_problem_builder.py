@@ -14,7 +14,7 @@ from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 MODEL = EnergyModel(
     coefficients=(5.0, 4.0, 6.0, 2.0, 0.0), covariance=(0.0,) * 15, residual_w2_s=0.0, drift_w2_per_s=0.0,
-    relative_sd=0.0, way_ratio=1.0, pace_m_s=0.5, turn_rate_rad_s=1.0, packet_j=0.1, usable_j=20_000.0, power_w=5.0,
+    relative_sd=0.0, path_ratio=1.0, pace_m_s=0.5, turn_rate_rad_s=1.0, packet_j=0.1, usable_j=20_000.0, power_w=5.0,
     usual_power_w=5.0,
 )  # fmt: skip
 BATTERY = BatteryState(voltage_v=12.0, current_a=0.5, temperature_c=25.0, soc=1.0, remaining_j=30_000.0)

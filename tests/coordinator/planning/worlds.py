@@ -29,7 +29,7 @@ def model(usable_j: float, *, dearer: float = 1.0, pace_m_s: float = PACE_M_S) -
         residual_w2_s=1.0,
         drift_w2_per_s=1e-5,
         relative_sd=0.03,
-        way_ratio=1.0,
+        path_ratio=1.0,
         pace_m_s=pace_m_s,
         turn_rate_rad_s=1.0,
         packet_j=0.0,

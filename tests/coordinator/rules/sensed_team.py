@@ -58,7 +58,7 @@ class SensedTeam:
             self._readings[mote] = self._wire.publisher(MOTE_READING, mote=mote)
         fields = {"quantity": "temperature_c", "via": "r1", "period_s": 2.0} | fields
         reading = MoteReading(mote=mote, place=place, value=value, voltage_v=3.0, rssi_dbm=-60.0, sequence=sequence,
-                              taken_ns=self.team.clock.now_ns() - to_ns(age_s), **fields)  # fmt: skip
+                              measured_ns=self.team.clock.now_ns() - to_ns(age_s), **fields)  # fmt: skip
         self._readings[mote].put(reading)
         return reading
 

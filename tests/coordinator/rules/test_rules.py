@@ -160,7 +160,7 @@ def test_a_repetition_by_another_clock_does_not_extend_the_time(begin):
     sensed = begin(rule(reading={"above": 26.0, "for_s": 4.0}))
     reading = sensed.sense(27.0)
     sensed.team.run(5.0)
-    sensed.again(reading, via="r2", taken_ns=reading.taken_ns + to_ns(4.5))
+    sensed.again(reading, via="r2", measured_ns=reading.measured_ns + to_ns(4.5))
     sensed.team.run(1.0)
     assert sensed.made() == []
 
@@ -278,7 +278,7 @@ def test_why_names_the_rule_and_the_reading(begin):
     assert first.why == "rule heat: m3 sensed temperature_c 27.5, above 26, 0.0 s before"
     reason = first.reason
     assert reason == Plain("rule_reading", rule="heat", mote="m3", value=27.5, via="r1")
-    assert reason.values["taken_ns"] > 0
+    assert reason.values["measured_ns"] > 0
 
 
 def test_a_task_that_cannot_be_is_refused_in_words_and_not_tried_at_each_reading(begin):

@@ -36,10 +36,10 @@ def test_the_nearest_robot_gets_the_task_and_the_others_hear_why_not() -> None:
 
     assert dispatch([wanted], robots, why_not) == [("t1", "r2")]
     assert verdicts(wanted, robots, why_not, "r2") == [
-        RobotVerdict(robot="r1", why_not="r2 is nearer", reason=Plain("another_nearer", robot="r2"), distance_m=5.0),
+        RobotVerdict(robot="r1", refusal="r2 is nearer", reason=Plain("another_nearer", robot="r2"), distance_m=5.0),
         RobotVerdict(robot="r2", chosen=True, distance_m=1.0),
-        RobotVerdict(robot="r3", why_not="does not know where it is", reason=position_unknown()),
-        RobotVerdict(robot="r4", why_not="has no camera", reason=lacks_plugins(("camera",)), distance_m=0.5),
+        RobotVerdict(robot="r3", refusal="does not know where it is", reason=position_unknown()),
+        RobotVerdict(robot="r4", refusal="has no camera", reason=lacks_plugins(("camera",)), distance_m=0.5),
     ]
     assert [verdict.reason for verdict in verdicts(wanted, robots, why_not)] == [
         None, None, position_unknown(), lacks_plugins(('camera',)),

@@ -21,9 +21,9 @@ class Elsewhere:
             self.book.add(Task(id=name, kind="visit", place=Point2D(1.0, 2.0)))
         self.held = HeldElsewhere(self.book, self.roster)
 
-    def say(self, robot, now_s, **left_s):
-        absent = [TaskHeldBy(id=task, robot="r9", left_s=value) for task, value in left_s.items()]
-        said = TeamBallot(robot=robot, ballot=Ballot(robot=robot, number=1, bids=(), heard=()), absent=absent)
+    def say(self, robot, now_s, **remaining_s):
+        absent = [TaskHeldBy(id=task, robot="r9", remaining_s=value) for task, value in remaining_s.items()]
+        said = TeamBallot(robot=robot, ballot=Ballot(robot=robot, number=1, bids=(), received=()), absent=absent)
         self.held.receive(said, to_ns(now_s))
 
     def by(self, now_s):

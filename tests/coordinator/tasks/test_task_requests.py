@@ -300,7 +300,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     team.run(0.2)
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
     assert found.now == "it is running at r1"
-    assert [(verdict.robot, verdict.chosen, verdict.why_not.split(" 1.")[0]) for verdict in found.robots] == [
+    assert [(verdict.robot, verdict.chosen, verdict.refusal.split(" 1.")[0]) for verdict in found.robots] == [
         ("r1", True, ""),
         ("r2", False, "has no visit"),
         ("r3", False, "lost contact"),
@@ -313,7 +313,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     team.run(0.6)
     found = team.ask(TASK_WHY, TaskRequest(id="t2"), TaskWhy)
     assert found.now == "it is queued: it waits for a robot to be free"
-    assert found.robots[0].why_not == "is halted"
+    assert found.robots[0].refusal == "is halted"
 
 
 def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was_chosen_last(team):
@@ -334,7 +334,7 @@ def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
     assert (found.record.state, found.record.robot) == (TaskState.DONE, "r1")
     assert [(verdict.robot, verdict.chosen) for verdict in found.robots] == [("r1", True), ("r2", False)]
-    assert found.robots[0].why_not == ""
+    assert found.robots[0].refusal == ""
 
 
 # -- the disk ---------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ TASK = Task(id="t4", kind="visit", place=Point2D(1.0, 2.0))
 
 
 def ballot(**fields):
-    return TeamBallot(robot="r2", ballot=Ballot(robot="r2", number=1, bids=(), heard=()), **fields)
+    return TeamBallot(robot="r2", ballot=Ballot(robot="r2", number=1, bids=(), received=()), **fields)
 
 
 @pytest.mark.parametrize(

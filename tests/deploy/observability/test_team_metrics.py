@@ -65,7 +65,7 @@ def test_a_robots_state_becomes_metrics(wire, clock):
     states = wire.publisher(ROBOT_STATE, robot="r1")
     for at_s in (1.0, 1.1, 1.6):
         clock.advance_to(to_ns(at_s))
-        states.put(RobotState(robot="r1", battery=BATTERY, halted=True, left_out=3, refused=[REFUSAL]))
+        states.put(RobotState(robot="r1", battery=BATTERY, halted=True, skipped=3, refused=[REFUSAL]))
     metrics.hear()
     clock.advance_to(to_ns(2.0))
     found = metrics_of = {name: family for family in metrics.collect() for name in [family.name]}

@@ -130,7 +130,7 @@ def test_one_that_is_cut_off_acknowledges_nothing_and_the_other_leads(team: Team
         assert team.run.leading() == [OTHER]
         site = team.run.site(COORDINATOR)
         now_ns = team.run.now_ns
-        assert team.mandate(COORDINATOR).refusal(now_ns) == Plain("not_leading", heard=0, witnesses=3)
+        assert team.mandate(COORDINATOR).refusal(now_ns) == Plain("not_leading", received=0, witnesses=3)
         assert team.mandate(OTHER).refusal(now_ns) is None
     team.pass_s(4.0)
     assert site.coordinator is None  # it stands by, and copies the other's journal
@@ -296,7 +296,7 @@ def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: 
 
 def lead_by_word(team: Team) -> list[str]:
     with team.run.acting(OPERATOR):
-        return team._wire.ask(COORDINATOR_LEAD, LeadRequest(by="ann")).left_out
+        return team._wire.ask(COORDINATOR_LEAD, LeadRequest(by="ann")).skipped
 
 
 def test_by_the_operators_word_one_leads_whose_journal_may_lack_something(team: Team) -> None:

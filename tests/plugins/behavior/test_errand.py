@@ -46,7 +46,7 @@ def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
     assert (status.state, status.why) == (TaskState.DONE, "")
     assert run.pose().distance_m(FAR) < 0.15
     assert status.result["off_m"] == pytest.approx(run.pose().distance_m(FAR), abs=0.05)
-    assert status.result["way_m"] == pytest.approx(run.way_m(), rel=0.05)
+    assert status.result["path_length_m"] == pytest.approx(run.way_m(), rel=0.05)
     assert battery is not None
     assert status.result["energy_j"] > 3.0 * 5.0
     assert behavior(run) == "idle"
@@ -120,7 +120,7 @@ def test_a_task_that_must_not_begin_yet_waits_at_its_place(errands):
 def test_a_visit_to_where_the_robot_is_takes_no_way(errands):
     run = errands("visit")
     status = run.finish(Task(id="v", kind="visit", place=START_PLACE, service_s=1.0))
-    assert (status.state, status.result["way_m"]) == (TaskState.DONE, 0.0)
+    assert (status.state, status.result["path_length_m"]) == (TaskState.DONE, 0.0)
 
 
 def test_a_place_that_cannot_be_reached_is_refused(errands):
@@ -210,7 +210,7 @@ def test_a_deadline_that_cannot_be_kept_is_refused_with_the_seconds(errands):
         Task(id="v", kind="visit", place=FAR, service_s=30.0, deadline_ns=run.clock.now_ns() + 20_000_000_000)
     )
     assert not answer.accepted
-    assert answer.reason == Plain("needs_time", left_s=20.0)
+    assert answer.reason == Plain("needs_time", remaining_s=20.0)
     assert 34.0 < answer.reason.values["needed_s"] < 45.0
 
 

@@ -198,7 +198,7 @@ def test_who_replaces_a_mote_senses_at_its_place_and_speaks_in_its_name(errands)
     assert {reading.via for reading in own} == {"r1"}
     assert {reading.quantity for reading in own} == {"temperature_c", "light_lx", "humidity_pct"}
     assert all(abs(reading.place.x_m - MOTES[1].x_m) < 0.3 for reading in own)
-    stamps_s = sorted({round(reading.taken_ns / 1e9) for reading in own})
+    stamps_s = sorted({round(reading.measured_ns / 1e9) for reading in own})
     assert [later - earlier for earlier, later in itertools.pairwise(stamps_s)] == [2, 2, 2, 2]
 
 

@@ -106,13 +106,15 @@ def test_a_robot_tells_in_how_long_it_will_be_done(errands):
     until_ended(run, "a")
     done_ns = run.clock.now_ns()
     told = [
-        one.message for one in states.drain() if one.message.task is not None and one.message.task.left_s is not None
+        one.message
+        for one in states.drain()
+        if one.message.task is not None and one.message.task.remaining_s is not None
     ]
     assert len(told) > 50
     for state in told:
-        left_s = to_seconds(done_ns - state.stamp_ns)
-        within_s = 0.6 if left_s < 3.5 else 6.0  # at the place it is the clock's, on the way an estimate
-        assert state.task.left_s == pytest.approx(left_s, abs=within_s)
+        remaining_s = to_seconds(done_ns - state.stamp_ns)
+        within_s = 0.6 if remaining_s < 3.5 else 6.0  # at the place it is the clock's, on the way an estimate
+        assert state.task.remaining_s == pytest.approx(remaining_s, abs=within_s)
 
 
 def test_nobody_knows_how_long_charging_takes(errands):
@@ -121,4 +123,4 @@ def test_nobody_knows_how_long_charging_takes(errands):
     run.run(1.0)
     standing = run.hosts["r1"].desk.standing(run.clock.now_ns())
     assert standing.task is not None
-    assert standing.task.left_s is None
+    assert standing.task.remaining_s is None

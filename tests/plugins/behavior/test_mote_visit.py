@@ -59,7 +59,7 @@ def test_a_visit_brings_in_everything_that_was_sensed_before(air):
         assert sequences == list(range(len(sequences)))
         assert len(sequences) > 100
     assert [row["missing"] for row in visit.heard()] == [0, 0, 0]
-    ages_s = [(each.stamp_ns - each.taken_ns) / 1e9 for each in readings]
+    ages_s = [(each.stamp_ns - each.measured_ns) / 1e9 for each in readings]
     assert max(ages_s) == pytest.approx(400.0, abs=10.0)
 
 

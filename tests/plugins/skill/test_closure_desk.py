@@ -72,9 +72,9 @@ def test_a_closure_with_a_mate_is_told_to_it_in_both_frames() -> None:
     local = Pose2D(0.3, 0.2, -1.0)
     assert scene.look(TRUE, local, T_arena_local.compose(beside(TRUE, 0.03, -0.02, 0.01)))
     (closure,) = scene.desk.found
-    assert (closure.submap, closure.mate, closure.mate_submap) == (3, *MATE)
-    assert off(closure.at_mate, Pose2D(TRUE.x_m, TRUE.y_m, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
-    assert closure.at_mate.yaw_rad == 0.0, "its axes are those of the mate's frame"
+    assert (closure.submap, closure.other_robot, closure.other_submap) == (3, *MATE)
+    assert off(closure.at_other, Pose2D(TRUE.x_m, TRUE.y_m, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
+    assert closure.at_other.yaw_rad == 0.0, "its axes are those of the mate's frame"
     assert (closure.at.x_m, closure.at.y_m) == (local.x_m, local.y_m)
     assert closure.at.yaw_rad == pytest.approx(local.yaw_rad - TRUE.yaw_rad, abs=0.01)
     information = symmetric(closure.information)
@@ -165,7 +165,7 @@ def test_the_less_sure_robot_and_mate_are_the_farther_the_scan_is_looked_for(
     assert scene.look(TRUE, believed, covariance=(x, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, yaw))
     assert scene.desk.closed == 1
     (closure,) = scene.desk.found
-    assert off(closure.at_mate, Pose2D(TRUE.x_m, TRUE.y_m, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
+    assert off(closure.at_other, Pose2D(TRUE.x_m, TRUE.y_m, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
     sure = Scene(MATE)
     assert sure.look(TRUE, believed)
     assert sure.desk.closed == 0, "a robot that is sure of its place does not look for it"
@@ -184,13 +184,18 @@ def test_offsets_within_the_slack_are_taken_for_none(slack_m: float, left: tuple
     believed = beside(TRUE, 0.06, 0.08, 0.02)
     assert scene.look(TRUE, believed)
     (closure,) = scene.desk.found
-    lies = Pose2D(closure.at_mate.x_m, closure.at_mate.y_m, believed.yaw_rad - closure.at.yaw_rad)
+    lies = Pose2D(closure.at_other.x_m, closure.at_other.y_m, believed.yaw_rad - closure.at.yaw_rad)
     assert off(lies, TRUE) == pytest.approx(left, abs=0.012)
 
 
 def closure_on(mate: str, number: int = 3, information: tuple[float, ...] = EVEN) -> Closures:
     closure = Closure(
-        submap=7, at=IDENTITY, mate=mate, mate_submap=number, at_mate=Pose2D(0.1, 0.0, 0.0), information=information
+        submap=7,
+        at=IDENTITY,
+        other_robot=mate,
+        other_submap=number,
+        at_other=Pose2D(0.1, 0.0, 0.0),
+        information=information,
     )
     return Closures(robot="r2", closures=[closure])
 

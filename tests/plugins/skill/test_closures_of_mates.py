@@ -35,7 +35,14 @@ def desk(graph, atlas):
 
 
 def told(**fields):
-    closure = {"submap": 7, "at": IDENTITY, "mate": "r1", "mate_submap": 5, "at_mate": BESIDE, "information": SURE}
+    closure = {
+        "submap": 7,
+        "at": IDENTITY,
+        "other_robot": "r1",
+        "other_submap": 5,
+        "at_other": BESIDE,
+        "information": SURE,
+    }
     return Closures(robot="r2", closures=[Closure(**(closure | fields))])
 
 
@@ -46,8 +53,8 @@ def told(**fields):
         ({"information": (1.0, 5.0, 0.0, 1.0, 0.0, 1.0)}, "no inverse covariance"),  # an indefinite matrix
         ({"information": (0.0,) * 6}, "no inverse covariance"),
         ({"information": (1e15, 0.0, 0.0, 1e15, 0.0, 1e15)}, "no inverse covariance"),  # sure to 30 nm
-        ({"at": Pose2D(1e6, 0.0, 0.0), "at_mate": Pose2D(1e6, 0.0, 0.0)}, "far outside"),  # a lever of 1000 km
-        ({"at_mate": Pose2D(0.0, -250.0, 0.0)}, "far outside"),
+        ({"at": Pose2D(1e6, 0.0, 0.0), "at_other": Pose2D(1e6, 0.0, 0.0)}, "far outside"),  # a lever of 1000 km
+        ({"at_other": Pose2D(0.0, -250.0, 0.0)}, "far outside"),
     ],
 )
 def test_a_closure_that_no_scan_can_show_is_refused(desk, graph, fields, why):
@@ -55,7 +62,7 @@ def test_a_closure_that_no_scan_can_show_is_refused(desk, graph, fields, why):
     assert not graph.has_news
 
 
-@pytest.mark.parametrize("fields", [{"mate": "r3"}, {"mate_submap": 6}])
+@pytest.mark.parametrize("fields", [{"other_robot": "r3"}, {"other_submap": 6}])
 def test_a_closure_with_a_submap_that_the_robot_does_not_have_says_nothing(desk, graph, fields):
     assert desk.hear(told(**fields)) == ""
     assert not graph.has_news

@@ -90,7 +90,7 @@ def test_a_closure_is_told_once_and_with_all_that_the_mate_needs(stage):
     assert scene.closures == 1
     (message,) = [received.message for received in scene.told.drain()]
     (closure,) = message.closures
-    assert (message.robot, closure.mate, closure.mate_submap) == ("r1", "r2", 7)
+    assert (message.robot, closure.other_robot, closure.other_submap) == ("r1", "r2", 7)
     assert closure.submap == scene.host.board.shared(OwnMap).local_map.number
 
 

@@ -196,9 +196,9 @@ def closure(number, off_m):
             Closure(
                 submap=7,
                 at=Pose2D(off_m, 0.0, 0.0),
-                mate="r1",
-                mate_submap=number,
-                at_mate=IDENTITY,
+                other_robot="r1",
+                other_submap=number,
+                at_other=IDENTITY,
                 information=(1e6, 0.0, 0.0, 1e6, 0.0, 1e6),
             )
         ],

@@ -114,7 +114,7 @@ def test_a_stored_reading_tells_when_it_was_taken(talk):
     one.one.run(200.0)
     one.hear(DARK)
     (reading,) = one.readings()
-    assert reading.stamp_ns - reading.taken_ns == pytest.approx(120e9, abs=1e8)
+    assert reading.stamp_ns - reading.measured_ns == pytest.approx(120e9, abs=1e8)
 
 
 def test_a_reading_goes_on_the_wire_once_however_often_it_is_heard(talk):

@@ -26,7 +26,7 @@ def test_a_reading_that_motes_have_passed_on_is_told_with_its_way_and_its_mote_i
     said = one.hear(passed_on(5), passed_on(7), passed_on(7))
     first, second = one.readings()
     assert (first.mote, first.hops, first.forwarder, first.sequence, first.via) == ("m9", 2, "m4", 5, "r1")
-    assert first.stamp_ns - first.taken_ns == pytest.approx(1.2e9, abs=1e8)
+    assert first.stamp_ns - first.measured_ns == pytest.approx(1.2e9, abs=1e8)
     assert second.sequence == 7
     assert (asked(said), one.counters()["repeated"]) == ([], 1)
     assert one.one.call("snw_exploration", "heard") == []

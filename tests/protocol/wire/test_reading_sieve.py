@@ -12,7 +12,7 @@ def reading(sequence, *, mote="m1", via="r1", taken_s=100.0, told_s=None, quanti
     stamp_ns = to_ns(taken_s if told_s is None else told_s)
     return MoteReading(
         mote=mote, place=None, quantity=quantity, value=20.0, voltage_v=3.0, rssi_dbm=-70.0, via=via,
-        sequence=sequence, taken_ns=to_ns(taken_s), stamp_ns=stamp_ns,
+        sequence=sequence, measured_ns=to_ns(taken_s), stamp_ns=stamp_ns,
     )  # fmt: skip
 
 

@@ -233,7 +233,7 @@ def test_who_hears_whom_is_published_for_viewers():
         heard, by_robot = team.hear(ARENA_LINKS), team.hear(ARENA_LINKS, "r1")
         team.go(2.0)
         message = last_state(heard)
-        assert {one.party: one.hears for one in message.radios} == {
+        assert {one.party: one.receives for one in message.radios} == {
             "coordinator": ["r1", "r2"],
             "r1": ["coordinator", "r2"],
             "r2": ["coordinator", "r1", "r3"],

@@ -93,7 +93,7 @@ def _watch(session: zenoh.Session, world: World) -> None:
     finally:
         viewer.close()
         watching.close()
-    assert (seen.parts_ready, seen.parts, seen.left_s) == (2, 16, 7.5)
+    assert (seen.parts_ready, seen.parts, seen.remaining_s) == (2, 16, 7.5)
     assert [robot.robot for robot in seen.truth.robots] == ["r1", "r2"]
     assert seen.truth.robots[0].pose == world.robots[0].start
     assert np.array_equal(cells_of(seen.floor), floor_classes(world.plan))
