@@ -83,7 +83,7 @@ def upgraded(value: Any, sentence: str = "") -> Any:
         return [upgraded(one) for one in value]
     if not isinstance(value, dict):
         return value
-    content: dict[str, Any] = {RENAMED.get(name, name): part for name, part in value.items()}
+    content: dict[str, Any] = {RENAMED.get(name) or name: part for name, part in value.items()}
     text = content.get("why") or content.get("refusal") or content.get("now") or ""
     for name, part in content.items():
         if name == "task":
