@@ -39,7 +39,7 @@ Every query is answered: with its reply, or with an error, an `ErrorReply`. An e
 that is too large, does not decode, or holds a value out of range is answered `bad_arguments`, and counted. *free JSON*:
 the two ends agree on the types, as for the arguments of a plugin's function.
 
-An installed distribution may add verbs of its own under `robot/{robot}/host/VERB`, by entry points in the group
+An installed distribution may add verbs under `robot/{robot}/host/VERB`, by entry points in the group
 `robrain.host_verbs`. Their requests and replies are JSON. A verb that the robot does not have is answered
 `unknown_function`, with those that it has.
 """

@@ -15,10 +15,10 @@ from robrain.plugins.behavior.errand import Errand
 from tests.reference_pages.markdown import page
 
 PYTHON = """\
-What `robrain` exports. Names are imported at first use: a robot does not need the simulator or the dashboard.
+The public names of `robrain`. Names are imported at first use: a robot does not need the simulator or the dashboard.
 """
 PLUGIN = """\
-What authors of plugins import; [Write plugins](../how-to/plugins.md) shows it at work.
+Names for authors of plugins; [Write plugins](../how-to/plugins.md) shows it at work.
 """
 GROUPS = {
     "Scenarios and runs": "robrain.sim.",

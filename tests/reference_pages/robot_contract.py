@@ -11,7 +11,7 @@ INTRODUCTION = """\
 
 <!-- Generated from protocol/table/robot_contract.py by `make reference`. Do not edit it. -->
 
-A robot with software of its own joins a team without robrain: it speaks the rows below. The plugin host (`robrain
+A robot with other software joins a team without robrain: it speaks the rows below. The plugin host (`robrain
 agent`) speaks them for robots with plugins. [robot.py](../../examples/09_any_language/robot.py) is such a robot in
 170 lines of Python and Zenoh:
 
