@@ -26,8 +26,8 @@ ROBOT_FILES = """\
 parameters in a plugin's manifest. `robrain arena --robot-files FOLDER` writes a file for each simulated robot.
 """
 TEAM_FILES = """\
-`robrain up TEAM.toml --host NAME` starts the parts of one machine of a team, `robrain doctor TEAM.toml --host NAME`
-looks at what may keep them from starting. `[robots]` names the robot file of each robot that is not the scenario's:
+`robrain up TEAM.toml --host NAME` starts the parts of one machine of a team. `robrain doctor TEAM.toml --host NAME`
+finds obstacles to their start. `[robots]` names the robot file of each robot that is not the scenario's:
 `r1 = "robots/r1.toml"`, relative to the team file. At least one `[[hosts]]` is required. [Start, watch and diagnose a
 team](../how-to/up.md) shows how the keys work together.
 """
