@@ -24,11 +24,15 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.ros2 import message_classes as classes
 from robrain.protocol.ros2 import message_types as ros
-from robrain.protocol.ros2.definitions import SubmitTaskResponse, TriggerResponse
-from robrain.protocol.ros2.message_classes import MarkerArray, String, TFMessage
-from robrain.protocol.ros2.message_types import MessageType
+from robrain.protocol.ros2.message_types import (
+    MarkerArray,
+    MessageType,
+    String,
+    SubmitTaskResponse,
+    TFMessage,
+    TriggerResponse,
+)
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, TF, Qos
 from robrain.protocol.ros2.ros_names import environment_domain
 from robrain.protocol.ros2.ros_node import RosNode
@@ -67,7 +71,7 @@ def stamped(kind: MessageType[M], frame: str, stamp_ns: int, **values: Any) -> M
     return found
 
 
-def occupancy_grid(grid: Grid, frame: str, stamp_ns: int) -> classes.OccupancyGrid:
+def occupancy_grid(grid: Grid, frame: str, stamp_ns: int) -> ros.OccupancyGrid:
     """The map: −1 unknown, 0 free, 100 occupied, rows from the lowest y, as ROS 2 has them too."""
     geometry = grid.geometry
     message = stamped(ros.OCCUPANCY_GRID, frame, stamp_ns, data=grid.classes().ravel())
@@ -78,7 +82,7 @@ def occupancy_grid(grid: Grid, frame: str, stamp_ns: int) -> classes.OccupancyGr
     return message
 
 
-def pose_stamped(pose: Pose2D, frame: str, stamp_ns: int) -> classes.PoseStamped:
+def pose_stamped(pose: Pose2D, frame: str, stamp_ns: int) -> ros.PoseStamped:
     """Pose of a robot."""
     message = stamped(ros.POSE_STAMPED, frame, stamp_ns)
     _place(message.pose, pose)
@@ -94,7 +98,7 @@ def transform(robot: str, pose: Pose2D, frame: str, stamp_ns: int) -> Any:
     return message
 
 
-def path(planned: PlannedPath, frame: str) -> classes.Path:
+def path(planned: PlannedPath, frame: str) -> ros.Path:
     """A robot's path; each pose faces the next point."""
     message = stamped(ros.PATH, frame, planned.stamp_ns)
     yaw_rad = 0.0
@@ -107,7 +111,7 @@ def path(planned: PlannedPath, frame: str) -> classes.Path:
     return message
 
 
-def laser_scan(scan: Scan) -> classes.LaserScan:
+def laser_scan(scan: Scan) -> ros.LaserScan:
     """A turn of a lidar, in the robot's frame; no return is infinite (REP 117)."""
     ranges_m = np.array(scan.ranges_mm, np.float32) / np.float32(1000.0)
     ranges_m[ranges_m == 0] = np.inf
@@ -123,7 +127,7 @@ def laser_scan(scan: Scan) -> classes.LaserScan:
     )
 
 
-def battery_message(robot: str, state: BatteryState, stamp_ns: int) -> classes.BatteryState:
+def battery_message(robot: str, state: BatteryState, stamp_ns: int) -> ros.BatteryState:
     """A battery_message; its current is negative while it discharges, and a missing measurement is NaN."""
     return stamped(
         ros.BATTERY_STATE,
@@ -142,14 +146,12 @@ def battery_message(robot: str, state: BatteryState, stamp_ns: int) -> classes.B
     )
 
 
-def task_event(event: TaskEvent) -> classes.String:
+def task_event(event: TaskEvent) -> String:
     """A change of a task as the JSON that robrain itself sends."""
-    return classes.String(msgspec.json.encode(event).decode())
+    return String(msgspec.json.encode(event).decode())
 
 
-def markers(
-    states: dict[str, RobotState], tasks: dict[str, TaskEvent], frame: str, stamp_ns: int
-) -> classes.MarkerArray:
+def markers(states: dict[str, RobotState], tasks: dict[str, TaskEvent], frame: str, stamp_ns: int) -> MarkerArray:
     """All robots (footprint and name) and open tasks; the first marker removes those drawn before.
 
     Args:
@@ -175,7 +177,7 @@ def markers(
         drawn.append(_marker("tasks", index, frame, SPHERE, size, color, (at.x_m, at.y_m, 0.1)))
         text = f"{event.task.kind} {event.task.id} {event.state}"
         drawn.append(_marker("task names", index, frame, TEXT, (0.0, 0.0, LABEL_M), color, (at.x_m, at.y_m, 0.5), text))
-    return classes.MarkerArray(drawn[:MARKERS_MAX])
+    return MarkerArray(drawn[:MARKERS_MAX])
 
 
 def _marker(
@@ -187,7 +189,7 @@ def _marker(
     rgb: Rgb,
     at_m: tuple[float, float, float],
     text: str = "",
-) -> classes.Marker:
+) -> ros.Marker:
     """A marker that stays at its frame, at any time."""
     marker = stamped(ros.MARKER, frame, 0, ns=group, id=number, type=shape, text=text, frame_locked=True)
     marker.scale.x, marker.scale.y, marker.scale.z = size_m
@@ -198,7 +200,7 @@ def _marker(
     return marker
 
 
-def _place(message: classes.Pose, pose: Pose2D) -> None:
+def _place(message: ros.Pose, pose: Pose2D) -> None:
     message.position.x, message.position.y = pose.x_m, pose.y_m
     message.orientation.z, message.orientation.w = math.sin(pose.yaw_rad / 2), math.cos(pose.yaw_rad / 2)
 

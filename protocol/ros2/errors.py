@@ -1,19 +1,17 @@
 """Errors of the ROS 2 side.
 
 RobrainError
-└── RosError                  something that ROS 2 nodes do not understand, or did not answer
+└── RosError                  something that ROS 2 nodes do not understand
     ├── BadRosName            a name of a node, topic, service or type against the rules of ROS 2
     ├── BadCdr                bytes that are not the message they claim to be; or a message that cannot be encoded
-    ├── BadAttachment         bytes that are no attachment of rmw_zenoh
-    ├── BadToken              a key that is no liveliness token of rmw_zenoh
-    └── NoReply               a service did not answer; `.service` is its name
+    └── BadAttachment         bytes that are no attachment of rmw_zenoh
 """
 
 from robrain.protocol.errors import RobrainError
 
 
 class RosError(RobrainError):
-    """Something that ROS 2 nodes do not understand, or did not answer."""
+    """Something that ROS 2 nodes do not understand."""
 
 
 class BadRosName(RosError):
@@ -30,15 +28,3 @@ class BadCdr(RosError):
 
 class BadAttachment(RosError):
     """Bytes that are no attachment of rmw_zenoh."""
-
-
-class BadToken(RosError):
-    """A key that is no liveliness token of rmw_zenoh."""
-
-
-class NoReply(RosError):
-    """A service did not answer, or its answer is no response."""
-
-    def __init__(self, service: str, why: str) -> None:
-        super().__init__(f"ROS 2 service {service}: {why}")
-        self.service = service

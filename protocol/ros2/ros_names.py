@@ -17,8 +17,6 @@ DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 
 _PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _TYPE = re.compile(r"([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Z][A-Za-z0-9_]*)")
-_DDS_TYPE = re.compile(r"([a-z][a-z0-9_]*)::(msg|srv|action)::dds_::([A-Z][A-Za-z0-9_]*)_")
-_HASH = re.compile(r"RIHS01_[0-9a-f]{64}")
 
 
 def environment_domain() -> int:
@@ -92,24 +90,6 @@ def check_namespace(namespace: str) -> str:
     return namespace if namespace == "/" else full_name("/" + namespace.strip("/"))
 
 
-def mangled(name: str) -> str:
-    """Name as it stands in one part of a token.
-
-    >>> mangled("/r1/scan")
-    '%r1%scan'
-    """
-    return name.replace("/", "%")
-
-
-def demangled(part: str) -> str:
-    """Reverse of `mangled`.
-
-    >>> demangled("%r1%scan")
-    '/r1/scan'
-    """
-    return part.replace("%", "/")
-
-
 def dds_type(type_name: str) -> str:
     """Name of a type as it stands in keys.
 
@@ -126,37 +106,10 @@ def dds_type(type_name: str) -> str:
     return f"{package}::{kind}::dds_::{name}_"
 
 
-def ros_type(dds_name: str) -> str:
-    """Reverse of `dds_type`.
-
-    Raises:
-        BadRosName: it is no name of a type.
-
-    >>> ros_type("nav_msgs::msg::dds_::Odometry_")
-    'nav_msgs/msg/Odometry'
-    """
-    match = _DDS_TYPE.fullmatch(dds_name)
-    if match is None or len(dds_name) > NAME_MAX:
-        raise BadRosName("type", dds_name, "expected something like nav_msgs::msg::dds_::Odometry_")
-    return "/".join(match.groups())
-
-
-def check_hash(type_hash: str) -> str:
-    """Return a hash of a type (REP 2016: `RIHS01_` and 64 hexadecimal digits).
-
-    Raises:
-        BadRosName: it is none.
-
-    """
-    if not _HASH.fullmatch(type_hash):
-        raise BadRosName("type hash", type_hash, "expected RIHS01_ and 64 hexadecimal digits")
-    return type_hash
-
-
 def data_key(domain: int, name: str, type_name: str, type_hash: str) -> str:
     """Key on which a topic's messages are put, and a service's requests are asked.
 
     >>> data_key(0, "/r1/scan", "sensor_msgs/msg/LaserScan", "RIHS01_" + 64 * "0")[:50]
     '0/r1/scan/sensor_msgs::msg::dds_::LaserScan_/RIHS0'
     """
-    return f"{check_domain(domain)}/{name.strip('/')}/{dds_type(type_name)}/{check_hash(type_hash)}"
+    return f"{check_domain(domain)}/{name.strip('/')}/{dds_type(type_name)}/{type_hash}"

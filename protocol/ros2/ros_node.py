@@ -1,27 +1,140 @@
-"""A node of ROS 2 over an existing Zenoh session, as `rmw_zenoh` sees it."""
+"""A node of ROS 2 over an existing Zenoh session, as `rmw_zenoh` sees it.
+
+The attachment of messages, requests and responses has 33 bytes: number and time, two little-endian int64, and 16 bytes
+of gid behind their length, as Zenoh's serializer writes an array. A server is a queryable, a request is a query.
+Nodes find each other by liveliness tokens: `@ros2_lv/DOMAIN/SESSION/NODE/ENTITY/KIND/ENCLAVE/NAMESPACE/NAME`, and for
+all but nodes `/TOPIC/TYPE/HASH/QOS` (rmw_zenoh: design.md, liveliness_utils.cpp).
+"""
 
 from __future__ import annotations
 
 import itertools
+import struct
 import threading
 from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
+from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
+import msgspec
+import xxhash
 import zenoh
 import zenoh.ext
 
-from robrain.protocol.ros2.attachment import Attachment
 from robrain.protocol.ros2.errors import BadAttachment, BadCdr
 from robrain.protocol.ros2.message_types import MessageType, ServiceType
-from robrain.protocol.ros2.qos import RELIABLE, SERVICES, History, Qos, Reliability
-from robrain.protocol.ros2.ros_names import check_domain, check_namespace, check_node_name, full_name
+from robrain.protocol.ros2.qos import RELIABLE, History, Qos, Reliability
+from robrain.protocol.ros2.ros_names import (
+    check_domain,
+    check_namespace,
+    check_node_name,
+    data_key,
+    dds_type,
+    full_name,
+)
 from robrain.protocol.ros2.ros_port import ReceivedMessage
-from robrain.protocol.ros2.ros_service import RosClient, RosServer
-from robrain.protocol.ros2.tokens import Entity, EntityKind, NodeId
 
 M = TypeVar("M")
+Q = TypeVar("Q")
+R = TypeVar("R")
+
+
+class EntityKind(StrEnum):
+    """Subject of a token."""
+
+    NODE = "NN"
+    PUBLISHER = "MP"
+    SUBSCRIPTION = "MS"
+    SERVER = "SS"
+    CLIENT = "SC"
+
+
+class NodeId(msgspec.Struct, frozen=True):
+    """A node."""
+
+    domain: int
+    session: str
+    """Id of its Zenoh session."""
+    number: int
+    """Unique in its session."""
+    namespace: str
+    name: str
+
+
+class Entity(msgspec.Struct, frozen=True):
+    """A node (without the last four), or something that it has."""
+
+    kind: EntityKind
+    node: NodeId
+    number: int
+    """Unique in its session; a node's own number for a node."""
+    name: str = ""
+    """Of the topic or service."""
+    type_name: str = ""
+    type_hash: str = ""
+    qos: Qos = Qos()
+
+    @property
+    def token(self) -> str:
+        """Key of its token."""
+        node = self.node
+        parts = ["@ros2_lv", str(check_domain(node.domain)), node.session, str(node.number), str(self.number)]
+        parts += [self.kind, "%", node.namespace.replace("/", "%"), node.name]
+        if self.kind is not EntityKind.NODE:
+            parts += [self.name.replace("/", "%"), dds_type(self.type_name), self.type_hash, self.qos.token]
+        return "/".join(parts)
+
+    @property
+    def key(self) -> str:
+        """Key of its messages or requests."""
+        return data_key(self.node.domain, self.name, self.type_name, self.type_hash)
+
+    @property
+    def gid(self) -> bytes:
+        """Its id in attachments: XXH3 of the token, as rmw_zenoh derives it."""
+        return xxhash.xxh3_128_intdigest(self.token.encode()).to_bytes(16, "little")
+
+
+GID_BYTES = 16
+_FORMAT = struct.Struct(f"<qqB{GID_BYTES}s")
+
+
+class Attachment(msgspec.Struct, frozen=True):
+    """Sender, number and time of a message.
+
+    >>> Attachment.unpack(Attachment(1, 2, bytes(range(16))).pack()).gid.hex()
+    '000102030405060708090a0b0c0d0e0f'
+    """
+
+    number: int
+    """Counts a publisher's messages or a client's requests from 1; a response carries that of its request."""
+    stamp_ns: int
+    """Sender's clock, since 1970."""
+    gid: bytes
+    """Of the publisher, or of the client in requests and responses."""
+
+    def pack(self) -> bytes:
+        """The attachment as it travels."""
+        return _FORMAT.pack(self.number, self.stamp_ns, GID_BYTES, self.gid)
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Attachment:
+        """Read an attachment.
+
+        Raises:
+            BadAttachment: it has another length, or a negative number or stamp, which rmw_zenoh refuses too.
+
+        """
+        if len(payload) != _FORMAT.size:
+            raise BadAttachment(f"expected an attachment of {_FORMAT.size} bytes, got {len(payload)}")
+        number, stamp_ns, gid_bytes, gid = _FORMAT.unpack(payload)
+        if gid_bytes != GID_BYTES:
+            raise BadAttachment(f"expected a gid of {GID_BYTES} bytes, got {gid_bytes}")
+        if number < 0 or stamp_ns < 0:
+            raise BadAttachment(f"expected a number and a stamp from 0, got {number} and {stamp_ns}")
+        return cls(number, stamp_ns, gid)
+
 
 INBOX_BYTES_MAX = 134_217_728
 """Of all messages that wait in one subscription (chosen: eight of the largest)."""
@@ -195,11 +308,128 @@ def _declare(session: zenoh.Session, key: str, qos: Qos) -> Any:
     )
 
 
+WAITING_MAX = 64
+"""Requests that wait in one server."""
+
+
+class RosRequest(Generic[Q, R]):
+    """A request that waits for its response; see `Request`. Dropping it without a word ends the query as well."""
+
+    def __init__(
+        self,
+        query: zenoh.Query,
+        key: str,
+        sender: Attachment,
+        request: Q,
+        response: MessageType[R],
+        now_ns: Callable[[], int],
+    ) -> None:
+        self.request = request
+        self.sender = sender
+        """Client's gid, the number of its request, and when it was sent."""
+        self._query = query
+        self._key = key
+        self._response = response
+        self._now_ns = now_ns
+
+    def reply(self, response: R) -> None:
+        """See `Request`.
+
+        Raises:
+            BadCdr: it cannot be encoded; the query is still open.
+
+        """
+        payload = self._response.encode(response)
+        attachment = Attachment(self.sender.number, self._now_ns(), self.sender.gid)
+        with suppress(zenoh.ZError), self._query:  # the client or the session may be gone
+            self._query.reply(self._key, payload, attachment=attachment.pack())
+
+    def refuse(self, why: str) -> None:
+        """See `Request`."""
+        _refuse(self._query, why)
+
+
+class RosServer(Generic[Q, R]):
+    """A service over a Zenoh session, which only appends on Zenoh's threads; `requests` decodes.
+
+    Args:
+        session: brings the requests.
+        entity: the server as others see it.
+        kind: type of the service.
+        now_ns: the clock for stamps.
+
+    """
+
+    def __init__(
+        self, session: zenoh.Session, entity: Entity, kind: ServiceType[Q, R], now_ns: Callable[[], int]
+    ) -> None:
+        self.entity = entity
+        self.dropped = 0
+        self.refused = 0
+        self.on_arrival: Callable[[], None] | None = None
+        """Called on Zenoh's thread after each request."""
+        self._kind = kind
+        self._now_ns = now_ns
+        self._key = entity.key
+        self._waiting: deque[zenoh.Query] = deque()
+        self._lock = threading.Lock()
+        callback: Any = zenoh.handlers.Callback(self._take, indirect=False)
+        self._queryable: Any = session.declare_queryable(self._key, callback, complete=True)
+        self._token: Any = session.liveliness().declare_token(entity.token)
+
+    def requests(self) -> list[RosRequest[Q, R]]:
+        """See `Server`."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, deque()
+        found = []
+        for query in waiting:
+            try:
+                sender = Attachment.unpack(query.attachment.to_bytes() if query.attachment is not None else b"")
+                request = self._kind.request.decode(query.payload.to_bytes() if query.payload is not None else b"")
+            except (BadAttachment, BadCdr) as error:
+                self.refused += 1
+                _refuse(query, str(error))
+                continue
+            found.append(RosRequest(query, self._key, sender, request, self._kind.response, self._now_ns))
+        return found
+
+    def close(self) -> None:
+        """See `Server`."""
+        declared, self._queryable = self._queryable, None
+        if declared is None:
+            return
+        with suppress(zenoh.ZError):  # the session is closed, which ended both
+            self._token.undeclare()
+            declared.undeclare()
+        with self._lock:
+            waiting, self._waiting = self._waiting, deque()
+        for query in waiting:
+            _refuse(query, "the service ends")
+
+    def _take(self, query: zenoh.Query) -> None:
+        size = len(query.payload) if query.payload is not None else 0
+        if size > self._kind.request.max_bytes:
+            self.refused += 1
+            _refuse(query, f"{size} bytes: expected at most {self._kind.request.max_bytes}")
+            return
+        with self._lock:
+            is_full = len(self._waiting) >= WAITING_MAX
+            if not is_full:
+                self._waiting.append(query)
+        if is_full:
+            self.dropped += 1
+            _refuse(query, f"{WAITING_MAX} requests wait already")
+        elif self.on_arrival is not None:
+            self.on_arrival()
+
+
+def _refuse(query: zenoh.Query, why: str) -> None:
+    with suppress(zenoh.ZError), query:  # the client or the session may be gone
+        query.reply_err(why.encode())
+
+
 _NUMBERS = itertools.count()
 """Of nodes and their parts: unique in the process, and so in each of its sessions."""
-
-Q = TypeVar("Q")
-R = TypeVar("R")
 
 
 class RosNode:
@@ -237,7 +467,7 @@ class RosNode:
         )
         self._session = session
         self._now_ns = now_ns
-        self._own: list[RosPublisher[Any] | RosSubscription[Any] | RosServer[Any, Any] | RosClient[Any, Any]] = []
+        self._own: list[RosPublisher[Any] | RosSubscription[Any] | RosServer[Any, Any]] = []
         self._token: Any = session.liveliness().declare_token(Entity(EntityKind.NODE, self.id, self.id.number).token)
 
     def advertise(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> RosPublisher[M]:
@@ -255,17 +485,10 @@ class RosNode:
 
     def serve(self, service: str, kind: ServiceType[Q, R]) -> RosServer[Q, R]:
         """See `RosPort`."""
-        entity = self._entity(EntityKind.SERVER, service, kind, SERVICES)
+        entity = self._entity(EntityKind.SERVER, service, kind, RELIABLE)
         server = RosServer(self._session, entity, kind, self._now_ns)
         self._own.append(server)
         return server
-
-    def client(self, service: str, kind: ServiceType[Q, R]) -> RosClient[Q, R]:
-        """Call a service. Arguments and errors as for `advertise`."""
-        entity = self._entity(EntityKind.CLIENT, service, kind, SERVICES)
-        client = RosClient(self._session, entity, kind, self._now_ns)
-        self._own.append(client)
-        return client
 
     def close(self) -> None:
         """See `RosPort`."""

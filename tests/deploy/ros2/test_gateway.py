@@ -22,9 +22,15 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import MapFrame
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.ros2.definitions import Nothing, SubmitTaskResponse, TaskText, TriggerResponse
-from robrain.protocol.ros2.message_classes import String
-from robrain.protocol.ros2.message_types import MessageType, ServiceType
+from robrain.protocol.ros2.message_types import (
+    MessageType,
+    Nothing,
+    ServiceType,
+    String,
+    SubmitTaskResponse,
+    TaskText,
+    TriggerResponse,
+)
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Qos
 from robrain.protocol.ros2.ros_port import ReceivedMessage
 from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT

@@ -19,22 +19,6 @@ SEEDS = (1, 2)
 ELSEWHERE = {
     "tf2_msgs": {"msg/TFMessage.msg": "geometry_msgs/TransformStamped[] transforms\n"},
     "robrain_msgs": {"srv/SubmitTask.srv": "string task\n---\nbool accepted\nstring answer\n"},
-    "nav2_msgs": {
-        "action/NavigateToPose.action": """
-geometry_msgs/PoseStamped pose
-string behavior_tree
----
-uint16 NONE=0
-uint16 error_code
-string error_msg
----
-geometry_msgs/PoseStamped current_pose
-builtin_interfaces/Duration navigation_time
-builtin_interfaces/Duration estimated_time_remaining
-int16 number_of_recoveries
-float32 distance_remaining
-"""
-    },
 }
 """Definitions (of Jazzy) in packages that are not to be had without a ROS installation."""
 SHARE = Path(sys.prefix) / "share"
@@ -58,7 +42,7 @@ def described_hashes() -> dict[str, str]:
     """Hash of each type of the installed packages, as rosidl wrote it."""
     found: dict[str, str] = {}
     for path in SHARE.glob("*/*/*.json"):
-        if path.parent.name in ("msg", "srv", "action"):
+        if path.parent.name in ("msg", "srv"):
             hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
             found |= {each["type_name"]: each["hash_string"] for each in hashes}
     return found
@@ -69,16 +53,15 @@ def hashes_of(package: str, texts: dict[str, str], folder: Path) -> dict[str, st
 
     Args:
         package: name of their package.
-        texts: definitions by file, such as `action/NavigateToPose.action`.
+        texts: definitions by file, such as `srv/SubmitTask.srv`.
         folder: for what rosidl writes.
 
     """
-    from rosidl_adapter.action import convert_action_to_idl
     from rosidl_adapter.msg import convert_msg_to_idl
     from rosidl_adapter.srv import convert_srv_to_idl
     from rosidl_generator_type_description import generate_type_hash
 
-    converts = {"msg": convert_msg_to_idl, "srv": convert_srv_to_idl, "action": convert_action_to_idl}
+    converts = {"msg": convert_msg_to_idl, "srv": convert_srv_to_idl}
     for name, text in texts.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -11,8 +11,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
 
 from robrain.protocol.ros2 import message_types
-from robrain.protocol.ros2.definitions import typestore
-from robrain.protocol.ros2.message_types import MessageType, ServiceType
+from robrain.protocol.ros2.message_types import MessageType, ServiceType, typestore
 
 SERVICES = sorted(
     (kind for kind in vars(message_types).values() if isinstance(kind, ServiceType)), key=lambda kind: kind.name
@@ -24,7 +23,7 @@ TYPES: list[MessageType[Any]] = sorted(
     ],
     key=lambda kind: kind.name,
 )
-NOT_IN_RCLPY = ("tf2_msgs/", "nav2_msgs/", "robrain_msgs/")
+NOT_IN_RCLPY = ("tf2_msgs/", "robrain_msgs/")
 """Packages that are not to be had without a ROS installation."""
 
 INTEGERS = {

@@ -13,16 +13,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import zenoh
 
-from robrain.protocol.ros2.definitions import Switch, TriggerResponse
-from robrain.protocol.ros2.message_classes import LaserScan
-from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, SET_BOOL, STRING
+from robrain.protocol.ros2.message_types import (
+    LASER_SCAN,
+    OCCUPANCY_GRID,
+    SET_BOOL,
+    STRING,
+    LaserScan,
+    Switch,
+    TriggerResponse,
+)
 from robrain.protocol.ros2.qos import LATCHED
-from robrain.protocol.ros2.ros_graph import RosGraph
-from robrain.protocol.ros2.ros_node import RosNode, RosPublisher
-from robrain.protocol.ros2.ros_service import RosServer
-from robrain.protocol.ros2.tokens import EntityKind
+from robrain.protocol.ros2.ros_node import EntityKind, RosNode, RosPublisher, RosServer
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.protocol.ros2.other_node import ask, response, tokens
 from tests.protocol.ros2.real_ros import HAS_RCLPY, NEEDED, SHARE
 from tests.waiting import PATIENCE_S, until
 
@@ -82,7 +87,7 @@ class Both(NamedTuple):
 
     sdk: Sdk
     node: RosNode
-    graph: RosGraph
+    session: zenoh.Session
     scans: RosPublisher[LaserScan]
     switches: RosServer[Switch, TriggerResponse]
 
@@ -94,7 +99,6 @@ def both() -> Iterator[Both]:
         endpoint = listening_at(router)[0]
         session = stack.enter_context(closing(open_session(connect=(endpoint,))))
         node = stack.enter_context(closing(RosNode(session, "robrain", now_ns=time.time_ns)))
-        graph = stack.enter_context(closing(RosGraph(session)))
         scans = node.advertise("/robrain/scan", LASER_SCAN)
         switches = node.serve("/robrain/switch", SET_BOOL)
         grid = OCCUPANCY_GRID.blank(data=np.array([0, 100, -1, 50, 0, 0], np.int8))
@@ -102,7 +106,7 @@ def both() -> Iterator[Both]:
         node.advertise("/map", OCCUPANCY_GRID, LATCHED).publish(grid)  # before the other program begins
         sdk = Sdk(endpoint.rpartition(":")[2])
         stack.callback(sdk.end)
-        yield Both(sdk, node, graph, scans, switches)
+        yield Both(sdk, node, session, scans, switches)
 
 
 def test_it_gets_the_latched_map_though_it_came_later(both):
@@ -110,7 +114,7 @@ def test_it_gets_the_latched_map_though_it_came_later(both):
 
 
 def test_it_hears_a_scan(both):
-    until(lambda: both.graph.endpoints("/robrain/scan", EntityKind.SUBSCRIPTION))
+    until(lambda: [token for token in tokens(both.session, EntityKind.SUBSCRIPTION) if "%robrain%scan" in token])
     scan = LASER_SCAN.blank(ranges=np.array([0.5, 1.5], np.float32))
     scan.header.frame_id = "r1/laser"
     both.scans.publish(scan)
@@ -134,9 +138,9 @@ def test_it_calls_a_service(both):
 
 
 def test_its_service_is_called(both):
-    client = both.node.client("/sdk/switch", SET_BOOL)
-    until(lambda: both.graph.endpoints("/sdk/switch", EntityKind.SERVER))
-    assert client.ask(Switch(True), timeout_s=PATIENCE_S).wait() == TriggerResponse(True, "from the sdk")
+    until(lambda: [token for token in tokens(both.session, EntityKind.SERVER) if "%sdk%switch" in token])
+    replies = ask(both.session, "/sdk/switch", SET_BOOL, Switch(True))
+    assert response(replies, SET_BOOL) == TriggerResponse(True, "from the sdk")
 
 
 def test_it_finds_the_topics_and_who_publishes_them(both):
@@ -149,11 +153,3 @@ def test_it_finds_the_topics_and_who_publishes_them(both):
     }
     ((_, name, type_hash, qos),) = told["publishers"]
     assert (name, type_hash, qos) == ("robrain", OCCUPANCY_GRID.type_hash, ":1:,1:,:,:,,")
-
-
-def test_its_nodes_and_topics_are_found(both):
-    assert "/lab/sdk" in both.graph.nodes()
-    assert both.graph.topics()["/sdk/chatter"] == [STRING.name]
-    assert both.graph.services()["/sdk/switch"] == [SET_BOOL.name]
-    assert [each.type_hash for each in both.graph.endpoints("/sdk/chatter", EntityKind.PUBLISHER)] == [STRING.type_hash]
-    assert (both.graph.refused, both.graph.dropped) == (0, 0)

@@ -8,41 +8,40 @@ import numpy as np
 import pytest
 import zenoh
 
-from robrain.protocol.ros2 import ros_graph, ros_node
-from robrain.protocol.ros2.attachment import Attachment
-from robrain.protocol.ros2.definitions import Nothing, TriggerResponse
-from robrain.protocol.ros2.errors import BadRosName, NoReply
-from robrain.protocol.ros2.message_classes import String
-from robrain.protocol.ros2.message_types import LASER_SCAN, OCCUPANCY_GRID, STRING, TRIGGER, MessageType, ServiceType
+from robrain.protocol.ros2 import ros_node
+from robrain.protocol.ros2.errors import BadRosName
+from robrain.protocol.ros2.message_types import (
+    LASER_SCAN,
+    OCCUPANCY_GRID,
+    STRING,
+    TRIGGER,
+    MessageType,
+    Nothing,
+    ServiceType,
+    String,
+    TriggerResponse,
+)
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, Qos
-from robrain.protocol.ros2.ros_graph import RosGraph
-from robrain.protocol.ros2.ros_node import RosNode
-from robrain.protocol.ros2.ros_service import WAITING_MAX
-from robrain.protocol.ros2.tokens import EntityKind
+from robrain.protocol.ros2.ros_node import WAITING_MAX, Attachment, EntityKind, RosNode
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.protocol.ros2.other_node import NoReply, ask, response, tokens
 from tests.waiting import until
 
 SHORT = MessageType(STRING.name, String, max_bytes=64)
 
 
 class Two(NamedTuple):
-    """Two nodes, and what one of them knows of the other."""
+    """Two nodes, and their sessions."""
 
     one: RosNode
     other: RosNode
-    graph: RosGraph
-    """Of the other node's session."""
     session: zenoh.Session
-    """Of the one node."""
+    far: zenoh.Session
+    """Of the other node."""
 
-    def knows(self, *, publishers: int = 0, subscriptions: int = 0, servers: int = 0) -> None:
-        """Wait until the other node's session knows of so many endpoints."""
-        wanted = {
-            EntityKind.PUBLISHER: publishers,
-            EntityKind.SUBSCRIPTION: subscriptions,
-            EntityKind.SERVER: servers,
-        }
-        until(lambda: all(len(self.graph.entities(kind)) >= count for kind, count in wanted.items()))
+    def knows(self, *kinds: EntityKind) -> None:
+        """Wait until the other node's session knows of an entity of each kind."""
+        until(lambda: all(tokens(self.far, kind) for kind in kinds))
 
 
 @pytest.fixture
@@ -60,9 +59,7 @@ def two(sessions) -> Iterator[Two]:
     clock = itertools.count(1_000)
     one = RosNode(sessions[0], "one", namespace="/r1", now_ns=lambda: next(clock))
     other = RosNode(sessions[1], "other", now_ns=lambda: next(clock))
-    graph = RosGraph(sessions[1])
-    yield Two(one, other, graph, sessions[0])
-    graph.close()
+    yield Two(one, other, *sessions)
     other.close()
     one.close()
 
@@ -75,7 +72,7 @@ def taken(subscription) -> list:
 def test_a_message_arrives_with_its_sender_number_and_time(two):
     publisher = two.one.advertise("scan", LASER_SCAN)
     heard = two.other.subscribe("/r1/scan", LASER_SCAN)
-    two.knows(publishers=1, subscriptions=1)
+    two.knows(EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION)
     messages = []
     while not messages:  # the publisher's session learns of the subscription in its own time
         publisher.publish(LASER_SCAN.blank(ranges=np.arange(3, dtype=np.float32)))
@@ -138,66 +135,30 @@ def test_what_is_no_message_is_refused_and_counted(two):
 
 def test_a_service_is_answered_and_the_answer_finds_its_request(two):
     server = two.one.serve("/halt", TRIGGER)
-    client = two.other.client("/halt", TRIGGER)
-    two.knows(servers=1)
-    calls = [client.ask(Nothing()) for _ in range(3)]
+    two.knows(EntityKind.SERVER)
+    calls = {number: ask(two.far, "/halt", TRIGGER, Nothing(), number) for number in (1, 2, 3)}
     waiting: list = []
     until(lambda: waiting.extend(server.requests()) or len(waiting) == 3)
-    assert [request.sender.number for request in waiting] == [1, 2, 3]
     for request in reversed(waiting):  # in any order
         request.reply(TriggerResponse(True, f"to {request.sender.number}"))
-    assert [call.wait().message for call in calls] == ["to 1", "to 2", "to 3"]
+    assert [response(call, TRIGGER, number).message for number, call in calls.items()] == ["to 1", "to 2", "to 3"]
 
 
-def test_a_response_can_be_polled_for(two):
+def test_a_refused_request_ends_with_the_reason(two):
     server = two.one.serve("/halt", TRIGGER)
-    client = two.other.client("/halt", TRIGGER)
-    two.knows(servers=1)
-    call = client.ask(Nothing())
-    request = until(server.requests)[0]
-    assert call.poll() is None
-    request.reply(TriggerResponse(False, "no"))
-    assert until(call.poll) == TriggerResponse(False, "no")
-
-
-def test_a_refused_request_raises_with_the_reason(two):
-    server = two.one.serve("/halt", TRIGGER)
-    client = two.other.client("/halt", TRIGGER)
-    two.knows(servers=1)
-    call = client.ask(Nothing())
+    two.knows(EntityKind.SERVER)
+    call = ask(two.far, "/halt", TRIGGER, Nothing())
     until(server.requests)[0].refuse("not now")
-    with pytest.raises(NoReply, match="/halt: refused: not now"):
-        call.wait()
-
-
-def test_a_request_nobody_answers_raises(two):
-    client = two.other.client("/nobody", TRIGGER)
-    with pytest.raises(NoReply, match="/nobody: no server"):
-        client.ask(Nothing(), timeout_s=0.2).wait()
+    with pytest.raises(NoReply, match="not now"):
+        response(call, TRIGGER)
 
 
 def test_requests_beyond_those_that_may_wait_are_refused_and_counted(two):
     server = two.one.serve("/halt", TRIGGER)
-    client = two.one.client("/halt", TRIGGER)
-    calls = [client.ask(Nothing()) for _ in range(WAITING_MAX + 1)]
+    calls = [ask(two.session, "/halt", TRIGGER, Nothing()) for _ in range(WAITING_MAX + 1)]
     with pytest.raises(NoReply, match="requests wait already"):
-        calls[-1].wait()
+        response(calls[-1], TRIGGER)
     assert (server.dropped, len(server.requests())) == (1, WAITING_MAX)
-
-
-def test_a_response_to_another_request_is_passed_over(two):
-    client = two.one.client("/halt", TRIGGER)
-
-    def answer(query):
-        with query:
-            for number, words in ((7, "to another"), (1, "to this")):
-                attachment = Attachment(number, 0, client.entity.gid).pack()
-                payload = TRIGGER.response.encode(TriggerResponse(True, words))
-                query.reply(client.entity.key, payload, attachment=attachment)
-
-    queryable = two.session.declare_queryable(client.entity.key, answer, complete=True)
-    assert client.ask(Nothing()).wait().message == "to this"
-    queryable.undeclare()
 
 
 def test_a_request_beyond_its_bound_is_refused_at_once(two):
@@ -222,55 +183,23 @@ def test_what_is_no_request_is_refused_and_counted(two):
 
 def test_a_closed_service_refuses_what_waits(two):
     server = two.one.serve("/halt", TRIGGER)
-    call = two.one.client("/halt", TRIGGER).ask(Nothing())
+    call = ask(two.session, "/halt", TRIGGER, Nothing())
     server.close()
     with pytest.raises(NoReply, match="the service ends"):
-        call.wait()
+        response(call, TRIGGER)
 
 
-def test_nodes_topics_and_services_are_known_by_their_tokens(two):
+def test_a_node_and_its_parts_are_present_in_their_domain_until_it_ends(two, sessions):
+    elsewhere = RosNode(sessions[0], "elsewhere", domain=7, now_ns=lambda: 0)
     two.one.advertise("scan", LASER_SCAN)
     two.one.serve("~/halt", TRIGGER)
-    two.other.subscribe("/r1/scan", LASER_SCAN)
-    two.knows(publishers=1, subscriptions=1, servers=1)
-    assert two.graph.nodes() == ["/other", "/r1/one"]
-    assert two.graph.topics() == {"/r1/scan": [LASER_SCAN.name]}
-    assert two.graph.services() == {"/r1/one/halt": [TRIGGER.name]}
-    two.one.close()
-    until(lambda: two.graph.nodes() == ["/other"])
-    assert [each.kind for each in two.graph.endpoints("/r1/scan")] == [EntityKind.SUBSCRIPTION]
-
-
-def test_nodes_of_another_domain_are_not_known(two, sessions):
-    elsewhere = RosNode(sessions[0], "elsewhere", domain=7, now_ns=lambda: 0)
-    graph = RosGraph(sessions[1], 7)
-    until(lambda: graph.nodes() == ["/elsewhere"])
-    assert "/elsewhere" not in two.graph.nodes()
-    graph.close()
+    two.knows(EntityKind.PUBLISHER, EntityKind.SERVER)
+    assert sorted(token.rpartition("NN/%/")[2] for token in tokens(two.far, EntityKind.NODE)) == ["%/other", "%r1/one"]
+    assert [token.split("/")[9] for token in tokens(two.far, EntityKind.SERVER)] == ["%r1%one%halt"]
+    assert len(tokens(two.far, domain=7)) == 1
     elsewhere.close()
-
-
-def test_who_has_another_type_on_a_topic_is_found(two):
-    mine = two.other.subscribe("/map", OCCUPANCY_GRID, LATCHED)
-    two.one.advertise("/map", STRING)
-    two.one.advertise("/map", OCCUPANCY_GRID)
-    two.knows(publishers=2)
-    assert [each.type_name for each in two.graph.unheard(mine.entity)] == [STRING.name]
-
-
-def test_tokens_that_cannot_be_read_are_counted(two):
-    token = two.session.liveliness().declare_token("@ros2_lv/0/1f/0/0/XX/%/%/node")
-    until(lambda: two.graph.refused == 1)
-    token.undeclare()
-
-
-def test_tokens_beyond_those_that_are_followed_are_counted(two, monkeypatch):
-    until(lambda: len(two.graph.nodes()) == 2)
-    monkeypatch.setattr(ros_graph, "ENTITIES_MAX", 3)
-    for topic in ("/a", "/b"):
-        two.one.advertise(topic, STRING)
-    until(lambda: two.graph.dropped == 1)
-    assert len(two.graph.topics()) == 1
+    two.one.close()
+    until(lambda: [token.rpartition("/")[2] for token in tokens(two.far)] == ["other"])
 
 
 def test_a_name_against_the_rules_declares_nothing(two):

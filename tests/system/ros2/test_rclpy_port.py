@@ -12,8 +12,7 @@ from std_srvs.srv import Trigger
 from robrain.deploy.ros2 import rclpy_port
 from robrain.deploy.ros2.rclpy_port import RclpyPort
 from robrain.protocol.ros2 import message_types as ros
-from robrain.protocol.ros2.definitions import TriggerResponse
-from robrain.protocol.ros2.message_classes import String
+from robrain.protocol.ros2.message_types import String, TriggerResponse
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system

@@ -10,14 +10,12 @@ import pytest
 import zenoh
 
 from robrain.protocol.ros2 import message_types as ros
-from robrain.protocol.ros2.definitions import Nothing, TaskText
-from robrain.protocol.ros2.errors import NoReply
-from robrain.protocol.ros2.message_classes import String
+from robrain.protocol.ros2.message_types import Nothing, String, TaskText
 from robrain.protocol.ros2.qos import LATCHED, SENSOR_DATA
-from robrain.protocol.ros2.ros_graph import RosGraph
 from robrain.protocol.ros2.ros_node import RosNode
 from robrain.protocol.wire.session import open_session
-from tests.waiting import PATIENCE_S, until
+from tests.protocol.ros2.other_node import NoReply, ask, response, tokens
+from tests.waiting import until
 
 pytestmark = pytest.mark.system
 
@@ -47,12 +45,12 @@ def text_of(shown: Any) -> set[str]:
     return {each.text for each in shown.markers}
 
 
-def called(client: Any, request: Any) -> Any:
+def called(session: zenoh.Session, name: str, kind: ros.ServiceType[Any, Any], request: Any) -> Any:
     """A response; it is asked again until there is one, since on a busy machine one may be late."""
 
     def call() -> list[Any]:
         try:
-            return [client.ask(request, timeout_s=PATIENCE_S).wait()]
+            return [response(ask(session, name, kind, request, domain=3), kind)]
         except NoReply:
             return []
 
@@ -60,10 +58,7 @@ def called(client: Any, request: Any) -> Any:
 
 
 def test_a_node_sees_the_team_sends_a_task_and_halts_all(session) -> None:
-    with (
-        closing(RosNode(session, "rviz", domain=3, now_ns=time.time_ns)) as node,
-        closing(RosGraph(session, 3)) as graph,
-    ):
+    with closing(RosNode(session, "rviz", domain=3, now_ns=time.time_ns)) as node:
         maps = node.subscribe("/robrain/map", ros.OCCUPANCY_GRID, LATCHED)
         poses = node.subscribe("/robrain/r1/pose", ros.POSE_STAMPED)
         scans = node.subscribe("/robrain/r1/scan", ros.LASER_SCAN, SENSOR_DATA)
@@ -80,20 +75,18 @@ def test_a_node_sees_the_team_sends_a_task_and_halts_all(session) -> None:
         assert heard(transforms).transforms[0].child_frame_id == "r1/base_link"
         assert 0.0 < heard(batteries).percentage <= 1.0
         heard(markers, lambda shown: "r1" in text_of(shown))
-        assert "/robrain/gateway" in graph.nodes()
+        assert [token for token in tokens(session, "NN", domain=3) if token.endswith("%robrain/gateway")]
 
-        tasks = node.client("/robrain/submit_task", ros.SUBMIT_TASK)
-        until(lambda: {"/robrain/submit_task", "/robrain/halt"} <= graph.services().keys())
+        tasks = (session, "/robrain/submit_task", ros.SUBMIT_TASK)
         visit = TaskText('{"kind": "visit", "place": [2, 1], "id": "from-ros"}')
-        answer = until(lambda: (end := called(tasks, visit)).accepted and end)
+        answer = until(lambda: (end := called(*tasks, visit)).accepted and end)
         assert json.loads(answer.answer)["by"] == "ros2"
         assert heard(paths, lambda path: len(path.poses) > 1).header.frame_id == "map"
         assert heard(events, lambda event: '"from-ros"' in event.data)
-        refused = called(tasks, TaskText('{"kind": "dance", "place": [2, 1]}'))
+        refused = called(*tasks, TaskText('{"kind": "dance", "place": [2, 1]}'))
         assert (refused.accepted, "dance" in refused.answer) == (False, True)
         node.advertise("/robrain/submit_task", ros.STRING).publish(String("dance"))
         assert '"accepted":false' in heard(node_answers).data
 
-        halts = node.client("/robrain/halt", ros.TRIGGER)
-        until(lambda: called(halts, Nothing()).success)
+        until(lambda: called(session, "/robrain/halt", ros.TRIGGER, Nothing()).success)
         heard(markers, lambda shown: "r1 halted" in text_of(shown))
