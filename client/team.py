@@ -5,7 +5,8 @@ team = robrain.Scenario.builtin("depot").team(seed=3)  # in lockstep, in this pr
 
 with team:
     task = team.submit("visit", place=(3, 4), deadline_s=120)
-    print(team.wait(task).state, team.why(task).now)
+    team.wait(task)
+    print(team.why(task).now)
 
 Both have the same methods. Live, time passes by itself. In lockstep it passes only within methods that wait:
 `wait`, `wait_all`, `run_for`, `act`, `events`, `readings`, `halt` and `resume`.

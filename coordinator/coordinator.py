@@ -1,17 +1,24 @@
 """The coordinator: receives states, merges maps, assigns tasks, publishes the team's state."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TypeVar
 
 from msgspec import UNSET
 
-from robrain.coordinator.core.core import CoordinatorPart, Core
-from robrain.coordinator.core.robot_reports import RobotReports
+from robrain.coordinator.backups import Backups
+from robrain.coordinator.charging import Charging
+from robrain.coordinator.core import CoordinatorPart, Core, PartFactory
+from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
+from robrain.coordinator.leadership.leadership import ElectedLeadership, Leadership
+from robrain.coordinator.motes.mote_field import FieldKeeper
+from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.robot_reports import RobotReports
 from robrain.coordinator.rules.rule import Rule
-from robrain.coordinator.stock_parts import stock_parts
+from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import FREE_AFTER_S
@@ -79,7 +86,8 @@ class Coordinator:
     def set_policy(self, policy: PlanningPolicy) -> None:
         """Plan and explore with other parameters from now on."""
         self.planning.set_policy(policy, "the planning policy has changed")
-        self.core.parts.policy_changed(policy)
+        for part in self.core.parts.overriding["policy_changed"]:
+            part.policy_changed(policy)
 
     def step(self) -> None:
         """Receive, decide, act, publish."""
@@ -154,7 +162,7 @@ class Coordinator:
 
     def _publish(self, now_ns: int) -> None:
         core, stage = self.core, self._stage
-        if stage("deadlines", False, core.stale.look, now_ns):
+        if stage("deadlines", False, core.stale.check, now_ns):
             core.report_soon()
         if now_ns >= core.summary_due_ns:
             core.summary_due_ns = now_ns + SUMMARY_PERIOD_NS
@@ -189,3 +197,16 @@ class Coordinator:
         if self.halts.is_halted:
             return {robot.name: plain("team_halted", "idle because the team is halted") for robot in idle}
         return {robot.name: known[robot.name] for robot in idle if robot.name in known}
+
+
+def stock_parts(rules: Sequence[Rule] = (), elected: Elected | None = None) -> list[PartFactory]:
+    """Robrain's parts, in the order in which they are called; entry points of other distributions add theirs."""
+    return [
+        partial(TaskRules, rules=rules),
+        MoteMembers,
+        FieldKeeper,
+        Charging,
+        Exploration,
+        Backups,
+        Leadership if elected is None else partial(ElectedLeadership, elected=elected),
+    ]

@@ -10,7 +10,7 @@ from robrain.algorithms.exploration import reach
 from robrain.algorithms.exploration.explorer import Explorer, Scout
 from robrain.algorithms.exploration.situation import Busy, Choice
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION, Strategy, strategy_of
-from robrain.coordinator.core.core import CoordinatorPart, Core
+from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.coordinator.team.team_map import TeamMap
@@ -64,7 +64,9 @@ class Exploration(CoordinatorPart):
     def assign(self, robots: Sequence[Robot], now_ns: int) -> None:
         """Send robots to frontiers."""
         choices = self.choose(robots, self.core.idle(robots), now_ns)
-        self._planning.lack_range = {name for name, why in self.explorer.idle.items() if isinstance(why, LacksRange)}
+        self._planning.lack_range = {
+            name for name, reason in self.explorer.idle.items() if isinstance(reason, LacksRange)
+        }
 
         def explore(choice: Choice) -> None:
             task = Task(id=self.core.new_id("explore"), kind=EXPLORE, place=choice.place)
@@ -101,8 +103,8 @@ class Exploration(CoordinatorPart):
             self.explorer.record_failure(robot, record.task.place, now_ns)
 
     def _strategy(self, policy: PlanningPolicy) -> Strategy:
-        def record(name: str, why: str) -> None:
-            self.core.wire.refusals.record_failure("exploration_strategy", name, why)
+        def record(name: str, failure: str) -> None:
+            self.core.wire.refusals.record_failure("exploration_strategy", name, failure)
 
         return strategy_of(policy.exploration, record)
 
@@ -120,16 +122,16 @@ class Exploration(CoordinatorPart):
             return []
         pauses, is_unplanned = self._backoff.robots, self._planning.has_unplanned()
         free = [robot for robot in idle if not (is_unplanned or self._planning.is_reserved(robot.name, now_ns))]
-        why, names = PLAN_PENDING if is_unplanned else TASK_SOON, {robot.name for robot in free}
-        self._kept_idle = {robot.name: why for robot in idle if robot.name not in names}
-        paused = {robot.name for robot in free if pauses.why(robot.name, now_ns)}
+        reason, names = PLAN_PENDING if is_unplanned else TASK_SOON, {robot.name for robot in free}
+        self._kept_idle = {robot.name: reason for robot in idle if robot.name not in names}
+        paused = {robot.name for robot in free if pauses.pause_reason(robot.name, now_ns)}
         scouts = [self._scout(robot) for robot in free if robot.name not in paused]
-        under_way = self._active_goals(up, now_ns)
-        scouts += [self._scout(self._roster.robots[name], goal) for name, goal in under_way.items()]
-        bound = [record for record in self._tasks.open if record.robot and record.robot not in under_way]
+        active = self._active_goals(up, now_ns)
+        scouts += [self._scout(self._roster.robots[name], goal) for name, goal in active.items()]
+        bound = [record for record in self._tasks.open if record.robot and record.robot not in active]
         busy = [Busy(self._place_of(record), record.task.place) for record in bound]
         choices = self.explorer.choose(scouts, busy, now_ns) if scouts else []
-        is_busy = bool(choices or paused or bound or under_way) or self.explorer.has_failures
+        is_busy = bool(choices or paused or bound or active) or self.explorer.has_failures
         # A team whose robots are all lost has not explored the regions that it cannot reach.
         is_lost = all(robot.state is None or robot.state.lost for robot in up)
         if is_busy or is_lost or not self._team_map.version:
@@ -171,7 +173,7 @@ class Exploration(CoordinatorPart):
             bound = self._tasks.bound_to(robot.name)
             if len(bound) != 1 or bound[0].state is not TaskState.RUNNING or not bound[0].own:
                 continue
-            if bound[0].task.kind == EXPLORE and not self._backoff.robots.why(robot.name, now_ns):
+            if bound[0].task.kind == EXPLORE and not self._backoff.robots.pause_reason(robot.name, now_ns):
                 goals[robot.name] = bound[0].task.place
         return goals
 
@@ -223,13 +225,13 @@ class RemainingRegions:
         if self._map.version != self._version and now_ns >= self._due_ns:
             self._due_ns = now_ns + REMAINING_PERIOD_NS
             self._version = self._map.version
-            left = self._look()
+            left = self._find()
             if left is not None and (self._published is None or _differ(left, self._published)):
                 self._publish(left)
 
     def publish(self) -> ExplorationLeft | None:
         """Publish the remaining regions if they have changed; returns them, None before anything is known."""
-        left = self._look()
+        left = self._find()
         if left is not None and left != self._published:
             self._publish(left)
         return left
@@ -238,11 +240,11 @@ class RemainingRegions:
         self._published = left
         self._publisher.put(left)
 
-    def _look(self) -> ExplorationLeft | None:
+    def _find(self) -> ExplorationLeft | None:
         return self._explorer.left([scout for robot in self._roster.robots.values() if (scout := _scout(robot))])
 
     def _answer(self, _request: Request[None]) -> ExplorationLeft | None:
-        return self._look()
+        return self._find()
 
 
 def _differ(one: ExplorationLeft, other: ExplorationLeft) -> bool:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import msgspec
 
 from robrain.coordinator.planning.plan_passes import STOCK_PASSES
-from robrain.coordinator.planning.plan_search import solve
+from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.table.topics import TASK_PROBLEM
@@ -31,18 +31,18 @@ class ReplayedPlan(NamedTuple):
 
 def plan_again(problem: PlanProblem) -> Routes:
     """Compute the routes of a recorded problem (ValueError if it is invalid)."""
-    plan, _ = solve(
+    solver = PlanSolver(
         decode(problem.question).problem(),
         problem.objective,
         problem.method,
         seed=problem.seed,
-        rounds=problem.rounds,
         iterations=problem.iterations,
         gain_min=problem.gain_min,
         orders=dict(problem.warm_start),
         passes=STOCK_PASSES if problem.passes is None else problem.passes,
     )
-    return tuple((route.worker, route.jobs) for route in plan.routes if route.stops)
+    solver.run(problem.rounds)
+    return tuple((route.worker, route.jobs) for route in solver.plan.routes if route.stops)
 
 
 def replay_decisions(recording: Path) -> Iterator[ReplayedPlan]:

@@ -17,25 +17,15 @@ import secrets
 import sqlite3
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
 import msgspec
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
-from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
-from robrain.coordinator.journal.journal_reading import JournalReading
-from robrain.coordinator.journal.replica import (
-    NUMBERED,
-    alarm_rows,
-    put_alarms,
-    put_aside,
-    put_entry,
-    put_robots,
-    put_task,
-)
+from robrain.coordinator.journal.mending import read_reason, read_record
 from robrain.coordinator.journal.salvage import (
     Malformed,
     is_damage,
@@ -45,16 +35,22 @@ from robrain.coordinator.journal.salvage import (
     replace_journal,
     write_new_journal,
 )
-from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, migrate
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.messages.team.standing_messages import JournalEntry, JournalPage, JournalTask, KnownRobot
+from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, PUT_ALARM, PUT_CHANGE, is_locked, migrate
+from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
+from robrain.protocol.messages.team.standing_messages import (
+    JournalAlarm,
+    JournalEntry,
+    JournalPage,
+    JournalTask,
+    KnownRobot,
+)
 from robrain.protocol.model.tasks.old_form import upgraded_json
+from robrain.protocol.model.tasks.task import TaskState
 
 logger = logging.getLogger(__name__)
 
 LOCK_TIMEOUT_S = 2.0
 """How long is waited for another coordinator, which may be just ending, to leave the file."""
-LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 EPOCH_BLOCK = 1000
 KEPT_OWN = 1000
 KEPT_ASKED = 100_000
@@ -62,7 +58,7 @@ KEPT_ASKED = 100_000
 PRUNE_EVERY = 500
 
 
-Told = Callable[[OSError | None], None]
+OnSynced = Callable[[OSError | None], None]
 """Called with the error if the disk failed, and with None if all is on it."""
 Sync = Callable[[int], None]
 
@@ -83,15 +79,15 @@ class DiskSync:
         self._path = path
         self._sync = sync
         self._file: int | None = None
-        self._waiting: SimpleQueue[Told | None] = SimpleQueue()
+        self._waiting: SimpleQueue[OnSynced | None] = SimpleQueue()
         self._thread: threading.Thread | None = None
 
-    def after(self, tell: Told) -> None:
-        """Call `tell` on this object's thread, once all current contents of the file are on the disk, or cannot be."""
+    def after(self, on_synced: OnSynced) -> None:
+        """Call `on_synced` on this object's thread, once all contents of the file are on the disk, or cannot be."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="journal-sync", daemon=True)
             self._thread.start()
-        self._waiting.put(tell)
+        self._waiting.put(on_synced)
 
     def close(self) -> None:
         """Wait until all callbacks have returned, then release the file."""
@@ -113,10 +109,10 @@ class DiskSync:
             except Empty:
                 pass
             is_open = None not in batch
-            waiting = [tell for tell in batch if tell is not None]
+            waiting = [on_synced for on_synced in batch if on_synced is not None]
             error = self._put_on_disk() if waiting else None
-            for tell in waiting:
-                tell(error)
+            for on_synced in waiting:
+                on_synced(error)
 
     def _put_on_disk(self) -> OSError | None:
         if self.has_failed:
@@ -131,7 +127,7 @@ class DiskSync:
         return None
 
 
-class Journal(JournalReading):
+class Journal:
     """Store of a coordinator for data that must not be lost.
 
     Args:
@@ -156,25 +152,27 @@ class Journal(JournalReading):
         lock_timeout_s: float | None = None,
         new_name: Callable[[], str] = lambda: secrets.token_hex(8),
     ) -> None:
-        super().__init__(path)
+        self.path = path
+        self.wrong: dict[str, str] = {}
+        """Open tasks that could be read only in part, by id, with the reason; they cannot be done as requested."""
         self.failing = ""
         """Why the last change could not be written, in words; empty once one could."""
-        self.told: list[str] = []
-        """Report of the opening: a damaged file, and the part of it that was read."""
+        self.opening_report: list[str] = []
+        """What happened at the opening: a damaged file, and the part of it that was read."""
         self.on_written: Callable[[JournalEntry], None] | None = None
-        """Called with each transaction once it is in the file; `seq` is left to be filled in."""
+        """Called with each transaction once it is in the file; its receiver sets `seq`."""
         self._factory, self._new_name = factory, new_name
         self._lock_timeout_s = LOCK_TIMEOUT_S if lock_timeout_s is None else lock_timeout_s
         self._ends = 0
         self._db = self._open_or_salvage()
         self._disk = None if path is None else DiskSync(path.with_name(f"{path.name}-wal"), sync)
         self._epoch = self._epoch_ceiling = int(self._db.execute("SELECT ceiling FROM epoch").fetchone()[0])
-        for text in self.told:
+        for text in self.opening_report:
             logger.warning("%s", text)
 
     # -- writing --------------------------------------------------------------------------------------------
 
-    def accept(self, record: TaskRecord, asked: bytes = b"", alarm: Alarm | None = None) -> TaskRecord:
+    def accept(self, record: TaskRecord, asked: bytes = b"", alarm: JournalAlarm | None = None) -> TaskRecord:
         """A new task; on the disk once `when_on_disk` confirms it.
 
         Args:
@@ -198,10 +196,10 @@ class Journal(JournalReading):
                 (record.task.id, record.state, record.robot, record.task.kind, record.own, asked.decode()),
             )
             if alarm is not None:
-                self._put_alarm(alarm)
+                self._put_alarms([alarm])
             written = self._write(record)
         if self.on_written is not None:
-            alarms = [] if alarm is None else alarm_rows([alarm])
+            alarms = [] if alarm is None else [alarm]
             self.on_written(JournalEntry(seq=0, task=self._row_of(written, asked=True), alarms=alarms))
         return written
 
@@ -226,7 +224,7 @@ class Journal(JournalReading):
                 logger.warning("%s", error)
         return written
 
-    def record_alarm(self, alarm: Alarm) -> None:
+    def record_alarm(self, alarm: JournalAlarm) -> None:
         """Store the new state of a rule's source, `alarm`.
 
         Raises:
@@ -234,11 +232,11 @@ class Journal(JournalReading):
 
         """
         with self._transaction():
-            self._put_alarm(alarm)
+            self._put_alarms([alarm])
         if self.on_written is not None:
-            self.on_written(JournalEntry(seq=0, alarms=alarm_rows([alarm])))
+            self.on_written(JournalEntry(seq=0, alarms=[alarm]))
 
-    def keep_alarms(self, alarms: Iterable[Alarm]) -> None:
+    def keep_alarms(self, alarms: Iterable[JournalAlarm]) -> None:
         """Keep these, and no others.
 
         Raises:
@@ -248,10 +246,9 @@ class Journal(JournalReading):
         kept = list(alarms)
         with self._transaction():
             self._db.execute("DELETE FROM alarm")
-            for alarm in kept:
-                self._put_alarm(alarm)
+            self._put_alarms(kept)
         if self.on_written is not None:
-            self.on_written(JournalEntry(seq=0, alarms=alarm_rows(kept), only_alarms=True))
+            self.on_written(JournalEntry(seq=0, alarms=kept, only_alarms=True))
 
     def new_epoch(self, at_least: int = 0) -> int:
         """An epoch that was never given out before, greater than all others of this journal.
@@ -309,35 +306,131 @@ class Journal(JournalReading):
     def record_robots(self, robots: Mapping[str, KnownRobot]) -> None:
         """Store the robots of the team; all others are forgotten (JournalUnwritable)."""
         with self._transaction():
-            put_robots(self._db, robots)
+            self._put_robots(robots)
         if self.on_written is not None:
             self.on_written(JournalEntry(seq=0, robots=dict(robots)))
 
-    def when_on_disk(self, tell: Callable[[JournalUnwritable | None], None]) -> None:
-        """Call `tell` once all changes up to now are on the disk, or with the reason why they may not be.
+    def when_on_disk(self, on_synced: Callable[[JournalUnwritable | None], None]) -> None:
+        """Call `on_synced` once all changes up to now are on the disk, or with the reason why they may not be.
 
         On a thread of the journal's own; at once if the journal is in memory, or cannot be written after a failed sync.
         """
         if self._disk is None:
-            tell(None)
+            on_synced(None)
             return
         if self._disk.has_failed:
             try:
                 self._put_all_on_disk(self._disk)
             except JournalUnwritable as error:
-                tell(error)
+                on_synced(error)
                 return
 
-        def told(error: OSError | None) -> None:
-            tell(None if error is None else JournalUnwritable(self.path, f"cannot be put on the disk: {error}"))
+        def synced(error: OSError | None) -> None:
+            on_synced(None if error is None else JournalUnwritable(self.path, f"cannot be put on the disk: {error}"))
 
-        self._disk.after(told)
+        self._disk.after(synced)
 
     def close(self) -> None:
         """Leave the file, once all callbacks that wait for the disk have been called."""
         if self._disk is not None:
             self._disk.close()
         self._db.close()
+
+    # -- reading --------------------------------------------------------------------------------------------
+
+    def open_records(self) -> list[TaskRecord]:
+        """The tasks that have not ended, in the order in which they were accepted."""
+        return self._records(f"SELECT record FROM task WHERE state NOT IN {ENDED} ORDER BY number")
+
+    def find(self, task_id: str) -> TaskRecord | None:
+        """A task as it stands; None if there is none of that id."""
+        return next(iter(self._records("SELECT record FROM task WHERE id = ?", task_id)), None)
+
+    def asked(self, task_id: str) -> bytes:
+        """The request at the acceptance of the task, word by word but for its form, which is today's."""
+        row = self._db.execute("SELECT asked FROM task WHERE id = ?", (task_id,)).fetchone()
+        return b"" if row is None else upgraded_json(str(row[0]).encode())
+
+    def select(self, wanted: TaskFilter) -> list[TaskRecord]:
+        """The last tasks that match, in the order in which they were accepted."""
+        where, values = ["1"], list[str]()
+        for column, given in (("state", wanted.states), ("kind", wanted.kinds), ("robot", [wanted.robot])):
+            texts = [str(text) for text in given if text]
+            if texts:
+                where.append(f"{column} IN ({', '.join('?' * len(texts))})")
+                values += texts
+        if wanted.by:
+            where.append("json_extract(record, '$.by') = ?")
+            values.append(wanted.by)
+        if not wanted.own:
+            where.append("own = 0")
+        text = f"SELECT record FROM task WHERE {' AND '.join(where)} ORDER BY number DESC LIMIT {max(0, wanted.limit)}"
+        return self._records(text, *values)[::-1]
+
+    def history(self, task_id: str, limit: int = 100) -> list[TaskChange]:
+        """The last changes of a task, oldest first."""
+        rows = self._db.execute(
+            f"SELECT number, {CHANGE_COLUMNS} FROM change WHERE task = ? ORDER BY number DESC LIMIT ?", (task_id, limit)
+        ).fetchall()
+        return [
+            TaskChange(number=number, stamp_ns=stamp_ns, state=TaskState(state), robot=robot, epoch=epoch, why=why,
+                       reason=read_reason(reason))
+            for number, _, stamp_ns, state, robot, epoch, why, reason in reversed(rows)
+        ]  # fmt: skip
+
+    def was_offered(self, task_id: str, robot: str, epoch: int) -> bool:
+        """Whether this task was ever offered to that robot with that epoch."""
+        found = self._db.execute(
+            "SELECT 1 FROM change WHERE task = ? AND robot = ? AND epoch = ? AND state = ?",
+            (task_id, robot, epoch, TaskState.OFFERED),
+        ).fetchone()
+        return found is not None
+
+    def when_offered(self, task_id: str, robot: str, epoch: int) -> int:
+        """Number of the change with which a task was offered to a robot with that epoch; 0 if it never was."""
+        found = self._db.execute(
+            "SELECT max(number) FROM change WHERE task = ? AND robot = ? AND epoch = ? AND state = ?",
+            (task_id, robot, epoch, TaskState.OFFERED),
+        ).fetchone()
+        return found[0] or 0
+
+    def last_changed(self, count: int) -> list[TaskRecord]:
+        """The tasks that changed last, each as it stands, the latest change at the end."""
+        rows = self._db.execute(
+            "SELECT task FROM change GROUP BY task ORDER BY max(number) DESC LIMIT ?", (count,)
+        ).fetchall()
+        return [record for (task_id,) in reversed(rows) if (record := self.find(task_id)) is not None]
+
+    def last_change(self) -> int:
+        """The number of the last change; 0 if there was none."""
+        return int(self._db.execute("SELECT coalesce(max(number), 0) FROM change").fetchone()[0])
+
+    def count(self, state: TaskState) -> int:
+        """How many tasks are in a state."""
+        (found,) = self._db.execute("SELECT count(*) FROM task WHERE state = ?", (state,)).fetchone()
+        return int(found)
+
+    def alarms(self) -> list[JournalAlarm]:
+        """Sources for which rules have made tasks."""
+        rows = self._db.execute("SELECT rule, source, taken_ns, fired_ns, is_armed FROM alarm ORDER BY rule, source")
+        return [
+            JournalAlarm(rule=rule, source=source, measured_ns=measured_ns, fired_ns=fired_ns, is_armed=bool(armed))
+            for rule, source, measured_ns, fired_ns, armed in rows
+        ]
+
+    def _records(self, statement: str, *values: str) -> list[TaskRecord]:
+        records = []
+        for (text,) in self._db.execute(statement, values):
+            try:
+                record, wrong = read_record(text)
+            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                logger.warning("%s: a task in it cannot be read and is left as it is: %s: %.200s",
+                               self.path, error, text)  # fmt: skip
+                continue
+            if wrong and not record.state.ended:
+                self.wrong[record.task.id] = wrong
+            records.append(record)
+        return records
 
     # -- copies ---------------------------------------------------------------------------------------------
 
@@ -358,10 +451,14 @@ class Journal(JournalReading):
         """The tasks with the next `limit` numbers after one, for a copy; see JournalPage."""
         tasks = [
             replace(self._row_of(record, asked=True), earlier=self.history(record.task.id)[:-1])
-            for record in self._records(NUMBERED, str(after), str(limit))
+            for record in self._records(
+                "SELECT record FROM task WHERE number > CAST(? AS INTEGER) ORDER BY number LIMIT CAST(? AS INTEGER)",
+                str(after),
+                str(limit),
+            )
         ]
         page = JournalPage(term=term, seq=seq, tasks=tasks, epoch_ceiling=self._epoch_ceiling)
-        return page if tasks else replace(page, alarms=alarm_rows(self.alarms()), robots=self.robots)
+        return page if tasks else replace(page, alarms=self.alarms(), robots=self.robots)
 
     def begin_copy(self) -> None:
         """Remove everything but the epochs: a copy of another journal replaces it, page by page.
@@ -375,7 +472,7 @@ class Journal(JournalReading):
         has_tasks = self._db.execute("SELECT 1 FROM task LIMIT 1").fetchone() is not None
         if self.path is not None and has_tasks and self.copied != "partial":
             try:
-                self.told.append(put_aside(self._db, self.path))
+                self.opening_report.append(put_aside(self._db, self.path))
             except sqlite3.OperationalError as error:
                 raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
         with self._transaction(durable=True):
@@ -388,11 +485,11 @@ class Journal(JournalReading):
         """Write a page of a copy (JournalUnwritable if it cannot be); with the last one the copy is whole."""
         with self._transaction(durable=not page.tasks):
             for task in page.tasks:
-                put_task(self._db, task)
+                self._put_task(task)
             self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (page.epoch_ceiling,))
             if not page.tasks:
-                put_alarms(self._db, page.alarms)
-                put_robots(self._db, page.robots)
+                self._put_alarms(page.alarms)
+                self._put_robots(page.robots)
                 self._db.execute("UPDATE copy SET state = 'whole'")
 
     def follow(self, entries: Iterable[JournalEntry]) -> None:
@@ -401,7 +498,7 @@ class Journal(JournalReading):
             self._put_all_on_disk(self._disk)
         with self._transaction():
             for entry in entries:
-                put_entry(self._db, entry)
+                self._put_entry(entry)
                 self._ends += entry.task is not None and entry.task.record.state.ended
         if self._ends >= PRUNE_EVERY:
             self._ends = 0
@@ -418,14 +515,47 @@ class Journal(JournalReading):
 
     # -- within ---------------------------------------------------------------------------------------------
 
-    def _put_alarm(self, alarm: Alarm) -> None:
-        self._db.execute("INSERT OR REPLACE INTO alarm VALUES (?, ?, ?, ?, ?)", alarm)
+    def _put_alarms(self, alarms: Iterable[JournalAlarm]) -> None:
+        self._db.executemany(PUT_ALARM, map(astuple, alarms))
+
+    def _put_robots(self, robots: Mapping[str, KnownRobot]) -> None:
+        self._db.execute("UPDATE standing SET robots = ?", (msgspec.json.encode(robots).decode(),))
+
+    def _put_entry(self, entry: JournalEntry) -> None:
+        """Write the changes of another journal's entry. An entry that is there already changes nothing."""
+        if entry.task is not None:
+            self._put_task(entry.task)
+        if entry.only_alarms:
+            self._db.execute("DELETE FROM alarm")
+        self._put_alarms(entry.alarms)
+        if entry.robots is not None:
+            self._put_robots(entry.robots)
+        if entry.epoch_ceiling:
+            self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (entry.epoch_ceiling,))
+
+    def _put_task(self, task: JournalTask) -> None:
+        """Write a task of another journal and its changes, unless a later change of it is there already."""
+        record = task.record
+        for change in (*task.earlier, _last_change(record)):
+            self._db.execute(PUT_CHANGE, (change.number, *_change_values(record.task.id, change)))
+        encoded = msgspec.json.encode(record).decode()
+        row = (task.number, record.task.id, record.state, record.robot, encoded, record.task.kind, record.own)
+        self._db.execute(
+            "INSERT OR IGNORE INTO task (number, id, state, robot, record, kind, own, asked)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+            (*row, task.asked),
+        )
+        self._db.execute(
+            "UPDATE task SET state = ?, robot = ?, record = ?"
+            " WHERE id = ? AND coalesce(json_extract(record, '$.change'), 0) <= ?",
+            (record.state, record.robot, encoded, record.task.id, record.change),
+        )
 
     def _write(self, record: TaskRecord) -> TaskRecord:
-        task_id, reason = record.task.id, msgspec.json.encode(record.reason).decode()
+        task_id = record.task.id
         cursor = self._db.execute(
             f"INSERT INTO change ({CHANGE_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?)",
-            (task_id, record.changed_ns, record.state, record.robot, record.epoch, record.why, reason),
+            _change_values(task_id, _last_change(record)),
         )
         written = replace(record, change=cursor.lastrowid or 0)
         self._db.execute(
@@ -484,12 +614,12 @@ class Journal(JournalReading):
         except sqlite3.DatabaseError as error:
             if self.path is None or not is_damage(error):
                 raise JournalError(self.path, f"cannot be opened: {error}") from error
-            why = str(error)
+            damage = str(error)
         salvaged = read_readable_rows(self.path)
         write_new_journal(salvaged, new_path(self.path))
         aside = move_aside(self.path)
         replace_journal(self.path)
-        self.told.append(f"{self.path} was damaged ({why}) and is now {aside}; {salvaged.told()}")
+        self.opening_report.append(f"{self.path} was damaged ({damage}) and is now {aside}; {salvaged.summary()}")
         return self._open()
 
     def _open(self) -> sqlite3.Connection:
@@ -524,8 +654,37 @@ class Journal(JournalReading):
             connection.close()
             if isinstance(error, TypeError):  # the row of the epochs has gone
                 raise Malformed("it has lost its epochs") from error
-            if isinstance(error, sqlite3.OperationalError) and error.sqlite_errorcode & 0xFF in LOCKED:
+            if isinstance(error, sqlite3.OperationalError) and is_locked(error):
                 text = "is locked: another coordinator writes it; stop that one, or give another file with --journal"
                 raise JournalLocked(self.path, text) from error
             raise
         return connection
+
+
+def _last_change(record: TaskRecord) -> TaskChange:
+    return TaskChange(
+        number=record.change,
+        stamp_ns=record.changed_ns,
+        state=record.state,
+        robot=record.robot,
+        epoch=record.epoch,
+        why=record.why,
+        reason=record.reason,
+    )
+
+
+def _change_values(task_id: str, change: TaskChange) -> tuple[object, ...]:
+    """The values of `CHANGE_COLUMNS`."""
+    reason = msgspec.json.encode(change.reason).decode()
+    return (task_id, change.stamp_ns, change.state, change.robot, change.epoch, change.why, reason)
+
+
+def put_aside(database: sqlite3.Connection, path: Path) -> str:
+    """Write the contents of a journal to `FILE.before-N` beside it, and report it (sqlite3.OperationalError)."""
+    number = 1
+    while (aside := path.with_name(f"{path.name}.before-{number}")).exists():
+        number += 1
+    database.execute("VACUUM INTO ?", (str(aside),))
+    with closing(sqlite3.connect(aside)) as copy, copy:
+        copy.execute("UPDATE standing SET name = ''")
+    return f"{path}: its tasks were put aside as {aside}"

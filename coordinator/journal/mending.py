@@ -38,19 +38,19 @@ def read_record(text: str) -> tuple[TaskRecord, str]:
     try:
         return msgspec.convert(whole, TaskRecord), ""
     except msgspec.ValidationError as error:
-        why, last = str(error), error
+        problem, last = str(error), error
     if isinstance(whole, dict) and whole.get("reason") is not None and not _is_reason(whole["reason"]):
         del whole["reason"]
         try:
             return msgspec.convert(whole, TaskRecord), ""
         except msgspec.ValidationError as error:
-            why, last = str(error), error
+            problem, last = str(error), error
     for _ in range(FIELDS_MAX):
         found = _PATH.search(str(last))
         if found is None or "required" in str(last) or not _drop(whole, found[1].split(".")):
             break
         try:
-            return msgspec.convert(whole, TaskRecord), why
+            return msgspec.convert(whole, TaskRecord), problem
         except msgspec.ValidationError as error:
             last = error
     raise last

@@ -1,15 +1,18 @@
 """A damaged journal: it is set aside under another name, and its readable parts are read, row by row."""
 
 import logging
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.journal.journal_copy import journal_copy
-from robrain.coordinator.journal.schema import CHANGE_COLUMNS, migrate
+from robrain.coordinator.journal.errors import JournalError
+from robrain.coordinator.journal.schema import CHANGE_COLUMNS, PUT_ALARM, PUT_CHANGE, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.old_form import upgraded_json
 
@@ -19,7 +22,41 @@ COMPANIONS = ("", "-wal", "-shm")
 MISSES_MAX = 5000
 """After this number of row numbers in a row without a readable row, there are no more (chosen). Only where the highest
 number itself cannot be read."""
+COPIED = ("", "-wal")
+LEFT_BYTES = 64_000_000
+"""A copy leaves this much room to others; where it would not, another disk is tried (chosen)."""
 TASK_COLUMNS = "id, state, robot, record, kind, own, asked"
+
+
+@contextmanager
+def journal_copy(path: Path) -> Iterator[Path]:
+    """The copy's path; the copy is removed at the end.
+
+    Raises:
+        JournalError: the journal cannot be read, or there is no room for a copy of it.
+
+    """
+    files = {ending: path.with_name(path.name + ending) for ending in COPIED}
+    needed_bytes = sum(file.stat().st_size for file in files.values() if file.exists())
+    with tempfile.TemporaryDirectory(prefix="robrain-journal-", dir=_folder_for(path, needed_bytes)) as folder:
+        copy = Path(folder) / "journal"
+        try:
+            for ending, file in files.items():
+                if file.exists():
+                    shutil.copyfile(file, copy.with_name(copy.name + ending))
+        except OSError as error:
+            raise JournalError(path, f"cannot be read: {error}") from error
+        yield copy
+
+
+def _folder_for(path: Path, needed_bytes: int) -> Path:
+    """Where there is room: the folder for temporary files, which may be memory, or that of the journal."""
+    folders = (Path(tempfile.gettempdir()), path.absolute().parent)
+    for folder in folders:
+        if shutil.disk_usage(folder).free >= needed_bytes + LEFT_BYTES:
+            return folder
+    text = f"a copy to look at takes {needed_bytes / 1e6:.0f} MB, and there is no room for it in "
+    raise JournalError(path, text + f"{' or '.join(map(str, folders))}; make room, or set TMPDIR")
 
 
 class Salvaged(NamedTuple):
@@ -39,7 +76,7 @@ class Salvaged(NamedTuple):
     """The robots of the team, as JSON."""
     alarms: Sequence[Sequence[object]] = ()
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """In words."""
         if not self.tasks and not self.changes:
             return "nothing of it could be read"
@@ -84,9 +121,9 @@ def replace_journal(path: Path) -> None:
     last = _last_aside(path)
     # A write-ahead log that was left behind would be played into any file beside it.
     _move_companions(path, path.with_name(f"{path.name}.damaged-{max(last, 1)}"))
-    anew = new_path(path)
-    if last and anew.exists():
-        anew.rename(path)
+    salvaged = new_path(path)
+    if last and salvaged.exists():
+        salvaged.rename(path)
 
 
 def _last_aside(path: Path) -> int:
@@ -105,16 +142,12 @@ def _move_companions(path: Path, aside: Path) -> None:
 
 def read_readable_rows(path: Path) -> Salvaged:
     """Rows of a damaged journal. It is not written to: a copy is read (JournalError if there is no room for one)."""
-    with journal_copy(path) as copy:
-        connection = sqlite3.connect(copy, isolation_level=None)
+    with journal_copy(path) as copy, closing(sqlite3.connect(copy, isolation_level=None)) as connection:
         try:
-            try:
-                migrate(connection, path)
-            except sqlite3.DatabaseError as error:
-                logger.warning("%s: not upgraded to the present schema: %s", path, error)
-            return _read(connection)
-        finally:
-            connection.close()
+            migrate(connection, path)
+        except sqlite3.DatabaseError as error:
+            logger.warning("%s: not upgraded to the present schema: %s", path, error)
+        return _read(connection)
 
 
 def _read(connection: sqlite3.Connection) -> Salvaged:
@@ -168,10 +201,8 @@ def _one(connection: sqlite3.Connection, query: str) -> Sequence[object] | None:
 
 def _readable(connection: sqlite3.Connection, query: str) -> Iterator[Sequence[object]]:
     """The rows before the first that cannot be read."""
-    try:
+    with suppress(sqlite3.DatabaseError):
         yield from connection.execute(query)
-    except sqlite3.DatabaseError:
-        return
 
 
 def _rows(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[tuple[int, Sequence[object]]]:
@@ -198,26 +229,18 @@ def _rows(connection: sqlite3.Connection, table: str, columns: str) -> Iterator[
 def write_new_journal(salvaged: Salvaged, path: Path) -> None:
     """A new journal with the salvaged rows, whole and closed, so that it may replace the old one."""
     path.unlink(missing_ok=True)
-    connection = sqlite3.connect(path, isolation_level=None)
-    try:
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
         connection.execute("PRAGMA synchronous = FULL")
         migrate(connection, path)
         connection.execute("BEGIN IMMEDIATE")
         connection.execute("UPDATE epoch SET ceiling = ?", (salvaged.epoch_ceiling,))
         connection.execute("UPDATE copy SET state = ?", (salvaged.copy,))
         connection.execute("UPDATE standing SET robots = ?", (salvaged.robots,))
-        for alarm in salvaged.alarms:
-            connection.execute("INSERT OR IGNORE INTO alarm VALUES (?, ?, ?, ?, ?)", alarm)
-        columns = f"number, {TASK_COLUMNS}"
-        for number, task in salvaged.tasks.items():
-            connection.execute(f"INSERT INTO task ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (number, *task))
-        columns = f"number, {CHANGE_COLUMNS}"
-        for (
-            number,
-            change,
-        ) in salvaged.changes.items():  # of two ends of one task, which only damage can make, the first
-            values = (number, *change)
-            connection.execute(f"INSERT OR IGNORE INTO change ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+        connection.executemany(PUT_ALARM, salvaged.alarms)
+        connection.executemany(
+            f"INSERT INTO task (number, {TASK_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+            ((number, *task) for number, task in salvaged.tasks.items()),
+        )
+        # Of two ends of one task, which only damage can make, the first is kept.
+        connection.executemany(PUT_CHANGE, ((number, *change) for number, change in salvaged.changes.items()))
         connection.execute("COMMIT")
-    finally:
-        connection.close()

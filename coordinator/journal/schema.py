@@ -15,6 +15,9 @@ APPLICATION_ID = 0x726F6272
 CHANGE_COLUMNS = "task, stamp_ns, state, robot, epoch, why, reason"
 ENDED = "('done', 'failed', 'cancelled')"
 
+PUT_ALARM = "INSERT OR REPLACE INTO alarm VALUES (?, ?, ?, ?, ?)"
+PUT_CHANGE = f"INSERT OR IGNORE INTO change (number, {CHANGE_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+
 MIGRATIONS: tuple[str, ...] = (
     # 1: tasks as they stand, every change of them, and the epochs that may have been given out.
     f"""
@@ -127,3 +130,8 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
                 connection.execute("ROLLBACK")
             raise
     return int(version)
+
+
+def is_locked(error: sqlite3.DatabaseError) -> bool:
+    """Whether another process has the journal open."""
+    return error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)

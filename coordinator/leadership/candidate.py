@@ -43,7 +43,7 @@ logger = logging.getLogger(__name__)
 REPORT_NS = to_ns(0.2)
 PAUSE_NS = to_ns(0.5)
 """A longer gap between two steps means that this process was stopped or its clock was set: the silence starts again."""
-STAND_NS = to_ns(2.0)
+CANDIDACY_NS = to_ns(2.0)
 """Silence after which it asks for votes; longer than the lease that it gives (`mandate.LEASE_NS`)."""
 ASK_TIMEOUT_S = 2.0
 
@@ -88,7 +88,7 @@ class Candidate:
         """Number of the last election that was received."""
         self._led: Led | UnsetType = UNSET
         self._kept_by = ""
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
         """Time of the last message of any coordinator."""
         self._has_followed = False
         self._report_ns = 0
@@ -140,10 +140,10 @@ class Candidate:
                     led=self._led,
                 )
             )
-        self._stand(now_ns)
+        self._campaign(now_ns)
 
-    def _stand(self, now_ns: int) -> None:
-        if now_ns - self._quiet_since_ns <= STAND_NS or self._journal.copied == "partial" or self.unlike:
+    def _campaign(self, now_ns: int) -> None:
+        if now_ns - self._quiet_since_ns <= CANDIDACY_NS or self._journal.copied == "partial" or self.unlike:
             self.election.rest()
             return
         if not self._answers_lead:
@@ -156,13 +156,13 @@ class Candidate:
     def _lead(self, _request: Request[LeadRequest]) -> LeadReply:
         """The operator wants it to lead, unless it receives a coordinator: then the request is for that one."""
         now_ns = self._wire.clock.now_ns()
-        is_heard = self._heard_ns is not None and now_ns - self._heard_ns <= STAND_NS
-        return LeadReply(skipped=[] if is_heard else self.election.force())
+        has_leader = self._received_ns is not None and now_ns - self._received_ns <= CANDIDACY_NS
+        return LeadReply(skipped=[] if has_leader else self.election.force())
 
     def _is_followed(self, changes: JournalChanges, now_ns: int) -> bool:
         """Whether to follow changes: their coordinator leads, and no vote for this one is pending."""
         lead, election = changes.lead, self.election
-        self._heard_ns, self.unlike = now_ns, ""
+        self._received_ns, self.unlike = now_ns, ""
         if lead is UNSET:
             self.unlike = "the coordinator that is heard was started without witnesses"
         elif tuple(lead.witnesses) != election.witnesses:
@@ -175,7 +175,7 @@ class Candidate:
                 return False  # perhaps its own, from just before its end
             # This file, or that of the other, is a copy made outside robrain.
             election.journal = self._journal.draw_name()
-        election.note(lead.election)
+        election.record(lead.election)
         if lead.election < self._led_election:
             return False
         if not lead.is_suspended:
@@ -210,8 +210,8 @@ class Candidate:
     def _begin_copy(self, term: int) -> None:
         self._journal.begin_copy()
         self.election.journal = self._journal.name
-        while self._journal.told:
-            logger.warning("%s", self._journal.told.pop(0))
+        while self._journal.opening_report:
+            logger.warning("%s", self._journal.opening_report.pop(0))
         self._term, self._copying_term, self._trouble = 0, term, ""
         self._after, self._from, self._asked = 0, -1, None
         self._written = self._on_disk = 0

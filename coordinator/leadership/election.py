@@ -236,7 +236,7 @@ class Election:
         """The operator's word was for a team without a coordinator, and there is one."""
         self.is_forced, self.voters = False, self.witnesses
 
-    def note(self, election: int) -> None:
+    def record(self, election: int) -> None:
         """An election of this number was held."""
         self._greatest = max(self._greatest, election)
 
@@ -252,7 +252,7 @@ class Election:
                 return None
             poll = self._begin(now_ns, is_copy=is_copy)
         poll.step(now_ns)
-        self.note(poll.election)
+        self.record(poll.election)
         if poll.is_won:
             self.rest()
             self.lost = None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from robrain.coordinator.core.core import CoordinatorPart, Core
+from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.leadership.mandate import Mandate
@@ -104,27 +104,27 @@ class JournalFeed:
             held_back=held_back,
         )
 
-    def receive(self, said: StandByState, now_ns: int) -> None:
+    def receive(self, report: StandByState, now_ns: int) -> None:
         """Read how far a candidate is; only one is waited for at a time."""
-        if said.process != self.process and self.process and now_ns - self._received_ns <= PATIENCE_NS:
+        if report.process != self.process and self.process and now_ns - self._received_ns <= PATIENCE_NS:
             return
-        if said.process != self.process:
-            self._leave(f"{said.process} stands by now")
-            self.process, self._sent = said.process, 0
-        if said.journal is not msgspec.UNSET and said.led is not msgspec.UNSET:
-            self._mandate.record_copy(said.journal, said.led)
-        if self.stand_by and (said.journal or "") != self.copy:
+        if report.process != self.process:
+            self._leave(f"{report.process} stands by now")
+            self.process, self._sent = report.process, 0
+        if report.journal is not msgspec.UNSET and report.led is not msgspec.UNSET:
+            self._mandate.record_copy(report.journal, report.led)
+        if self.stand_by and (report.journal or "") != self.copy:
             self._leave("its journal has another name now")
-        self._received_ns, self._trouble = now_ns, said.trouble
-        is_of_here = said.term == self._term and said.on_disk <= self._last
-        self._on_disk = said.on_disk if is_of_here else 0
-        if said.trouble or not is_of_here:
-            self._leave(said.trouble or "it has no whole copy")
+        self._received_ns, self._trouble = now_ns, report.trouble
+        is_of_here = report.term == self._term and report.on_disk <= self._last
+        self._on_disk = report.on_disk if is_of_here else 0
+        if report.trouble or not is_of_here:
+            self._leave(report.trouble or "it has no whole copy")
         elif self._joins_at is None and now_ns >= self._pause_ns:
             self._joins_at = self._last
         if not self.stand_by and self._joins_at is not None and self._on_disk >= self._joins_at:
-            self.stand_by, self.copy = said.process, said.journal or ""
-            logger.warning("the coordinator that stands by, %s, is in step", said.process)
+            self.stand_by, self.copy = report.process, report.journal or ""
+            logger.warning("the coordinator that stands by, %s, is in step", report.process)
         self._end_waiting()
 
     def when_kept(self, on_kept: OnKept, on_lost: OnLost) -> None:
@@ -171,13 +171,13 @@ class JournalFeed:
         while self._waiting:
             self._waiting.popleft().on_lost("this coordinator ends, and another may lead")
 
-    def _leave(self, why: str) -> None:
+    def _leave(self, reason: str) -> None:
         if self.stand_by:
             logger.error("the coordinator that stands by, %s, is out of step (%s): changes are acknowledged without it",
-                         self.stand_by, why)  # fmt: skip
+                         self.stand_by, reason)  # fmt: skip
             self.stand_by = self.copy = ""
         self._joins_at = None
-        self._trouble = why
+        self._trouble = reason
         self._end_waiting()
 
     def _end_waiting(self) -> None:
@@ -204,7 +204,7 @@ class JournalFeed:
 
 logger = logging.getLogger(__name__)
 
-HEARD_NS = to_ns(600.0)
+COUNTED_NS = to_ns(600.0)
 """Robots count that were received within this time (chosen). While offers are held back, those count that did
 before."""
 FAREWELL_NS = to_ns(0.5)
@@ -242,19 +242,19 @@ class OfferFence:
         if not any(robot.has_token for robot in self._roster.robots.values()):
             return
         for robot in gone:
-            if robot.heard_ns is not None and now_ns - robot.heard_ns <= FAREWELL_NS:
-                robot.left_ns = robot.heard_ns
+            if robot.received_ns is not None and now_ns - robot.received_ns <= FAREWELL_NS:
+                robot.left_ns = robot.received_ns
 
     def step(self, now_ns: int) -> None:
         """Check which robots are reachable."""
         if not self._roster.some_go_on:
             return
         counted = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
-        received = sum(robot.is_up(now_ns) for robot in counted)
-        apart = sum(robot.continues and not robot.hears_back(now_ns) for robot in counted)
+        in_contact = sum(robot.is_up(now_ns) for robot in counted)
+        apart = sum(robot.continues and not robot.is_in_contact(now_ns) for robot in counted)
         if 2 * apart > len(counted):
             self._counted, self._apart_ns = frozenset(robot.name for robot in counted), now_ns
-            self.reason = MinorityHeard(received, len(counted))
+            self.reason = MinorityHeard(in_contact, len(counted))
             self._log(now_ns)
         elif now_ns - self._apart_ns > REPORT_NS:
             self._end()
@@ -265,9 +265,9 @@ class OfferFence:
         Call it only while offers are held back.
         """
         robots = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
-        received = sorted(robot.changes_received for robot in robots if robot.continues)
+        changes = sorted(robot.changes_received for robot in robots if robot.continues)
         may_miss_it = len(robots) // 2
-        return received[may_miss_it]
+        return changes[may_miss_it]
 
     def force(self, now_ns: int) -> list[str]:
         """The operator confirms that silent robots do no tasks: they do not count any more; returns their names."""
@@ -278,10 +278,10 @@ class OfferFence:
         return [robot.name for robot in silent]
 
     def _counts(self, robot: Robot, now_ns: int) -> bool:
-        heard_ns = robot.last_seen_ns
-        if not robot.was_there or robot.has_left or heard_ns is None:
+        seen_ns = robot.last_seen_ns
+        if not robot.was_there or robot.has_left or seen_ns is None:
             return False
-        return robot.name in self._counted or now_ns - heard_ns <= HEARD_NS
+        return robot.name in self._counted or now_ns - seen_ns <= COUNTED_NS
 
     def _log(self, now_ns: int) -> None:
         reason = self.reason
@@ -291,8 +291,8 @@ class OfferFence:
             return  # at the start, robots need a moment to receive the coordinator
         self._is_reported = True
         logger.error(
-            "no task is offered: %d of %d robots are heard, and the others go on by themselves; if none of them does "
-            "any task, say so with `robrain lead`",
+            "no task is offered: %d of %d robots are in contact, and the others continue by themselves; if none of "
+            "them does any task, confirm that with `robrain lead`",
             reason.received, reason.robots,
         )  # fmt: skip
 
@@ -323,7 +323,7 @@ class Leadership(CoordinatorPart):
         self.fence.step(now_ns)
         reason = self.fence.reason
         if reason is not None and not was_fenced:
-            self.core.lifecycle.take_back(self.fence.received_by_most(now_ns), reason, now_ns)
+            self.core.lifecycle.revoke(self.fence.received_by_most(now_ns), reason, now_ns)
 
     def robots_gone(self, robots: Sequence[Robot], now_ns: int) -> None:
         """The tokens of robots have gone."""

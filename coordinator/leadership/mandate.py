@@ -53,7 +53,7 @@ class Mandate:
         self.witnesses = elected.witnesses
         """Names of the robots that elect."""
         self._election = Election(wire, elected.witnesses, elected.journal, elected.voters)
-        self._election.note(self._won.election)
+        self._election.record(self._won.election)
         now_ns = wire.clock.now_ns()
         self._listen_until_ns = now_ns + LISTEN_NS if self._won.is_after_another else now_ns
         self._inbox = Inbox()
@@ -89,7 +89,7 @@ class Mandate:
         """Whether more than half of the voters currently refuse other candidates."""
         voters = self._election.voters
         is_elected_now = 0 <= now_ns - self._won.asked_ns <= LEASE_NS
-        return is_elected_now or 2 * sum(self._is_heard_by(name, now_ns) for name in voters) > len(voters)
+        return is_elected_now or 2 * sum(self._is_confirmed_by(name, now_ns) for name in voters) > len(voters)
 
     def force(self) -> list[str]:
         """The operator wants this coordinator to lead; returns witnesses that do not count until they answer again."""
@@ -103,9 +103,9 @@ class Mandate:
         """Record which election a stand-by follows."""
         self._copy, self._copy_led = journal, led
 
-    def heard(self, now_ns: int) -> int:
+    def confirmations(self, now_ns: int) -> int:
         """Number of witnesses that report a recent summary of this coordinator."""
-        return sum(self._is_heard_by(name, now_ns) for name in self.witnesses)
+        return sum(self._is_confirmed_by(name, now_ns) for name in self.witnesses)
 
     def refusal(self, now_ns: int) -> PlainReason | None:
         """Why no task is offered; None if tasks may be offered."""
@@ -119,9 +119,9 @@ class Mandate:
 
     def not_leading_reason(self, now_ns: int) -> PlainReason:
         """Number of witnesses that receive this coordinator, as the reason why it does not lead."""
-        received, witnesses = self.heard(now_ns), len(self.witnesses)
-        text = f"{received} of {witnesses} witnesses hear the coordinator, and another one may lead"
-        return plain("not_leading", text, received=received, witnesses=witnesses)
+        confirmed, witnesses = self.confirmations(now_ns), len(self.witnesses)
+        text = f"{confirmed} of {witnesses} witnesses hear the coordinator, and another one may lead"
+        return plain("not_leading", text, received=confirmed, witnesses=witnesses)
 
     def may_acknowledge(self, copy: str) -> bool:
         """Whether a change may be acknowledged that is in this journal and in one other.
@@ -138,7 +138,7 @@ class Mandate:
             election=self._won.election,
             journal=self.journal,
             is_suspended=not self.leads(now_ns),
-            received=self.heard(now_ns),
+            received=self.confirmations(now_ns),
             witnesses=list(self.witnesses),
         )
 
@@ -159,12 +159,12 @@ class Mandate:
         election = self._won.election
         for name in self.witnesses:
             if (later := self._led(name).election) <= election + LEAP_MAX:
-                self._election.note(later)
+                self._election.record(later)
         leads = self.leads(now_ns)
         if self._was_leading and not leads:
             logger.error(
                 "the coordinator does not lead any more: %d of %d witnesses hear it; it stands for election",
-                self.heard(now_ns), len(self.witnesses),
+                self.confirmations(now_ns), len(self.witnesses),
             )  # fmt: skip
         if leads and not self._is_outvoted():
             self._election.rest()
@@ -182,14 +182,14 @@ class Mandate:
         before, self._was_leading = (self._was_leading, election), self.leads(now_ns)
         return before != (self._was_leading, self._won.election)
 
-    def _is_heard_by(self, name: str, now_ns: int) -> bool:
+    def _is_confirmed_by(self, name: str, now_ns: int) -> bool:
         return self._is_fresh(self._led(name), now_ns)
 
     def _is_fresh(self, led: Led, now_ns: int) -> bool:
         return led.election == self._won.election and 0 <= now_ns - led.stamp_ns <= LEASE_NS
 
     def _is_outvoted(self) -> bool:
-        """Whether a witness has voted in a later election without a winner; until the next it it follows none."""
+        """Whether a witness has voted in a later election without a winner; until the next it follows none."""
         elections = [self._led(name).election - self._won.election for name in self.witnesses]
         return any(0 < later <= LEAP_MAX for later in elections)
 
@@ -203,7 +203,7 @@ class Mandate:
             lead = received.message.lead
             if lead is msgspec.UNSET or lead.is_suspended:
                 continue
-            self._election.note(lead.election)
+            self._election.record(lead.election)
             # Of another process with a file that was copied from this one's, the number is greater.
             is_another = lead.journal != self.journal and lead.election == self._won.election
             if is_another or lead.election > self._won.election:
@@ -216,7 +216,7 @@ class Mandate:
                 return
             poll = self._ask_to_hold(holders, now_ns)
         poll.step(now_ns)
-        self._election.note(poll.election)
+        self._election.record(poll.election)
         if poll.is_won:
             self._held = self._possible = holders
             # A witness that was silent when the operator forced the election counts again with its answer.

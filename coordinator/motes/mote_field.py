@@ -12,10 +12,9 @@ from msgspec.structs import replace
 from robrain.algorithms.motes.collect_tour import stops_for, visit_weight
 from robrain.algorithms.motes.coverage import CellTrend, CoverageMap, duty_set
 from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
-from robrain.coordinator.core.core import CoordinatorPart, Core
-from robrain.coordinator.motes.mote_registry import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
-from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
-from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.motes.mote_members import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
+from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
@@ -45,7 +44,7 @@ PERIOD_STEP_S = 0.1
 """Motes report their period in such steps."""
 
 
-FORWARDERS_TOLD = 16
+FORWARDERS_REPORTED = 16
 GATEWAYS_MAX = 256
 
 
@@ -60,7 +59,7 @@ class ReadingPaths:
         self._gateways: dict[str, MoteReading] = {}
         self._by_gateway: Counter[str] = Counter()
 
-    def note(self, reading: MoteReading, *, is_new: bool) -> None:
+    def record(self, reading: MoteReading, *, is_new: bool) -> None:
         """A reading has come; whether for the first time."""
         if reading.waiting is not UNSET and (reading.via in self._gateways or len(self._gateways) < GATEWAYS_MAX):
             self._gateways[reading.via] = reading
@@ -79,7 +78,7 @@ class ReadingPaths:
     def forwarders(self) -> list[ForwarderCount]:
         """Motes that were most often the first to pass a reading on, most readings first."""
         ranked = sorted(self._first.items(), key=lambda one: (-one[1], one[0]))
-        return [ForwarderCount(mote=mote, readings=readings) for mote, readings in ranked[:FORWARDERS_TOLD]]
+        return [ForwarderCount(mote=mote, readings=readings) for mote, readings in ranked[:FORWARDERS_REPORTED]]
 
     def gateways(self) -> list[GatewayCount]:
         """The gateways that have sent readings, by name."""
@@ -120,7 +119,7 @@ class MoteLife:
         """Readings from the first that was received to the newest, without that."""
         self._trend = CellTrend()
 
-    def note(self, reading: MoteReading, *, is_new: bool) -> None:
+    def record(self, reading: MoteReading, *, is_new: bool) -> None:
         """A reading has come. A reading measured by a robot in its place has no number, and gives no cell voltage."""
         measured_ns = measured_at_ns(reading)
         self.arrived += is_new
@@ -195,13 +194,13 @@ class FieldLedger:
 
     def __init__(self, sensing_m: float) -> None:
         self.motes: dict[str, MoteLife] = {}
-        self.ways = ReadingPaths()
+        self.paths = ReadingPaths()
         self._sieve = ReadingSieve()
         self._sensing_m = sensing_m
         self._placed: tuple[str, ...] = ()
         self._cover: CoverageMap | None = None
 
-    def note(self, reading: MoteReading) -> None:
+    def record(self, reading: MoteReading) -> None:
         """A reading has come, from a mote or from a robot in its place."""
         is_new = self._sieve.is_new(reading)
         mote = self.motes.get(reading.mote)
@@ -209,8 +208,8 @@ class FieldLedger:
             if reading.sequence is None or len(self.motes) >= MOTES_MAX:
                 return
             mote = self.motes[reading.mote] = MoteLife(reading)
-        mote.note(reading, is_new=is_new)
-        self.ways.note(reading, is_new=is_new)
+        mote.record(reading, is_new=is_new)
+        self.paths.record(reading, is_new=is_new)
 
     def placed(self) -> list[MoteLife]:
         """The motes that know where they are, by name."""
@@ -239,7 +238,7 @@ class FieldLedger:
         dead = sorted(mote.spoke_ns for mote in lives if mote.is_dead(now_ns))
         living = [mote for mote in lives if not mote.is_dead(now_ns)]
         ages_s = [mote.age_s(now_ns) for mote in living]
-        told = [index for index, mote in enumerate(self.placed()) if mote.is_reported(now_ns)]
+        reported = [index for index, mote in enumerate(self.placed()) if mote.is_reported(now_ns)]
         due = sum(mote.due(now_ns) for mote in lives)
         half = (len(lives) + 1) // 2
         return MoteFieldState(
@@ -248,15 +247,15 @@ class FieldLedger:
             delivery_ratio=round(min(1.0, sum(mote.arrived for mote in lives) / due), 4),
             age_s=round(sum(ages_s) / len(ages_s), 3) if ages_s else 0.0,
             oldest_s=round(max(ages_s, default=0.0), 3),
-            coverage=round(self.cover().share(told), 4) if self.placed() else 0.0,
+            coverage=round(self.cover().share(reported), 4) if self.placed() else 0.0,
             on_duty=sum(mote.name in on_duty for mote in living),
             first_dead_ns=dead[0] if dead else None,
             half_dead_ns=dead[half - 1] if len(dead) >= half else None,
             last_dead_ns=dead[-1] if len(dead) == len(lives) else None,
-            forwarded=self.ways.forwarded or UNSET,
-            hops=self.ways.mean_hops or UNSET,
-            forwarders=self.ways.forwarders() or UNSET,
-            gateways=self.ways.gateways() or UNSET,
+            forwarded=self.paths.forwarded or UNSET,
+            hops=self.paths.mean_hops or UNSET,
+            forwarders=self.paths.forwarders() or UNSET,
+            gateways=self.paths.gateways() or UNSET,
         )
 
 
@@ -265,11 +264,7 @@ def _cover_of(places: list[Point2D], sensing_m: float) -> CoverageMap:
     width_m, height_m = max(place.x_m for place in places) - low_x_m, max(place.y_m for place in places) - low_y_m
     steps = [(index + 0.5) / POINTS_A_SIDE for index in range(POINTS_A_SIDE)]
     points = [Point2D(low_x_m + x * width_m, low_y_m + y * height_m) for x in steps for y in steps]
-    within = [
-        point
-        for point in points
-        if any(math.hypot(place.x_m - point.x_m, place.y_m - point.y_m) <= sensing_m for place in places)
-    ]
+    within = [point for point in points if any(place.distance_m(point) <= sensing_m for place in places)]
     return CoverageMap(places, within, sensing_m)
 
 
@@ -329,7 +324,7 @@ def _resting_s(policy: MoteFieldPolicy, usual_s: float) -> float:
 CHECK_NS = to_ns(1.0)
 ALONG_SHARE = 0.6
 """Once a mote is due, those that have reached this share of the age are collected on the same tour (chosen)."""
-HEARD_SHARE = 0.5
+FRESH_SHARE = 0.5
 """A queued task to collect is called off if the data have meanwhile come, and are younger than this share (chosen)."""
 WEIGHTS = (0.2, 10.0)
 """Least and greatest priority of a task to collect."""
@@ -386,7 +381,7 @@ class FieldKeeper(CoordinatorPart):
 
     def handle(self, received: Received, now_ns: int) -> None:
         """Remember a reading."""
-        self.ledger.note(received.message)
+        self.ledger.record(received.message)
 
     def decide(self, now_ns: int) -> None:
         """Once a second, make and call off tasks."""
@@ -398,7 +393,7 @@ class FieldKeeper(CoordinatorPart):
             self._follow(now_ns)
             before = len(self._made)
             self._collect(now_ns)
-            self._stand_in(now_ns)
+            self._replace_motes(now_ns)
             self._relay(now_ns)
         if len(self._made) > before:
             self.core.assign_soon()
@@ -426,7 +421,7 @@ class FieldKeeper(CoordinatorPart):
                 self._end(task_id, record, mote, now_ns)
             elif kind == COLLECT and mote is not None and record.state is TaskState.QUEUED:
                 age_s = mote.age_s(now_ns)
-                if age_s < HEARD_SHARE * self._policy.collect_age_s:
+                if age_s < FRESH_SHARE * self._policy.collect_age_s:
                     text = f"{name} was heard without it, {age_s:.0f} s ago"
                     reason = plain("mote_heard", text, mote=name, age_s=round(age_s, 3))
                     self._book.move(task_id, TaskState.CANCELLED, reason)
@@ -459,20 +454,12 @@ class FieldKeeper(CoordinatorPart):
                 continue
             weight = visit_weight(age_s, wanted_s, mote.remaining_s(now_ns))
             timeout_s = max(self._policy.collect_timeout_s, PERIODS_WAITED * mote.period_s)
-            self._make(
-                COLLECT,
-                mote,
-                Collect(mote=mote.name, timeout_s=timeout_s),
-                plain(
-                    "data_old",
-                    f"the newest reading of {mote.name} is {age_s:.0f} s old",
-                    mote=mote.name,
-                    age_s=round(age_s, 3),
-                ),
-                priority=round(min(WEIGHTS[1], max(WEIGHTS[0], weight)), 3),
-            )
+            text = f"the newest reading of {mote.name} is {age_s:.0f} s old"
+            reason = plain("data_old", text, mote=mote.name, age_s=round(age_s, 3))
+            priority = round(min(WEIGHTS[1], max(WEIGHTS[0], weight)), 3)
+            self._make(COLLECT, mote, Collect(mote=mote.name, timeout_s=timeout_s), reason, priority)
 
-    def _stand_in(self, now_ns: int) -> None:
+    def _replace_motes(self, now_ns: int) -> None:
         """Stand in where most of the floor would otherwise be covered by no mote."""
         placed = self.ledger.placed()
         ending = [mote.is_dead(now_ns) or mote.remaining_s(now_ns) < self._policy.replace_before_s for mote in placed]
@@ -480,16 +467,16 @@ class FieldKeeper(CoordinatorPart):
         if room <= 0 or not any(ending):
             return
         cover = self.ledger.cover()
-        told = cover.spots(
+        reported = cover.spots(
             [number for number, mote in enumerate(placed) if not ending[number] or self._has(REPLACE, mote.name)]
         )
         waiting = [number for number, mote in enumerate(placed) if ending[number] and not self._has(REPLACE, mote.name)]
         while waiting and room > 0:
-            best = max(waiting, key=lambda number: ((cover.covered[number] & ~told).bit_count(), -number))
-            if not cover.covered[best] & ~told:
+            best = max(waiting, key=lambda number: ((cover.covered[number] & ~reported).bit_count(), -number))
+            if not cover.covered[best] & ~reported:
                 return
             waiting.remove(best)
-            told |= cover.covered[best]
+            reported |= cover.covered[best]
             room -= 1
             mote = placed[best]
             wanted = Replace(mote=mote.name, duration_s=self._policy.stand_in_s, period_s=mote.usual_period_s)
@@ -513,7 +500,7 @@ class FieldKeeper(CoordinatorPart):
             for number, mote in enumerate(placed)
             if mote.is_overdue(now_ns)
             and not mote.is_dead(now_ns)
-            and all(_distance_m(places[number], place) > self._policy.relay_reach_m for place in served)
+            and all(places[number].distance_m(place) > self._policy.relay_reach_m for place in served)
             and self._may(RELAY, mote, now_ns)
         ]
         for stop in stops_for(places, silent, self._policy.relay_reach_m)[:room]:
@@ -539,7 +526,3 @@ class FieldKeeper(CoordinatorPart):
         task = Task(id=self.core.new_id(kind), kind=kind, place=mote.place, priority=priority, parameters=wanted.json)
         self._book.add(task, by=BY, reason=reason)
         self._made[task.id] = (kind, mote.name)
-
-
-def _distance_m(one: Point2D, other: Point2D) -> float:
-    return float(((one.x_m - other.x_m) ** 2 + (one.y_m - other.y_m) ** 2) ** 0.5)

@@ -26,8 +26,8 @@ from robrain.algorithms.motes.mote_energy import (
     SENSE_A,
     SENSE_S,
 )
-from robrain.coordinator.core.core import CoordinatorPart, Core
-from robrain.coordinator.motes.mote_registry import KnownMote, MoteTable
+from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.team.roster import Roster
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
@@ -38,7 +38,7 @@ from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskReco
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
-from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, Task, TaskState, parameters_of
+from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, TaskState, parameters_of
 from robrain.protocol.reasons import DeadlinePassed, PlainReason, RobotOut, RobotReason, lacks_plugins, plain
 from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 
@@ -81,9 +81,9 @@ def robot_share(state: RobotState, place: Point2D, stay_s: float) -> float:
     return robot_j(state.energy, state.pose.distance_m(place), stay_s) / max(state.energy.usable_j, LEAST_LEFT_J)
 
 
-def robot_j(model: EnergyModel, way_m: float, stay_s: float) -> float:
+def robot_j(model: EnergyModel, path_m: float, stay_s: float) -> float:
     """Energy for that, in joules."""
-    return estimate(model, Work(path_m=way_m, wait_s=stay_s)).mean_j
+    return estimate(model, Work(path_m=path_m, wait_s=stay_s)).mean_j
 
 
 CHECK_NS = to_ns(0.25)
@@ -97,6 +97,75 @@ OWN_STAY_S = 1.0
 PATIENCE_PERIODS = 3.0
 KEPT_PUBLISHERS = 64
 BY = "coordinator"
+
+
+MOTES_MAX = 4096
+PERIODS = 3.0
+"""A mote that has been silent for this number of its periods, and for `SILENT_S`, is out of reach (chosen)."""
+SILENT_S = 5.0
+USUAL_PERIOD_S = 4.0
+"""Of a mote that does not report how often it senses."""
+
+
+class KnownMote:
+    """One mote."""
+
+    def __init__(self, reading: MoteReading, now_ns: int) -> None:
+        self.name = reading.mote
+        self.latest = reading
+        self.received_ns = now_ns
+
+    @property
+    def place(self) -> Point2D | None:
+        """Where it is, arena frame."""
+        return self.latest.place
+
+    @property
+    def period_s(self) -> float:
+        """How often it senses and speaks."""
+        return self.latest.period_s or USUAL_PERIOD_S
+
+    def record(self, reading: MoteReading, now_ns: int) -> None:
+        """A message arrived; a stored reading does not show its present state."""
+        if measured_at_ns(reading) >= measured_at_ns(self.latest):
+            self.latest, self.received_ns = reading, now_ns
+
+    def out_of_reach_reason(self, roster: Roster, now_ns: int) -> RobotReason | None:
+        """Why its messages cannot be relied on; None if they can."""
+        silent_s = to_seconds(now_ns - self.received_ns)
+        if silent_s > max(SILENT_S, PERIODS * self.period_s):
+            return plain("mote_silent", f"was last heard {silent_s:.0f} s ago", silent_s=round(silent_s, 3))
+        via = roster.robots.get(self.latest.via)
+        # A carrier that is no robot is a gateway: its readings are its sign of life.
+        out = via.down_reason(now_ns) if via is not None else None
+        if via is None or out is None:
+            return None
+        text = f"{via.name}, which heard it, is not there: {out}"
+        return plain("carrier_out", text, robot=via.name, because=out.code)
+
+
+class MoteTable:
+    """All known motes, up to a maximum number."""
+
+    def __init__(self) -> None:
+        self.motes: dict[str, KnownMote] = {}
+
+    def quantities(self) -> dict[str, str]:
+        """Last measured quantity of each mote, by its name."""
+        return {name: mote.latest.quantity for name, mote in self.motes.items()}
+
+    def record(self, reading: MoteReading, now_ns: int) -> None:
+        """A robot or gateway has delivered a reading."""
+        mote = self.motes.get(reading.mote)
+        if mote is not None:
+            mote.record(reading, now_ns)
+        elif len(self.motes) < MOTES_MAX:
+            self.motes[reading.mote] = KnownMote(reading, now_ns)
+
+    def near(self, place: Point2D, most: int) -> list[KnownMote]:
+        """The motes nearest to a place, nearest first; those that do not know where they are are not among them."""
+        placed = [(place.distance_m(mote.place), mote.name) for mote in self.motes.values() if mote.place is not None]
+        return [self.motes[name] for _, name in sorted(placed)[:most]]
 
 
 class MoteTask:
@@ -118,7 +187,7 @@ class MoteTask:
             self.until_ns = now_ns + to_ns(wanted.duration_s)
         self.patience_s = max(PATIENCE_PERIODS * self.usual_s, getattr(wanted, "timeout_s", 0.0))
 
-    def take(self, reading: MoteReading, now_ns: int) -> None:
+    def record(self, reading: MoteReading, now_ns: int) -> None:
         """A reading of the mote has arrived."""
         quantity = self.wanted.quantity
         if measured_at_ns(reading) >= self.began_ns and reading.quantity == quantity:
@@ -128,14 +197,14 @@ class MoteTask:
     @property
     def result(self) -> dict[str, Any]:
         """Its result."""
-        told: dict[str, Any] = {
+        common: dict[str, Any] = {
             "mote": self.mote.name,
             "quantity": self.wanted.quantity,
             "energy_j": round(len(self.values) * reading_j(), 4),
         }
         if isinstance(self.wanted, Sense):
-            return {"value": self.values[0], **told}
-        return {"rounds": len(self.values), "least": min(self.values), "greatest": max(self.values), **told}
+            return {"value": self.values[0], **common}
+        return {"rounds": len(self.values), "least": min(self.values), "greatest": max(self.values), **common}
 
 
 class MoteMembers(CoordinatorPart):
@@ -166,10 +235,10 @@ class MoteMembers(CoordinatorPart):
         """Remember a reading, for its mote and its task."""
         reading: MoteReading = received.message
         self._has_received = True
-        self.table.note(reading, now_ns)
+        self.table.record(reading, now_ns)
         for errand in self._errands.values():
             if errand.mote.name == reading.mote:
-                errand.take(reading, now_ns)
+                errand.record(reading, now_ns)
 
     def decide(self, now_ns: int) -> None:
         """End tasks that are done or hopeless, and give out new ones."""
@@ -209,7 +278,7 @@ class MoteMembers(CoordinatorPart):
         if silent_s <= errand.patience_s:
             return False
         reason = plain("told_nothing", f"told nothing in {silent_s:.0f} s", silent_s=round(silent_s, 3))
-        self.core.lifecycle.backoff.note(record.task.id, record.robot, reason, now_ns)
+        self.core.lifecycle.backoff.record(record.task.id, record.robot, reason, now_ns)
         self._book.give_back(record.task.id, RobotOut(errand.mote.name, reason))
         return True
 
@@ -254,16 +323,16 @@ class MoteMembers(CoordinatorPart):
         is_mote = best is not None and (cheapest is None or shares[best] <= robots[cheapest][0])
         winner = best if is_mote else cheapest
         least = shares[best] if is_mote and best is not None else robots[cheapest][0] if cheapest is not None else 0.0
-        told = []
+        judged = []
         for name, reason in sorted(motes.items(), key=lambda one: one[0]):
             energy_j = None if reason is not None else _readings(wanted, self.table.motes[name]) * reading_j()
             if reason is None and winner is not None and name != winner:
                 reason = _dearer(shares[name], winner, least)
-            told.append(RobotVerdict.judged(name, reason, chosen=name == winner, energy_j=energy_j))
+            judged.append(RobotVerdict.judged(name, reason, chosen=name == winner, energy_j=energy_j))
         for name, (share, cost_j) in sorted(robots.items()):
             dearer = None if winner is None or name == winner else _dearer(share, winner, least)
-            told.append(RobotVerdict.judged(name, dearer, energy_j=cost_j))
-        return told, self.table.motes[best] if is_mote and best is not None else None
+            judged.append(RobotVerdict.judged(name, dearer, energy_j=cost_j))
+        return judged, self.table.motes[best] if is_mote and best is not None else None
 
     def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
         """How each mote stands to a task that a robot does or is to do; none for tasks that are not for motes."""
@@ -280,7 +349,7 @@ class MoteMembers(CoordinatorPart):
         task = record.task
         if task.needs:
             return lacks_plugins(task.needs)
-        away_m = 0.0 if mote.place is None else _away_m(task, mote)
+        away_m = 0.0 if mote.place is None else task.place.distance_m(mote.place)
         if away_m > NEAR_M and not getattr(wanted, "mote", ""):
             return plain("far_from_place", f"is {away_m:.1f} m from the place", away_m=round(away_m, 3))
         if mote.latest.quantity != wanted.quantity:
@@ -293,7 +362,7 @@ class MoteMembers(CoordinatorPart):
             return out
         if mote_share(_readings(wanted, mote), mote.latest.voltage_v) >= 1.0:
             return plain("battery_too_small", "its battery does not last for it")
-        return self.core.lifecycle.backoff.why(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
+        return self.core.lifecycle.backoff.pause_reason(task.id, f"{MEMBER_PREFIX}{mote.name}", now_ns)
 
     def _robots(
         self, record: TaskRecord, wanted: Sense | Monitor, now_ns: int
@@ -305,8 +374,8 @@ class MoteMembers(CoordinatorPart):
             if state is None or self._eligibility.refusal(record, robot, now_ns) is not None:
                 continue
             known = state.energy is not None and state.pose is not None
-            way_m = state.pose.distance_m(task.place) if state.pose is not None else 0.0
-            cost_j = robot_j(state.energy, way_m, stay_s) if known and state.energy is not None else None
+            path_m = state.pose.distance_m(task.place) if state.pose is not None else 0.0
+            cost_j = robot_j(state.energy, path_m, stay_s) if known and state.energy is not None else None
             yield robot.name, robot_share(state, task.place, stay_s), None if cost_j is None else round(cost_j, 1)
 
     # -- duty -----------------------------------------------------------------------------------------------
@@ -342,12 +411,6 @@ def _readings(wanted: Sense | Monitor, mote: KnownMote) -> int:
     if not isinstance(wanted, Monitor):
         return 1
     return max(1, round(wanted.duration_s / min(wanted.interval_s, mote.period_s)))
-
-
-def _away_m(task: Task, mote: KnownMote) -> float:
-    place = mote.place
-    assert place is not None
-    return float(((place.x_m - task.place.x_m) ** 2 + (place.y_m - task.place.y_m) ** 2) ** 0.5)
 
 
 def _dearer(share: float, cheapest: str, least_share: float) -> PlainReason:

@@ -15,9 +15,7 @@ import numpy as np
 
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.task_explanation import TaskExplanation
-from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
-from robrain.coordinator.team.roster import Roster
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
@@ -56,8 +54,6 @@ class Coalitions:
         planning: decides which robots, and when.
         lifecycle: offers the parts.
         explanation: keeps the verdicts of each decision.
-        book: of the tasks.
-        roster: the robots of the team.
         team_map: the known map.
         new_id: makes an unused task id of a kind.
 
@@ -68,20 +64,13 @@ class Coalitions:
         planning: Planning,
         lifecycle: TaskLifecycle,
         explanation: TaskExplanation,
-        book: TaskBook,
-        roster: Roster,
         team_map: TeamMap,
         new_id: Callable[[str], str],
     ) -> None:
-        self._planning = planning
-        self._lifecycle = lifecycle
-        self._explanation = explanation
-        self._book = book
-        self._roster = roster
-        self._map = team_map
-        self._new_id = new_id
+        self._planning, self._lifecycle, self._explanation = planning, lifecycle, explanation
+        self._book, self._map, self._new_id = lifecycle.book, team_map, new_id
         self._groups: dict[str, _Group] = {}
-        for record in book.open:
+        for record in self._book.open:
             if record.task.robots > 1 and not record.own and record.state is not TaskState.QUEUED:
                 self._groups[record.task.id] = self._remembered(record)
         self._hold()
@@ -92,7 +81,7 @@ class Coalitions:
             return
         with self._lifecycle.as_far_as_written(now_ns):
             for task_id in list(self._groups):
-                self._go_on(task_id, now_ns)
+                self._advance(task_id, now_ns)
             for task_id, robots in self._planning.due_together(now_ns):
                 self._begin(task_id, robots, now_ns)
         self._hold()
@@ -118,7 +107,7 @@ class Coalitions:
         self._groups[task_id] = _Group(tuple(robots), tuple(spots), gathering)
         self._offer(task_id, robots, gathering, now_ns)
 
-    def _go_on(self, task_id: str, now_ns: int) -> None:
+    def _advance(self, task_id: str, now_ns: int) -> None:
         group, record = self._groups[task_id], self._book.find(task_id)
         if record is None or record.state is not TaskState.RUNNING:  # it was cancelled, or is too late
             whole = None if record is None else plain("whole_is", f"{task_id} is {record.state}", state=record.state)
@@ -126,15 +115,15 @@ class Coalitions:
             return
         if not group.robots:
             del self._groups[task_id]
-            untold = plain("parts_untold", "the coordinator started again before all had been told")
-            self._book.give_back(task_id, untold)
+            unoffered = plain("parts_untold", "the coordinator started again before all had been told")
+            self._book.give_back(task_id, unoffered)
             return
         parts = [self._book.find(part) for part in group.doing or group.gathering]
         for robot, part in zip(group.robots, parts, strict=True):
             if part is None or (part.state.ended and part.state is not TaskState.DONE):
                 has_failed = part is not None and part.state is TaskState.FAILED
-                told = part.why if part is not None else "nothing is known of it"
-                text = f"{'failed at its part' if has_failed else 'does not do its part'}: {cut(told)}"
+                cause = part.why if part is not None else "nothing is known of it"
+                text = f"{'failed at its part' if has_failed else 'does not do its part'}: {cut(cause)}"
                 reason = plain("part_failed" if has_failed else "part_undone", text)
                 self._fail(task_id, robot, reason, now_ns, failed=has_failed)
                 return
@@ -162,7 +151,7 @@ class Coalitions:
 
     def _fail(self, task_id: str, robot: str, reason: RobotReason, now_ns: int, *, failed: bool) -> None:
         """A robot does not do its part: free all its robots, and exclude this one from the task for a while."""
-        self._lifecycle.backoff.note(task_id, robot, reason, now_ns)
+        self._lifecycle.backoff.record(task_id, robot, reason, now_ns)
         self._call_off(task_id, RobotOut(robot, reason))
         record = self._book.give_back(task_id, RobotOut(robot, reason), failed=failed)
         if not record.state.ended and (hopeless := self._lifecycle.eligibility.hopeless(record, now_ns)):
@@ -185,7 +174,7 @@ class Coalitions:
 
     def _spots(self, task: Task, robots: Sequence[str]) -> list[Point2D]:
         """Assign each robot, in order, the nearest spot that is left."""
-        states = {name: self._roster.robots[name].state for name in robots}
+        states = {name: self._lifecycle.roster.robots[name].state for name in robots}
         radius_m = max(state.radius_m for state in states.values() if state is not None)
         left = spots_around(task.place, len(robots), radius_m, self._map.grid)
         chosen = []

@@ -6,37 +6,91 @@ started and gets the last request again; meanwhile the coordinator follows its p
 
 import logging
 import os
+import pickle
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
+from typing import NamedTuple
 
 import msgspec
 
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Snapshot
-from robrain.coordinator.planning.worker_link import (
-    Done,
-    Made,
-    PlanFailed,
-    PlanRequest,
-    Ready,
-    RequestWriter,
-    Said,
-    decode_reply,
-    receive,
-    send,
-)
 from robrain.protocol.backoff import Backoff
 
 MODULE = "robrain.coordinator.planning.worker_main"
 EXIT_S = 20.0
 """Time limit for a process that is about to end, and for its reader thread to notice."""
+
+
+RECEIVE_BYTES = 1 << 16
+_LENGTH = struct.Struct("!Q")
+
+
+class PlanRequest(NamedTuple):
+    """A request for a plan; a later one has a greater number.
+
+    It is sent as a pickle: both sides run the same program.
+    """
+
+    number: int
+    snapshot: Snapshot
+    policy: PlanningPolicy
+
+
+class Ready(msgspec.Struct, frozen=True, tag=True):
+    """The process accepts requests."""
+
+
+class Made(msgspec.Struct, frozen=True, tag=True):
+    """A plan."""
+
+    planned: PlanInForce
+
+
+class PlanFailed(msgspec.Struct, frozen=True, tag=True):
+    """No plan can be made for a request."""
+
+    reason: str
+
+
+class Done(msgspec.Struct, frozen=True, tag=True):
+    """A request is complete, or was dropped for a later one."""
+
+    number: int
+
+
+Reply = Ready | Made | PlanFailed | Done
+"""Messages of the planning process, in MessagePack: the coordinator decodes them in a millisecond or two."""
+
+
+def send(connection: socket.socket, body: bytes) -> None:
+    """Send one message (OSError; TimeoutError if the socket has a limit)."""
+    connection.sendall(_LENGTH.pack(len(body)) + body)
+
+
+def receive(connection: socket.socket) -> bytes:
+    """Wait for the next message and return it (EOFError when the other end has closed)."""
+    (length,) = _LENGTH.unpack(_exactly(connection, _LENGTH.size))
+    return _exactly(connection, length)
+
+
+def _exactly(connection: socket.socket, size: int) -> bytes:
+    received = bytearray()
+    while len(received) < size:
+        part = connection.recv(min(RECEIVE_BYTES, size - len(received)))
+        if not part:
+            raise EOFError
+        received += part
+    return bytes(received)
 
 
 class PlannerProcess:
@@ -46,7 +100,7 @@ class PlannerProcess:
     kills the planning process.
 
     Args:
-        on_said: called with each message of the process, on a separate thread.
+        on_reply: called with each message of the process, on a separate thread.
         on_lost: called on that thread when the process has ended.
 
     Raises:
@@ -54,16 +108,15 @@ class PlannerProcess:
 
     """
 
-    def __init__(self, on_line: Callable[[Said], None], on_lost: Callable[[], None]) -> None:
+    def __init__(self, on_reply: Callable[[Reply], None], on_lost: Callable[[], None]) -> None:
         self.is_lost = False
         """Whether the process has ended or sent an invalid message."""
-        self._on_line = on_line
+        self._on_reply = on_reply
         self._on_lost = on_lost
-        self._writer = RequestWriter()
-        self._questions, their_questions = socket.socketpair()
-        self._said, their_said = socket.socketpair()
+        self._requests, their_requests = socket.socketpair()
+        self._replies, their_replies = socket.socketpair()
         lifeline, self._lifeline = os.pipe()
-        theirs = (their_questions.fileno(), their_said.fileno(), lifeline)
+        theirs = (their_requests.fileno(), their_replies.fileno(), lifeline)
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", MODULE, *map(str, theirs)],
@@ -74,14 +127,14 @@ class PlannerProcess:
             )
         except BaseException:  # also Ctrl-C: the open ends must not leak
             os.close(self._lifeline)
-            self._questions.close()
-            self._said.close()
+            self._requests.close()
+            self._replies.close()
             raise
         finally:
             os.close(lifeline)
-            their_questions.close()
-            their_said.close()
-        self._reader = threading.Thread(target=self._read, name="planner-said", daemon=True)
+            their_requests.close()
+            their_replies.close()
+        self._reader = threading.Thread(target=self._read, name="planner-replies", daemon=True)
         self._reader.start()
 
     @property
@@ -89,7 +142,7 @@ class PlannerProcess:
         """Its process id."""
         return self._process.pid
 
-    def ask(self, question: PlanRequest, limit_s: float) -> None:
+    def ask(self, request: PlanRequest, limit_s: float) -> None:
         """Send a request.
 
         Raises:
@@ -97,8 +150,8 @@ class PlannerProcess:
             OSError: the process has ended.
 
         """
-        self._questions.settimeout(limit_s)
-        send(self._questions, self._writer.encode(question))
+        self._requests.settimeout(limit_s)
+        send(self._requests, pickle.dumps(request, pickle.HIGHEST_PROTOCOL))
 
     def kill(self) -> None:
         """Kill it at once; call `end` afterwards."""
@@ -108,26 +161,24 @@ class PlannerProcess:
         """End it and free its resources; returns, in words, how it ended if it did so by itself."""
         status = self._process.poll()
         if status is None and self.is_lost:  # it is about to
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 status = self._process.wait(EXIT_S)
-            except subprocess.TimeoutExpired:
-                status = None
         self._process.kill()
         self._process.wait()
         self._reader.join(EXIT_S)  # the process has ended
-        self._questions.close()
-        self._said.close()
+        self._requests.close()
+        self._replies.close()
         os.close(self._lifeline)
         return "" if status is None else _in_words(status)
 
     def _read(self) -> None:
         try:
             while True:
-                self._on_line(decode_reply(receive(self._said)))
+                self._on_reply(msgspec.msgpack.decode(receive(self._replies), type=Reply))
         except (EOFError, OSError):
             pass
         except msgspec.ValidationError:
-            logger.exception("the planner's process says what it should not")
+            logger.exception("the planner's process has sent an invalid message")
         self.is_lost = True
         self._on_lost()
 
@@ -135,10 +186,7 @@ class PlannerProcess:
 def _in_words(status: int) -> str:
     if status >= 0:
         return f"has ended with status {status}"
-    try:
-        return f"was ended by {signal.Signals(-status).name}"
-    except ValueError:
-        return f"was ended by signal {-status}"
+    return f"was ended by {signal.Signals(-status).name}"
 
 
 logger = logging.getLogger(__name__)
@@ -172,7 +220,7 @@ class LivePlanner:
         self._latest: PlanRequest | None = None
         self._made: deque[PlanInForce] = deque(maxlen=KEPT_PLANS)
         self.failure_reason = ""
-        """See `Planner`."""
+        """Why planning failed for the last request; empty if it has not failed."""
         self._asked = 0
         self._answered = 0
         """Number of the last request that is complete."""
@@ -193,25 +241,25 @@ class LivePlanner:
         return None if process is None else process.pid
 
     def prepare(self) -> None:
-        """See `Planner`: starts the process, unless it has started."""
+        """Prepare for the first request: start the process, unless it has started."""
         if self._keeper is None and not self._has_ended.is_set():
             self._keeper = threading.Thread(target=self._keep, name="planner", daemon=True)
             self._keeper.start()
 
     def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
-        """See `Planner`; replaces a waiting request."""
+        """Request a plan; replaces a waiting request."""
         self._asked += 1
         self._latest = PlanRequest(self._asked, snapshot, policy)
         self._wake.set()
         self.prepare()
 
-    def take(self) -> list[PlanInForce]:
-        """See `Planner`."""
+    def finished_plans(self) -> list[PlanInForce]:
+        """The plans made since the last call, the best last."""
         return [self._made.popleft() for _ in range(len(self._made))]
 
     @property
     def is_busy(self) -> bool:
-        """See `Planner`."""
+        """Whether a requested plan may still arrive."""
         return self._asked > self._answered or bool(self._made)
 
     def close(self) -> None:
@@ -228,11 +276,11 @@ class LivePlanner:
 
     def _keep(self) -> None:
         while not self._has_ended.is_set():
-            why = self._run_one()
+            ending = self._run_one()
             if self._has_ended.is_set():
                 return
             pause_s = self._backoff.fail(time.monotonic())
-            logger.warning("the planner's process %s; there is another in %g s", why, pause_s)
+            logger.warning("the planner's process %s; there is another in %g s", ending, pause_s)
             self._record_lost()
             self._has_ended.wait(pause_s)
 
@@ -245,15 +293,15 @@ class LivePlanner:
         except OSError as error:
             return f"cannot be started: {error}"
         try:
-            why = self._ask(process)
+            ending = self._ask(process)
         except TimeoutError:
-            why = "takes no question"
+            ending = "accepts no request"
         except OSError as error:
-            why = f"cannot be asked: {error}"
+            ending = f"cannot be asked: {error}"
         finally:
             self._process = None
             ended = process.end()
-        return ended or why
+        return ended or ending
 
     def _ask(self, process: PlannerProcess) -> str:
         sent = self._answered
@@ -261,48 +309,48 @@ class LivePlanner:
             self._wake.clear()
             if process.is_lost:
                 return "has hung up"
-            question = self._latest
-            if self._is_ready and question is not None and question.number > max(sent, self._answered):
+            request = self._latest
+            if self._is_ready and request is not None and request.number > max(sent, self._answered):
                 if sent <= self._answered:  # it was idle
                     self._received_s = time.monotonic()
-                sent = question.number
-                process.ask(question, GRACE_S)
+                sent = request.number
+                process.ask(request, GRACE_S)
             limit_s: float | None = None
             if not self._is_ready:
                 limit_s = START_S
-            elif question is not None and sent > self._answered:
-                limit_s = question.policy.deadline_s + GRACE_S
+            elif request is not None and sent > self._answered:
+                limit_s = request.policy.deadline_s + GRACE_S
             left_s = None if limit_s is None else self._received_s + limit_s - time.monotonic()
             if left_s is not None and left_s <= 0:
-                return f"has said nothing for {limit_s:g} s"
+                return f"has sent nothing for {limit_s:g} s"
             self._wake.wait(left_s)
         return ""
 
     def _record_lost(self) -> None:
-        question = self._latest
-        if question is None or question.number <= self._answered:
+        request = self._latest
+        if request is None or request.number <= self._answered:
             return
         number, losses = self._lost
-        losses = losses + 1 if number == question.number else 1
-        self._lost = question.number, losses
+        losses = losses + 1 if number == request.number else 1
+        self._lost = request.number, losses
         if losses >= TRIES:
-            logger.error("no plan %d could be made: %d processes were lost over it", question.snapshot.number, losses)
-            self._answered = question.number
+            logger.error("no plan %d could be made: %d processes were lost over it", request.snapshot.number, losses)
+            self._answered = request.number
 
     # -- on the process' thread -----------------------------------------------------------------------------
 
-    def _receive(self, said: Said) -> None:
+    def _receive(self, reply: Reply) -> None:
         self._received_s = time.monotonic()
-        match said:
+        match reply:
             case Ready():
                 self._is_ready = True
             case Made(planned):
                 self.failure_reason = ""
                 self._made.append(planned)
                 self._on_made()
-            case PlanFailed(why):
-                self.failure_reason = why.rstrip().rpartition("\n")[2]
-                logger.error("no plan could be made: %s", why)
+            case PlanFailed(reason):
+                self.failure_reason = reason.rstrip().rpartition("\n")[2]
+                logger.error("no plan could be made: %s", reason)
             case Done(number):
                 self._answered = number
                 self._backoff.succeed()

@@ -6,9 +6,8 @@ from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.task_explanation import TaskExplanation
 from robrain.coordinator.tasks.offers import dispatch, verdicts
-from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
-from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
@@ -16,7 +15,7 @@ from robrain.protocol.reasons import NearestOut, PlanReason, RobotReason, TaskRe
 
 OFFERS_MAX = 16
 """Offers per step: each is journalled first, and the team must not wait for that."""
-TELL_NS = to_ns(5.0)
+CHECK_NS = to_ns(5.0)
 """Interval between checks of left-out tasks while the plan stays the same."""
 
 
@@ -25,24 +24,16 @@ class PlanExecutor:
 
     Args:
         planning: makes the plans.
-        lifecycle: of the tasks.
-        book: of the tasks.
-        roster: the robots of the team.
+        lifecycle: of the tasks, with the book and the robots.
         explanation: keeps the verdicts of each decision.
         coalitions: executes tasks for several robots.
 
     """
 
     def __init__(
-        self,
-        planning: Planning,
-        lifecycle: TaskLifecycle,
-        book: TaskBook,
-        roster: Roster,
-        explanation: TaskExplanation,
-        coalitions: Coalitions,
+        self, planning: Planning, lifecycle: TaskLifecycle, explanation: TaskExplanation, coalitions: Coalitions
     ) -> None:
-        self._planning, self._lifecycle, self._book, self._roster = planning, lifecycle, book, roster
+        self._planning, self._lifecycle, self._book = planning, lifecycle, lifecycle.book
         self._explanation, self._coalitions = explanation, coalitions
         self._published_number = 0
         self._publish_ns = 0
@@ -71,7 +62,7 @@ class PlanExecutor:
 
     def _dispatch(self, ready: Sequence[TaskRecord], idle: Sequence[Robot], now_ns: int) -> None:
         """Offer ready tasks to the nearest robots."""
-        eligibility, robots = self._lifecycle.eligibility, self._roster.by_name
+        eligibility, robots = self._lifecycle.eligibility, self._lifecycle.roster.by_name
 
         def refusal(record: TaskRecord, robot: Robot) -> RobotReason | None:
             return eligibility.refusal(record, robot, now_ns)
@@ -106,7 +97,7 @@ class PlanExecutor:
         """Publish why a task is unplanned, once, and again when the reason's code changes."""
         if self._planning.number == self._published_number and now_ns < self._publish_ns:
             return
-        self._published_number, self._publish_ns = self._planning.number, now_ns + TELL_NS
+        self._published_number, self._publish_ns = self._planning.number, now_ns + CHECK_NS
         eligibility, explanation = self._lifecycle.eligibility, self._explanation
         is_anybody_out = self._planning.anybody_out(now_ns)
         paused = {task for task, _ in self._lifecycle.backoff.pauses(now_ns)}
@@ -125,8 +116,8 @@ class PlanExecutor:
                 self._book.move(task_id, TaskState.QUEUED, left.reason)
 
 
-def _is_alike(told: TaskReason | None, reason: PlanReason) -> bool:
+def _is_alike(published: TaskReason | None, reason: PlanReason) -> bool:
     """Whether two reasons, and those within them, have the same codes; figures and names may differ."""
-    if isinstance(told, NearestOut) and isinstance(reason, NearestOut):
-        return told.because.code == reason.because.code
-    return told is not None and told.code == reason.code
+    if isinstance(published, NearestOut) and isinstance(reason, NearestOut):
+        return published.because.code == reason.because.code
+    return published is not None and published.code == reason.code

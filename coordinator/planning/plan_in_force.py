@@ -8,15 +8,12 @@ import msgspec
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Problem
 from robrain.coordinator.planning.plan_passes import PlanFailure
-from robrain.coordinator.planning.snapshot import ChargerWays, Orders, Snapshot
+from robrain.coordinator.planning.snapshot import ChargerDistances, Orders, Snapshot
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem, TaskDecision
 from robrain.protocol.reasons import PlanReason, TaskReason
 
 if TYPE_CHECKING:
     from robrain.coordinator.planning.problem_builder import BuiltProblem
-from typing import Protocol
-
-from robrain.coordinator.planning.policy import PlanningPolicy
 
 BIDS_MAX = 4000
 """Limit for the bids in the published decisions of one plan, earliest tasks first. The rest follow with the next plans
@@ -29,7 +26,7 @@ class PlannedStep(msgspec.Struct, frozen=True):
     task: str
     leave_ns: int
     """Latest time for its robot to set out."""
-    way_s: float
+    travel_s: float
     start_ns: int
 
 
@@ -48,10 +45,10 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     failures: tuple[PlanFailure, ...] = ()
     """Failures of other distributions' code while the plan was made."""
     duration_s: float = 0.0
-    charger_ways: dict[str, ChargerWays] = {}
+    charger_distances: dict[str, ChargerDistances] = {}
     """Path lengths to the chargers, for each robot that was free."""
-    takes_j: dict[str, float] = {}
-    """Energy that each robot's route takes, to the charger at its end; of robots with a route."""
+    route_energy_j: dict[str, float] = {}
+    """Energy of each robot's route, to the charger at its end; of robots with a route."""
 
     @property
     def orders(self) -> Orders:
@@ -75,18 +72,18 @@ def planned(
     pinned = {job.id for job in problem.jobs if job.pinned_to}
     earliest_s = {job.id: job.earliest_s for job in problem.jobs}
     steps: dict[str, tuple[PlannedStep, ...]] = {}
-    takes_j: dict[str, float] = {}
+    route_energy_j: dict[str, float] = {}
     for worker, route in zip(problem.workers, plan.routes, strict=True):
         found, free_s = [], worker.ready_s
         for stop in route.stops:
-            way_s = max(0.0, stop.arrive_s - free_s)
+            travel_s = max(0.0, stop.arrive_s - free_s)
             free_s = stop.end_s
             if stop.job not in pinned:
-                leave_s = max(stop.arrive_s, earliest_s[stop.job]) - way_s
-                found.append(PlannedStep(stop.job, _at(snapshot, leave_s), way_s, _at(snapshot, stop.start_s)))
+                leave_s = max(stop.arrive_s, earliest_s[stop.job]) - travel_s
+                found.append(PlannedStep(stop.job, _at(snapshot, leave_s), travel_s, _at(snapshot, stop.start_s)))
         steps[route.worker] = tuple(found)
         if found:
-            takes_j[route.worker] = route.energy_j
+            route_energy_j[route.worker] = route.energy_j
     left_out: dict[str, PlanReason] = {}
     for one in plan.unassigned:
         if one.job not in pinned:
@@ -100,42 +97,23 @@ def planned(
     new = [
         job.id
         for job in problem.jobs
-        if job.id not in pinned and snapshot.told.get(job.id) != tuple(robots.get(job.id, ()))
+        if job.id not in pinned and snapshot.published.get(job.id) != tuple(robots.get(job.id, ()))
     ]
     new.sort(key=lambda job: start_s.get(job, math.inf))
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
     decisions = explain(problem, plan, new, number=written.plan, pauses=snapshot.pauses)
-    return PlanInForce(problem=written, steps=steps, left_out=left_out, waiting=asked.waiting, decisions=decisions,
-                   failures=failures, duration_s=duration_s,
-                   charger_ways=asked.charger_ways, takes_j=takes_j)  # fmt: skip
+    return PlanInForce(
+        problem=written,
+        steps=steps,
+        left_out=left_out,
+        waiting=asked.waiting,
+        decisions=decisions,
+        failures=failures,
+        duration_s=duration_s,
+        charger_distances=asked.charger_distances,
+        route_energy_j=route_energy_j,
+    )
 
 
 def _at(snapshot: Snapshot, in_s: float) -> int:
     return snapshot.now_ns + round(1e9 * in_s)
-
-
-class PlanMaker(Protocol):
-    """Makes plans from snapshots; the latest request counts."""
-
-    def prepare(self) -> None:
-        """Prepare for the first request; returns at once in live."""
-
-    def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
-        """Request a plan; returns at once in live."""
-
-    def take(self) -> list[PlanInForce]:
-        """Return the plans made since the last call, the best last."""
-        ...
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a requested plan may still arrive."""
-        ...
-
-    @property
-    def failure_reason(self) -> str:
-        """Why planning failed for the last request; empty if it has not failed."""
-        ...
-
-    def close(self) -> None:
-        """Stop planning and free its resources."""

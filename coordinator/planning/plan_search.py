@@ -27,7 +27,7 @@ from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
 from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, STOCK_PASSES, PlanDraft, PlanFailure, refined
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.problem_builder import BuiltProblem, ask, greatest_radius_m, needed_m
+from robrain.coordinator.planning.problem_builder import BuiltProblem, build_problem, greatest_radius_m, needed_m
 from robrain.coordinator.planning.snapshot import Floor, PlanningRobot, Snapshot
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
@@ -240,7 +240,7 @@ class PlanSearch:
     """Makes plans from snapshots, the auction's first; caches path lengths until the floor changes."""
 
     def __init__(self) -> None:
-        self._ways: PathLengths | None = None
+        self._paths: PathLengths | None = None
 
     def draft(self, snapshot: Snapshot, policy: PlanningPolicy) -> "Draft":
         """Start a plan; tasks that cannot be planned are set aside, each with its reason.
@@ -275,12 +275,16 @@ class PlanSearch:
     def _draft(self, snapshot: Snapshot, policy: PlanningPolicy) -> "Draft":
         needed = needed_m(snapshot)
         version = 0 if snapshot.floor is None else snapshot.floor.version
-        ways = self._ways
-        if ways is None or (ways.version, ways.needed_m, ways.unknown_cost) != (version, needed, policy.unknown_cost):
+        paths = self._paths
+        if paths is None or (paths.version, paths.needed_m, paths.unknown_cost) != (
+            version,
+            needed,
+            policy.unknown_cost,
+        ):
             floor, radius_m = snapshot.floor, greatest_radius_m(snapshot)
             narrow_m = None if floor is None else mapped_clearance_m(radius_m, floor.geometry.resolution_m)
-            ways = self._ways = PathLengths(floor, needed, policy.unknown_cost, narrow_m)
-        return Draft(snapshot, policy, ask(snapshot, ways, policy))
+            paths = self._paths = PathLengths(floor, needed, policy.unknown_cost, narrow_m)
+        return Draft(snapshot, policy, build_problem(snapshot, paths, policy))
 
 
 class Draft:
@@ -290,11 +294,11 @@ class Draft:
         self._snapshot = snapshot
         self._policy = policy
         self.asked = asked
-        self._problem = asked.question.problem()
-        visits = sum(job.robots for job in self._problem.jobs if not job.pinned_to)
+        problem = asked.question.problem()
+        visits = sum(job.robots for job in problem.jobs if not job.pinned_to)
         self._iterations = policy.iterations_for(visits)
         self.solver = PlanSolver(
-            self._problem,
+            problem,
             policy.objective,
             policy.method,
             seed=policy.seed,
@@ -303,10 +307,6 @@ class Draft:
             orders=snapshot.orders,
             passes=policy.passes,
         )
-
-    def improve(self) -> Iterator[None]:
-        """Yields before each search."""
-        return self.solver.improve()
 
     def planned(self, duration_s: float = 0.0) -> PlanInForce:
         """The best plan up to now."""
@@ -352,12 +352,10 @@ def rehearse() -> None:
         served_s={},
         floor=Floor(np.full((SIDE, SIDE), FREE), GridGeometry(0.1, 0.0, 0.0, SIDE, SIDE), 1),
         orders={},
-        told={},
+        published={},
     )
     draft = PlanSearch().draft(snapshot, PlanningPolicy(iterations=1))
-    for _ in draft.improve():
-        if draft.solver.rounds:
-            break
+    draft.solver.run(rounds=1)
     draft.planned()
 
 
@@ -368,37 +366,35 @@ class LockstepPlanner:
         self._search = PlanSearch()
         self._made: list[PlanInForce] = []
         self.failure_reason = ""
-        """See `Planner`."""
+        """See `LivePlanner`."""
 
     def prepare(self) -> None:
-        """See `Planner`."""
+        """See `LivePlanner`."""
 
     def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
-        """See `Planner`."""
+        """See `LivePlanner`."""
         _warm_up_once()  # not before: most runs begin without a task, and this takes seconds on a new computer
         try:
             draft = self._search.draft(snapshot, policy)
-            for _ in draft.improve():
-                if draft.solver.rounds >= policy.rounds:
-                    break
+            draft.solver.run(policy.rounds)
             self._made.append(draft.planned())
             self.failure_reason = ""
         except Exception as error:  # as in live: a planning error must not end the coordinator
             logger.exception("no plan %d could be made", snapshot.number)
             self.failure_reason = f"{type(error).__name__}: {error}"
 
-    def take(self) -> list[PlanInForce]:
-        """See `Planner`."""
+    def finished_plans(self) -> list[PlanInForce]:
+        """See `LivePlanner`."""
         made, self._made = self._made, []
         return made
 
     @property
     def is_busy(self) -> bool:
-        """See `Planner`."""
+        """See `LivePlanner`."""
         return False
 
     def close(self) -> None:
-        """See `Planner`."""
+        """See `LivePlanner`."""
 
 
 _warm_up_once = cache(warm_up)
@@ -462,6 +458,12 @@ class PlanSolver:
             fruitless = 0 if found.rank < self._best.rank else fruitless + 1
             self._best = min(self._best, found, key=lambda plan: plan.rank)
 
+    def run(self, rounds: int) -> None:
+        """Search until no improvement is expected, in at most `rounds` rounds."""
+        for _ in self.improve():
+            if self.rounds >= rounds:
+                break
+
     @property
     def plan(self) -> Plan:
         """The best plan up to now, refined."""
@@ -478,28 +480,6 @@ class PlanSolver:
         if isinstance(self._allocator, CheckedAllocator):
             self.failures += tuple(PlanFailure("allocator", self._method, cut(why)) for why in self._allocator.failures)
         return draft.plan
-
-
-def solve(
-    problem: Problem,
-    objective: Objective,
-    method: str,
-    *,
-    seed: int,
-    rounds: int,
-    iterations: int,
-    gain_min: float,
-    orders: Mapping[str, Sequence[str]],
-    passes: Sequence[str] = STOCK_PASSES,
-) -> tuple[Plan, int]:
-    """Return the plan after at most `rounds` rounds, and the number of rounds."""
-    solver = PlanSolver(
-        problem, objective, method, seed=seed, iterations=iterations, gain_min=gain_min, orders=orders, passes=passes
-    )
-    for _ in solver.improve():
-        if solver.rounds >= rounds:
-            break
-    return solver.plan, solver.rounds
 
 
 def _is_worth_it(problem: Problem) -> bool:

@@ -6,17 +6,18 @@ explores is called away for a task, and one whose next task begins soon is not s
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import PLENTY_J, profile_of
 from robrain.coordinator.planning.live_planner import LivePlanner
-from robrain.coordinator.planning.plan_in_force import PlanInForce, PlanMaker, PlannedStep
+from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
-from robrain.coordinator.planning.snapshot import AfterCharge, ChargerWays, PlanningRobot, Snapshot
+from robrain.coordinator.planning.snapshot import AfterCharge, ChargerDistances, PlanningRobot, Snapshot
 from robrain.coordinator.planning.snapshot_builder import (
     HOMEWARD,
     LATEST_S,
@@ -25,23 +26,25 @@ from robrain.coordinator.planning.snapshot_builder import (
     free_in_s,
     is_ending,
 )
-from robrain.coordinator.tasks.backoff import TaskBackoff
-from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_costs import TaskCosts
-from robrain.coordinator.team.capabilities import Capabilities
-from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.stock_kinds import EXPLORE
-from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
+from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain, told
 from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
+
+if TYPE_CHECKING:
+    from robrain.coordinator.planning.plan_search import LockstepPlanner
 
 DRAINED_SHARE = 0.02
 """A robot that has used this share of its full battery more than planned triggers a new plan."""
@@ -51,77 +54,62 @@ GROWN_SHARE = 0.05
 """Growth of the map after which it is read again."""
 
 
-class ReplanTrigger:
-    """Compares the team with its state at the last plan."""
+class PlanInputs:
+    """The part of the team's state whose changes need a new plan.
 
-    def __init__(self) -> None:
-        self._tasks: frozenset[tuple[str, TaskState, str]] = frozenset()
-        self._members: dict[str, tuple[frozenset[str] | None, tuple[Point2D, ...], bool]] = {}
-        self._figures: dict[str, tuple[float, float]] = {}
-        self._pauses: frozenset[tuple[str, str]] = frozenset()
-        self._area_m2 = 0.0
+    Args:
+        records: the tasks.
+        members: the robots.
+        pauses: tasks and robots that must not be offered them now.
+        area_m2: area of the known floor.
 
-    @property
-    def has_tasks(self) -> bool:
-        """Whether there were tasks at the last plan."""
-        return bool(self._tasks)
+    """
 
-    def since(
+    def __init__(
         self,
-        records: Iterable[TaskRecord],
-        members: dict[str, PlanningRobot],
-        pauses: Iterable[tuple[str, str]],
-        area_m2: float,
-        *,
-        left_out: int,
-    ) -> str:
-        """Why a new plan is needed; empty if it is not."""
-        tasks = _tasks(records)
-        if tasks != self._tasks:
-            return _difference(tasks, self._tasks)
-        if members.keys() != self._members.keys():
-            came = sorted(members.keys() - self._members.keys())
-            gone = sorted(self._members.keys() - members.keys())
+        records: Iterable[TaskRecord] = (),
+        members: Mapping[str, PlanningRobot] = MappingProxyType({}),
+        pauses: Iterable[tuple[str, str]] = (),
+        area_m2: float = 0.0,
+    ) -> None:
+        self.tasks = _tasks(records)
+        self._members = members
+        self._figures = {name: _figures(member) for name, member in members.items()}
+        self._pauses = frozenset(pauses)
+        self._area_m2 = area_m2
+
+    def cause(self, now: "PlanInputs", *, left_out: int) -> str:
+        """Why a new plan is needed, given the inputs of now; empty if it is not."""
+        if now.tasks != self.tasks:
+            return _difference(now.tasks, self.tasks)
+        if now._members.keys() != self._members.keys():
+            came = sorted(now._members.keys() - self._members.keys())
+            gone = sorted(self._members.keys() - now._members.keys())
             return "; ".join([*(f"{name} is there" for name in came), *(f"{name} is out" for name in gone)])
-        if not tasks:
+        if not now.tasks:
             return ""
-        for name, member in members.items():
-            if _abilities(member) != self._members[name]:
+        for name, member in now._members.items():
+            if _abilities(member) != _abilities(self._members[name]):
                 return f"{name} can do other things than before"
-        for pair in sorted(frozenset(pauses) ^ self._pauses):
-            return f"whether {pair[1]} may be asked for {pair[0]}"
-        for name, member in members.items():
-            usable_j, j_per_m = self._figures[name]
-            now_j, now_j_per_m = _figures(member)
+        for task, robot in sorted(now._pauses ^ self._pauses):
+            return f"whether {robot} may be asked for {task}"
+        for name, member in now._members.items():
+            (usable_j, j_per_m), (now_j, now_j_per_m) = self._figures[name], now._figures[name]
             battery = member.state.battery
             capacity_j = battery.remaining_j / max(battery.soc, 0.01) if battery is not None else PLENTY_J
             if abs(usable_j - now_j) > DRAINED_SHARE * capacity_j:
                 return f"{name} has {now_j:.0f} J left, and had {usable_j:.0f} J"
             if abs(now_j_per_m - j_per_m) > DEARER_SHARE * j_per_m:
                 return f"{name} takes {now_j_per_m:.1f} J a metre, and took {j_per_m:.1f} J"
-        if area_m2 > self._area_m2 * (1.0 + GROWN_SHARE) and (left_out or self._area_m2 == 0.0):
-            return f"the map has grown to {area_m2:.0f} m²"
+        if now._area_m2 > self._area_m2 * (1.0 + GROWN_SHARE) and (left_out or self._area_m2 == 0.0):
+            return f"the map has grown to {now._area_m2:.0f} m²"
         return ""
 
     def begun(self, task_id: str, robot: str) -> None:
         """Record that a task has begun as planned, which needs no new plan."""
         before = (task_id, TaskState.QUEUED, "")
-        if before in self._tasks:
-            self._tasks = self._tasks - {before} | {(task_id, TaskState.RUNNING, robot)}
-
-    def note(
-        self,
-        records: Iterable[TaskRecord],
-        members: dict[str, PlanningRobot],
-        pauses: Iterable[tuple[str, str]],
-        area_m2: float,
-    ) -> None:
-        """Record the inputs of a plan."""
-        self._tasks = _tasks(records)
-        self._members = {name: _abilities(member) for name, member in members.items()}
-        self._figures = {name: _figures(member) for name, member in members.items()}
-        self._pauses = frozenset(pauses)
-        self._area_m2 = area_m2
+        if before in self.tasks:
+            self.tasks = self.tasks - {before} | {(task_id, TaskState.RUNNING, robot)}
 
 
 def _tasks(records: Iterable[TaskRecord]) -> frozenset[tuple[str, TaskState, str]]:
@@ -156,6 +144,10 @@ CHECK_NS = to_ns(0.5)
 SOON_NS = to_ns(30.0)
 """A robot whose next task begins within this is not sent exploring (chosen)."""
 KEPT_DECISIONS = 2000
+DETOUR = 1.5
+"""Assumed ratio of path length to straight line where the length is unknown (chosen; robots assume the same)."""
+DOCK_S = 10.0
+"""Approximate time to dock; robots assume the same."""
 
 
 class Due(NamedTuple):
@@ -178,34 +170,20 @@ class Planning:
     """Makes and follows plans.
 
     Args:
-        wire: the coordinator's endpoint.
-        book: of its tasks.
-        roster: the robots of the team.
-        capabilities: plugins and kinds of task of the robots.
-        backoff: tasks that robots refused or failed at, and until when they are not offered again.
+        lifecycle: of the tasks, with the book and the robots.
         team_map: the known map.
         policy: parameters of planning.
-        waits: why a task cannot be offered to any robot yet, given the travel time to it in seconds; None if it can.
 
     """
 
-    def __init__(
-        self,
-        wire: Endpoint,
-        book: TaskBook,
-        roster: Roster,
-        capabilities: Capabilities,
-        backoff: TaskBackoff,
-        team_map: TeamMap,
-        policy: PlanningPolicy,
-        waits: Callable[[TaskRecord, int, float], TaskReason | None],
-    ) -> None:
+    def __init__(self, lifecycle: TaskLifecycle, team_map: TeamMap, policy: PlanningPolicy) -> None:
+        wire = lifecycle.wire
         self.policy = policy
-        self.chargers = KnownChargers(wire, capabilities.plugins)
+        self.chargers = KnownChargers(wire, lifecycle.capabilities.plugins)
         self.after_charge: dict[str, AfterCharge] = {}
-        """Predicted state of charging robots after their charge; maintained by `ChargeDesk`."""
+        """Predicted state of charging robots after their charge; maintained by charging."""
         self.charges: tuple[PlannedCharge, ...] = ()
-        """Which robots charge where and when; maintained by `ChargePublisher`."""
+        """Which robots charge where and when; maintained by charging."""
         self.lack_range: set[str] = set()
         """Idle robots that lack only the energy to explore the remaining regions; maintained by exploration."""
         self.held: dict[str, PlainReason] = {}
@@ -215,20 +193,18 @@ class Planning:
         self.waiting: dict[str, TaskReason] = {}
         """Tasks that could not be part of the plan, and why."""
         self._wire = wire
-        self._book = book
-        self._roster = roster
-        self._backoff = backoff
-        self._watch = SnapshotBuilder(
-            book, roster, capabilities, team_map, self.chargers, self.exclusion, self.after_charge
-        )
-        self._waits = waits
-        self._costs = TaskCosts(wire, capabilities)
-        self._trigger = ReplanTrigger()
+        self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
+        self._team_map = team_map
+        self._builder = SnapshotBuilder(lifecycle, team_map, self.chargers, self.exclusion, self.after_charge)
+        self._wait_reason = lifecycle.eligibility.wait_reason
+        self._costs = TaskCosts(wire, lifecycle.capabilities)
+        self._inputs = PlanInputs()
+        """Of the last plan."""
         self._planner = _planner_of(wire)
         self._failure_reason = ""
         self._plan: PlanInForce | None = None
         self._number = 0
-        self._told: dict[str, tuple[str, ...]] = {}
+        self._published: dict[str, tuple[str, ...]] = {}
         self._decisions: dict[str, tuple[int, TaskDecision]] = {}
         self._ending_ns: dict[str, int] = {}
         """Since when each robot is about to end its task."""
@@ -237,8 +213,8 @@ class Planning:
         self._seen_version = -1
         self._asked_ns: int | None = None
         self._cause = ""
-        self._say_decision = wire.publisher(TASK_DECISION)
-        self._say_problem = wire.publisher(TASK_PROBLEM)
+        self._decision_publisher = wire.publisher(TASK_DECISION)
+        self._problem_publisher = wire.publisher(TASK_PROBLEM)
         wire.answer(COORDINATOR_PLANNING, lambda _: self.status(), serve=Serve.IN_STEP)
         wire.answer(COORDINATOR_OBJECTIVE, self._choose, serve=Serve.IN_STEP)
 
@@ -263,48 +239,48 @@ class Planning:
         if not self.is_on:
             return False
         if now_ns >= self._check_ns or self._seen_version != self._book.version or self._costs.is_waiting:
-            self._look(now_ns)
+            self._update_cause(now_ns)
         if self._cause and now_ns >= self._not_before_ns:
             self._ask(now_ns)
-        return self._take(now_ns)
+        return self._follow_finished(now_ns)
 
     def receive(self, before: RobotState | None, state: RobotState) -> None:
         """Compare a robot's new state with its last, and plan without delay if a plan depends on the change."""
-        if before is None or _standing(before) != _standing(state):
+        if before is None or _availability(before) != _availability(state):
             self._check_ns = 0
 
     def blocked(self) -> None:
         """A robot's path was blocked: read the map again."""
-        self._watch.is_blocked = True
+        self._builder.is_blocked = True
 
-    def _look(self, now_ns: int) -> None:
+    def _update_cause(self, now_ns: int) -> None:
         self._seen_version = self._book.version
         if now_ns >= self._check_ns:
             self._check_ns = now_ns + CHECK_NS
-            self.chargers.follow(self._watch.places(now_ns), now_ns)
+            self.chargers.follow(self._builder.places(now_ns), now_ns)
         records = self._plannable(now_ns)
-        if not records and not self._trigger.has_tasks:
+        if not records and not self._inputs.tasks:
             return
-        members = self._watch.members(now_ns)
-        pauses = self._backoff.pauses(now_ns)
-        area_m2 = self._watch.area_m2
-        cause = self._trigger.since(records, members, pauses, area_m2, left_out=len(self.left_out))
+        inputs = PlanInputs(
+            records, self._builder.members(now_ns), self._backoff.pauses(now_ns), self._team_map.known_area_m2
+        )
+        cause = self._inputs.cause(inputs, left_out=len(self.left_out))
         if not cause and records and now_ns - (self._asked_ns or now_ns) > to_ns(self.policy.refresh_s):
             cause = "a while has passed"
         self._cause = self._cause or cause
 
     def _plannable(self, now_ns: int) -> list[TaskRecord]:
         """Open tasks except those whose cost the robots have not reported yet."""
-        records = self._watch.records()
+        records = self._builder.records()
         if records or self._costs.is_waiting:
-            self._costs.follow((record.task for record in records), self._watch.places(now_ns), now_ns)
+            self._costs.follow((record.task for record in records), self._builder.places(now_ns), now_ns)
         return [record for record in records if record.robot or self._costs.of(record.task) is not None]
 
     def _ask(self, now_ns: int) -> None:
         cause, self._cause = self._cause, ""
         self._asked_ns = now_ns
-        records, members, pauses = self._plannable(now_ns), self._watch.members(now_ns), self._backoff.pauses(now_ns)
-        self._trigger.note(records, members, pauses, self._watch.area_m2)
+        records, members, pauses = self._plannable(now_ns), self._builder.members(now_ns), self._backoff.pauses(now_ns)
+        self._inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2)
         if not members or not records:
             self._plan = None
             self.left_out, self.waiting = {}, {}
@@ -317,36 +293,36 @@ class Planning:
             now_ns=now_ns,
             cause=cause,
             records=tuple(records),
-            ended=self._watch.done_before(records, open_ids),
-            held=self._watch.held(records),
-            ending=self._watch.ending(members),
+            ended=self._builder.done_before(records, open_ids),
+            held=self._builder.held(records),
+            ending=self._builder.ending(members),
             members=members,
             pauses={pair: reason for pair, reason in pauses.items() if pair[0] in open_ids},
             works={record.task.id: self._costs.of(record.task) or () for record in records},
-            served_s=self._watch.served_s(records, now_ns),
-            floor=self._watch.floor(now_ns, wanted=bool(self.left_out)),
+            served_s=self._builder.served_s(records, now_ns),
+            floor=self._builder.floor(now_ns, wanted=bool(self.left_out)),
             orders=self._orders(),
-            told=dict(self._told),
+            published=dict(self._published),
         )
         self._planner.ask(snapshot, self.policy)
 
-    def _take(self, now_ns: int) -> bool:
-        made = self._planner.take()
+    def _follow_finished(self, now_ns: int) -> bool:
+        made = self._planner.finished_plans()
         if self._planner.failure_reason not in ("", self._failure_reason):
             self._wire.refusals.record_failure("planner", self.policy.method, self._planner.failure_reason)
         self._failure_reason = self._planner.failure_reason
         for plan in made:
             self._plan = plan
-            self._say_problem.put(plan.problem)
+            self._problem_publisher.put(plan.problem)
             for failure in plan.failures:
                 self._wire.refusals.record_failure(failure.what, failure.name, failure.why)
             for decision in plan.decisions:
-                self._told.pop(decision.task, None)
-                self._told[decision.task] = decision.robots
+                self._published.pop(decision.task, None)
+                self._published[decision.task] = decision.robots
                 self._decisions.pop(decision.task, None)
                 self._decisions[decision.task] = (plan.problem.asked_ns, decision)
-                self._say_decision.put(decision)
-            for kept in (self._told, self._decisions):
+                self._decision_publisher.put(decision)
+            for kept in (self._published, self._decisions):
                 while len(kept) > KEPT_DECISIONS:
                     kept.pop(next(iter(kept)))
             self.waiting = plan.waiting
@@ -371,12 +347,12 @@ class Planning:
             record = self._book.find(step.task)
             if record is None or record.task.robots > 1:
                 continue
-            if self._waits(record, now_ns, left_s + step.way_s) is not None:
+            if self._wait_reason(record, now_ns, left_s + step.travel_s) is not None:
                 continue
             after = "" if not bound or bound[0].own else bound[0].task.id
             if after and left_s > LATEST_S and self._plan.problem.asked_ns < self._ending_ns.get(name, 0):
                 continue  # a new plan for this is in progress
-            if self._backoff.why(step.task, name, now_ns) is None:
+            if self._backoff.pause_reason(step.task, name, now_ns) is None:
                 yield Due(step.task, name, after)
 
     def ends_soon(self, before: RobotState | None, state: RobotState, now_ns: int) -> None:
@@ -388,7 +364,7 @@ class Planning:
     @property
     def has_teamwork(self) -> bool:
         """Whether a task for several robots waits for them."""
-        return any(record.task.robots > 1 and record.state is TaskState.QUEUED for record in self._watch.records())
+        return any(record.task.robots > 1 and record.state is TaskState.QUEUED for record in self._builder.records())
 
     def due_together(self, now_ns: int) -> Iterator[tuple[str, list[str]]]:
         """Tasks for several robots that all of these can begin now, by the plan."""
@@ -402,12 +378,12 @@ class Planning:
             record = self._book.find(task_id)
             if record is None or not len(names) == record.task.robots > 1:
                 continue
-            if self._waits(record, now_ns, 0.0) is None:
+            if self._wait_reason(record, now_ns, 0.0) is None:
                 yield task_id, names
 
     def begun(self, task_id: str, robot: str) -> None:
         """Record that a planned task was offered and accepted."""
-        self._trigger.begun(task_id, robot)
+        self._inputs.begun(task_id, robot)
 
     def is_reserved(self, robot: str, now_ns: int) -> bool:
         """Whether a robot has a task soon and must not be sent elsewhere."""
@@ -422,15 +398,17 @@ class Planning:
             return False
         known = set() if self._plan is None else {step.task for steps in self._plan.steps.values() for step in steps}
         known |= self.left_out.keys() | self.waiting.keys()
-        return any(record.task.id not in known for record in self._watch.records() if record.state is TaskState.QUEUED)
+        return any(
+            record.task.id not in known for record in self._builder.records() if record.state is TaskState.QUEUED
+        )
 
     def has_route(self, robot: str) -> bool:
         """Whether the plan has tasks for a robot that it has not begun."""
         return self._next(robot) is not None
 
-    def takes_j(self, robot: str) -> float | None:
-        """Energy that a robot's planned route takes, joules; None if it has none that it has not begun."""
-        return self._plan.takes_j.get(robot) if self._plan is not None and self.has_route(robot) else None
+    def route_energy_j(self, robot: str) -> float | None:
+        """Energy of a robot's planned route, joules; None if it has none that it has not begun."""
+        return self._plan.route_energy_j.get(robot) if self._plan is not None and self.has_route(robot) else None
 
     def waits_for_charge(self, task_id: str) -> str:
         """The robot that will do a queued task after its charge; empty if the task waits for no charge."""
@@ -440,9 +418,9 @@ class Planning:
                 return robot
         return ""
 
-    def charger_distances_m(self, robot: str) -> ChargerWays | None:
+    def charger_distances_m(self, robot: str) -> ChargerDistances | None:
         """Path lengths from a robot to its chargers, when it was last planned for."""
-        return None if self._plan is None else self._plan.charger_ways.get(robot)
+        return None if self._plan is None else self._plan.charger_distances.get(robot)
 
     def _next(self, robot: str) -> PlannedStep | None:
         steps = self._plan.steps.get(robot, ()) if self._plan is not None else ()
@@ -454,9 +432,11 @@ class Planning:
 
     # -- publishing -----------------------------------------------------------------------------------------
 
-    def publish_own(self, decision: TaskDecision) -> None:
-        """Publish the predicted cost of a task of the coordinator's own that is about to be offered."""
-        self._say_decision.put(decision)
+    def publish_own_cost(self, task: Task, state: RobotState, path_length_m: float) -> None:
+        """Publish the predicted cost of a task of the coordinator's own; see `own_decision`."""
+        decision = own_decision(task, state, path_length_m, self.number, self.policy)
+        if decision is not None:
+            self._decision_publisher.put(decision)
 
     def decision(self, task_id: str) -> tuple[int, TaskDecision] | None:
         """Time and content of the last decision about a task."""
@@ -471,7 +451,7 @@ class Planning:
         """Number of the present plan; 0 if there is none."""
         return 0 if self._plan is None else self._plan.problem.plan
 
-    def standing(self, task_id: str, now_ns: int) -> TaskReason | None:
+    def queued_reason(self, task_id: str, now_ns: int) -> TaskReason | None:
         """The plan's decision about a queued task; None if it has none."""
         if task_id in self.left_out:
             return PlanLeavesOut(self.left_out[task_id].reason)
@@ -487,8 +467,8 @@ class Planning:
                         return plain("to_begin", text, robot=robot, in_s=in_s)
                     text += f", when it has charged to {after.soc:.0%}"
                     return plain("to_begin", text, robot=robot, in_s=in_s, to_soc=after.soc)
-        why = self._planner.failure_reason
-        return plain("no_plan", f"no plan can be made: {cut(why)}") if why else None
+        failure = self._planner.failure_reason
+        return plain("no_plan", f"no plan can be made: {cut(failure)}") if failure else None
 
     def anybody_out(self, now_ns: int) -> bool:
         """Whether plans exclude a robot of the team now."""
@@ -519,10 +499,10 @@ class Planning:
             self.set_policy(policy, f"plans are for {asked.objective} now")
         return self.status()
 
-    def set_policy(self, policy: PlanningPolicy, why: str) -> None:
-        """Plan with other parameters from now on; `why` is reported as the cause of the next plan."""
+    def set_policy(self, policy: PlanningPolicy, cause: str) -> None:
+        """Plan with other parameters from now on; `cause` is that of the next plan."""
         self.policy = policy
-        self._cause = why
+        self._cause = cause
         self._not_before_ns = 0
 
     def _orders(self) -> dict[str, tuple[str, ...]]:
@@ -540,12 +520,44 @@ class Planning:
         return orders
 
 
-def _standing(state: RobotState) -> tuple[bool, bool, bool, bool]:
+def own_decision(
+    task: Task, state: RobotState, path_length_m: float, plan: int, policy: PlanningPolicy
+) -> TaskDecision | None:
+    """Predicted cost of a task of the coordinator's own, to explore or to charge, as the decision to offer it.
+
+    Args:
+        task: the task that is about to be offered.
+        state: of its robot.
+        path_length_m: nan if unknown.
+        plan: number of the last plan.
+        policy: parameters of path costs.
+
+    Returns:
+        None if the robot reports too little. The charge itself is not included.
+
+    """
+    if state.pose is None or state.energy is None:
+        return None
+    if not math.isfinite(path_length_m):
+        path_length_m = DETOUR * state.pose.distance_m(task.place)
+    found = estimate(state.energy, Work(path_m=path_length_m, wait_s=DOCK_S if task.kind == RECHARGE else 0.0))
+    time_s = policy.time_margin * found.duration_s
+    bid = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), time_s=round(time_s, 3))
+    if task.kind == RECHARGE:
+        to_soc = parameters_of(task, Recharge).until_soc
+        reason = plain("to_charge", f"it is to charge to {to_soc:.0%}", to_soc=to_soc)
+    else:
+        reason = plain("nothing_else", "it has nothing else to do")
+    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=told(reason),
+                        reason=reason, bids=(bid,))  # fmt: skip
+
+
+def _availability(state: RobotState) -> tuple[bool, bool, bool, bool]:
     charging = state.battery is not None and state.battery.charging
     return state.pose is None, state.halted, state.behavior in HOMEWARD or bool(state.lost), charging
 
 
-def _planner_of(wire: Endpoint) -> PlanMaker:
+def _planner_of(wire: Endpoint) -> "LivePlanner | LockstepPlanner":
     if wire.drive is Drive.LIVE:
         return LivePlanner(lambda: _wake(wire))
     # Here: it imports the allocators, which live planning keeps in another process.

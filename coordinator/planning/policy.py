@@ -1,8 +1,7 @@
 """Parameters of planning, in one place, checked when they are built."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final, Self
+from typing import Annotated, Final, Literal, Self
 
 import msgspec
 from msgspec import Meta
@@ -10,7 +9,6 @@ from msgspec import Meta
 from robrain.algorithms.allocation.allocator import ALLOCATORS, OPTIMAL
 from robrain.algorithms.exploration.strategies import AUTO, JOINT, NO_EXPLORATION, STRATEGIES
 from robrain.algorithms.exploration.strategies import NEAREST as NEAREST_STRATEGY
-from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, Text
@@ -25,13 +23,41 @@ RENAMED_STRATEGIES: Final = {"assignment": JOINT, "nearest_frontier": NEAREST_ST
 """Names that recordings and scenarios of earlier versions have, and those of today."""
 
 
-class ChargingPolicy(StrEnum):
-    """How chargers are assigned."""
+class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Actions of the coordinator on its own initiative that keep a field of motes alive; by default none.
 
-    SCHEDULE = "schedule"
-    """Planned ahead."""
-    TURNS = "turns"
-    """Each free charger takes the next robot, until its battery is full. The baseline for `schedule`."""
+    Raises ValueError if a value is invalid.
+    """
+
+    watch: bool = False
+    """Whether to report the state of the field even if no action is taken for it."""
+    collect_age_s: NotNegative = 0.0
+    """Age of a mote's newest reading at which a robot is to collect; 0: never."""
+    collect_timeout_s: Positive = 20.0
+    """Longest wait at a mote; at least three of its periods."""
+    stand_ins: NotNegativeInt = 0
+    """Number of robots that may stand in for motes at the same time."""
+    stand_in_s: Positive = 120.0
+    """Duration of such a task."""
+    replace_before_s: NotNegative = 60.0
+    """Time before a mote's predicted end at which a robot may stand in for it."""
+    relays: NotNegativeInt = 0
+    """Number of robots that may be relays for cut-off motes at the same time."""
+    relay_s: Positive = 120.0
+    """Duration of such a task."""
+    relay_reach_m: Positive = 6.0
+    """Distance up to which a relay is expected to receive motes."""
+    turns_s: NotNegative = 0.0
+    """Period in which motes are put on duty and off duty; 0: all are always on duty."""
+    rest_factor: Annotated[float, Meta(ge=1)] = 10.0
+    """Off duty, a mote measures once in this number of its periods, but at least every 0.4 `collect_age_s`."""
+    sensing_m: Positive = 5.0
+    """Distance up to which a mote's reading represents the floor, for duties and coverage."""
+
+    @property
+    def is_on(self) -> bool:
+        """Whether there is anything to do or to report."""
+        return bool(self.watch or self.collect_age_s or self.stand_ins or self.relays or self.turns_s)
 
 
 class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -83,8 +109,8 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     """A task that no present and healthy robot could do for this long, by the plans, has failed."""
     charge_below: Annotated[float, Meta(ge=0, lt=1)] = 0.35
     """A robot without tasks goes to charge below this state of charge."""
-    charging: ChargingPolicy = ChargingPolicy.SCHEDULE
-    """How chargers are assigned."""
+    charging: Literal["schedule"] = "schedule"
+    """Chargers are scheduled ahead; earlier versions had a second choice, and recordings have this key."""
     charge_turn: Annotated[float, Meta(ge=0, lt=1)] = 0.6
     """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.
     Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""

@@ -9,7 +9,7 @@ from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import ProblemRecord, encode_lengths
-from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerWays, PlanningRobot, Snapshot, urgency
+from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerDistances, PlanningRobot, Snapshot, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
@@ -26,11 +26,11 @@ class BuiltProblem(NamedTuple):
     question: ProblemRecord
     waiting: dict[str, TaskReason]
     """Tasks that no plan can include yet, and why."""
-    charger_ways: dict[str, ChargerWays]
+    charger_distances: dict[str, ChargerDistances]
     """Path lengths to the chargers, for each free robot."""
 
 
-def ask(snapshot: Snapshot, ways: PathLengths, policy: PlanningPolicy) -> BuiltProblem:
+def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy) -> BuiltProblem:
     """Build the problem.
 
     A robot's running task is pinned to it. A task that a robot is about to end counts as done, and the robot as free at
@@ -54,7 +54,7 @@ def ask(snapshot: Snapshot, ways: PathLengths, policy: PlanningPolicy) -> BuiltP
     starts = [
         ending[name].place if name in ending else _here(member) for name, member in zip(names, members, strict=True)
     ]
-    length_m = ways.lengths_m(list(goals), starts)
+    length_m = paths.lengths_m(list(goals), starts)
 
     prize_j = max([policy.prize_j, *(2.0 * mean.capacity_j for mean in means)])
     paused: dict[str, set[str]] = {}
@@ -96,15 +96,15 @@ def ask(snapshot: Snapshot, ways: PathLengths, policy: PlanningPolicy) -> BuiltP
         places=len(goals) + len(starts),
         ways_cm=encode_lengths(length_m),
     )
-    charger_ways = {
-        name: ChargerWays(
+    charger_distances = {
+        name: ChargerDistances(
             starts[index],
             tuple((place, float(length_m[len(goals) + index, goals[place]])) for place in member.chargers),
         )
         for index, (name, member) in enumerate(zip(names, members, strict=True))
         if not member.free_ns
     }
-    return BuiltProblem(question, waiting, charger_ways)
+    return BuiltProblem(question, waiting, charger_distances)
 
 
 def needed_m(snapshot: Snapshot) -> float:
@@ -179,12 +179,12 @@ def _job(
     paused: Iterable[str],
 ) -> Job:
     task = record.task
-    takes_s, moving_j, standing_w = at_place
+    service_s, moving_j, standing_w = at_place
     pinned = record.robot
     if pinned:
-        whole_s = takes_s
-        takes_s = max(0.0, takes_s - snapshot.served_s.get(task.id, 0.0))
-        moving_j *= takes_s / whole_s
+        whole_s = service_s
+        service_s = max(0.0, service_s - snapshot.served_s.get(task.id, 0.0))
+        moving_j *= service_s / whole_s
     needs = set() if pinned else set(needed_plugins(task))
     if task.robots > 1:
         needs.add(GATHERING)
@@ -197,8 +197,8 @@ def _job(
         id=task.id,
         place=place,
         prize_j=prize_j * task.priority,
-        service_s=takes_s,
-        service_j=takes_s * standing_w + moving_j,
+        service_s=service_s,
+        service_j=service_s * standing_w + moving_j,
         earliest_s=earliest_s,
         latest_s=max(0.0, latest_s),
         needs=frozenset(needs),

@@ -38,11 +38,11 @@ class AfterCharge(NamedTuple):
     soc: float
 
 
-class ChargerWays(NamedTuple):
+class ChargerDistances(NamedTuple):
     """Path lengths from a robot's place to the chargers that it knows."""
 
     start: Point2D
-    ways_m: tuple[tuple[Point2D, float], ...]
+    lengths_m: tuple[tuple[Point2D, float], ...]
 
 
 class PlanningRobot(NamedTuple):
@@ -91,7 +91,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     floor: Floor | None
     orders: Orders
     """Of the previous plan."""
-    told: dict[str, tuple[str, ...]]
+    published: dict[str, tuple[str, ...]]
     """For each task, the robots that the last published decision named."""
 
 

@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRobot, PredictedEnd
-from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.team.capabilities import Capabilities
-from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -41,21 +40,17 @@ class SnapshotBuilder:
     """Builds snapshots.
 
     Args:
-        book: of the tasks.
-        roster: the robots of the team.
-        capabilities: plugins and kinds of task of the robots.
+        lifecycle: of the tasks, with the book and the robots.
         team_map: the known map.
         chargers: known to the robots.
-        exclusion_reason: why plans exclude a robot now; None if they do not.
+        exclusion: why plans exclude a robot now; None if they do not.
         after_charge: predicted states of charging robots after their charge, from `Planning`.
 
     """
 
     def __init__(
         self,
-        book: TaskBook,
-        roster: Roster,
-        capabilities: Capabilities,
+        lifecycle: TaskLifecycle,
         team_map: TeamMap,
         chargers: KnownChargers,
         exclusion: Callable[[Robot, int], RobotReason | None],
@@ -63,21 +58,12 @@ class SnapshotBuilder:
     ) -> None:
         self.is_blocked = False
         """Whether a robot was blocked since the map was read."""
-        self._book = book
-        self._roster = roster
-        self._capabilities = capabilities
-        self._map = team_map
-        self._chargers = chargers
-        self._exclusion = exclusion
-        self._after_charge = after_charge
+        self._book, self._roster, self._capabilities = lifecycle.book, lifecycle.roster, lifecycle.capabilities
+        self._map, self._chargers = team_map, chargers
+        self._exclusion, self._after_charge = exclusion, after_charge
         self._present_ns: dict[str, int] = {}
         self._floor: Floor | None = None
         self._floor_ns = 0
-
-    @property
-    def area_m2(self) -> float:
-        """Area of the known floor."""
-        return self._map.known_area_m2
 
     def records(self) -> list[TaskRecord]:
         """Open tasks that were submitted."""

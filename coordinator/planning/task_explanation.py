@@ -1,18 +1,19 @@
-"""Explains the state of a task, and why a robot does not get it."""
+"""Explains the state of a task, and why a robot does not get it; predicts both for a task that is not submitted."""
 
 from collections.abc import Callable, Sequence
 
 import msgspec
 
+from robrain.coordinator.planning.energy_budget import UNKNOWN
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.tasks.backoff import TaskBackoff
-from robrain.coordinator.tasks.eligibility import NOBODY_THERE, Eligibility
+from robrain.coordinator.tasks.eligibility import NOBODY_THERE
 from robrain.coordinator.tasks.offers import verdicts
-from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.team.roster import Robot, Roster
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord, TaskWhy
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.roster import Robot
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskRecord, TaskWhy
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.model.tasks.task import MEMBER_PREFIX, TaskState
+from robrain.protocol.model.tasks.task import MEMBER_PREFIX, Task, TaskState
 from robrain.protocol.reasons import IsNext, PlanLeavesOut, RobotReason, TaskReason, lacks_plugins, plain, told
 
 KEPT_VERDICTS = 1000
@@ -22,10 +23,7 @@ class TaskExplanation:
     """Finds reasons.
 
     Args:
-        book: of the tasks.
-        roster: the robots of the team.
-        backoff: tasks that robots refused or failed at, and until when they are not offered again.
-        eligibility: which tasks may be offered, and to which robots.
+        lifecycle: of the tasks, with the book and the robots.
         planning: the plan's decision.
         others: verdicts on members that are no robots.
 
@@ -33,15 +31,12 @@ class TaskExplanation:
 
     def __init__(
         self,
-        book: TaskBook,
-        roster: Roster,
-        backoff: TaskBackoff,
-        eligibility: Eligibility,
+        lifecycle: TaskLifecycle,
         planning: Planning,
         others: Callable[[TaskRecord, int], list[RobotVerdict]],
     ) -> None:
-        self._book, self._roster, self._backoff = book, roster, backoff
-        self._eligibility, self._planning, self._others = eligibility, planning, others
+        self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
+        self._eligibility, self._planning, self._others = lifecycle.eligibility, planning, others
         self._verdicts: dict[str, tuple[int, list[RobotVerdict]]] = {}
 
     def record(self, task_id: str, verdicts: list[RobotVerdict], now_ns: int) -> None:
@@ -91,7 +86,6 @@ class TaskExplanation:
         judged = verdicts(record, robots, lambda one, robot: self._ruled_out(one, robot, now_ns))
         found = self._planning.decision(record.task.id)
         bids = {} if found is None else {bid.robot: bid for bid in found[1].bids}
-        stands = others
         for one in judged:
             bid = bids.get(one.robot)
             if bid is not None and one.reason is None:
@@ -105,8 +99,43 @@ class TaskExplanation:
                 )
             if chosen:
                 one = msgspec.structs.replace(one, chosen=one.robot in chosen)
-            stands.append(one)
-        return stands
+            others.append(one)
+        return others
+
+    def dry_run(self, task: Task, by: str, now_ns: int) -> TaskDryRun:
+        """Result of a task if it were submitted now; nothing is written or offered.
+
+        Args:
+            task: an admitted one, with stamps in place of times that count from now; its id is not in the book.
+            by: name of the client that would submit it.
+            now_ns: the time.
+
+        """
+        record = TaskRecord(task=task, state=TaskState.QUEUED, by=by, submitted_ns=now_ns)
+        reason = self._eligibility.new_task_state(record, now_ns)
+        robots = [self._with_costs(one, task) for one in self.judge(record, now_ns)]
+        waiting = [one for one in self._book.open if not one.own and one.state is TaskState.QUEUED]
+        return TaskDryRun(
+            task=task,
+            waits=cut(told(reason), TEXT_MAX),
+            reason=reason,
+            robots=robots,
+            ahead=sum(one.task.priority >= task.priority for one in waiting),
+        )
+
+    def _with_costs(self, verdict: RobotVerdict, task: Task) -> RobotVerdict:
+        """The verdict with the least cost of the task: a straight line, and the service time."""
+        robot = self._roster.robots.get(verdict.robot)
+        state = None if robot is None else robot.state
+        if state is None or verdict.reason is not None or verdict.distance_m is None:
+            return verdict
+        work = Work(path_m=verdict.distance_m, wait_s=task.service_s)
+        if state.energy is None:
+            time_s, energy_j = work.wait_s + UNKNOWN.s_per_m * work.path_m, UNKNOWN.j_per_m * work.path_m
+        else:
+            found = estimate(state.energy, work)
+            time_s, energy_j = found.duration_s, found.mean_j
+        return msgspec.structs.replace(verdict, time_s=round(time_s, 1), energy_j=round(energy_j, 1))
 
     def able_but_out(self, record: TaskRecord, now_ns: int) -> bool:
         """Whether a robot could do the task but is excluded from everything now."""
@@ -123,29 +152,28 @@ class TaskExplanation:
             return lacks_plugins(missing)
         if (out := self._planning.exclusion(robot, now_ns)) is not None:
             return out
-        return self._backoff.why(record.task.id, robot.name, now_ns)
+        return self._backoff.pause_reason(record.task.id, robot.name, now_ns)
 
     def _reason(self, record: TaskRecord, now_ns: int) -> TaskReason:
         """Why a queued task is not at a robot now."""
         reason = self._eligibility.wait_reason(record, now_ns) or self._eligibility.nobody_can(record)
         planning, task_id = self._planning, record.task.id
         if reason is None and (planning.waits_for_charge(task_id) or not self.able_but_out(record, now_ns)):
-            reason = planning.standing(task_id, now_ns)
+            reason = planning.queued_reason(task_id, now_ns)
         return reason or (
             plain("waits_for_robot", "it waits for a robot to be free") if self._roster.up(now_ns) else NOBODY_THERE
         )
 
     def _now(self, record: TaskRecord, reason: TaskReason | None) -> str:
         """The same in one sentence, for people."""
-        state = record.state.replace("_", " ")
         if record.robot and self._book.next_of(record.robot) == record:
-            after = f" after {reason.after}" if isinstance(reason, IsNext) else ""
-            return f"it is next at {record.robot}{after}"
-        if record.state is not TaskState.QUEUED:
-            return f"it is {state}{record.robot and f' at {record.robot}'}{record.why and f': {record.why}'}"
-        is_told = record.reason in (reason, reason.because if isinstance(reason, PlanLeavesOut) else None)
-        also = f" ({record.why})" if record.why and not is_told else ""
-        return f"it is queued: {told(reason)}{also}"
+            return f"next at {record.robot}{f' after {reason.after}' if isinstance(reason, IsNext) else ''}"
+        if record.state is TaskState.QUEUED:
+            is_same = record.reason in (reason, reason.because if isinstance(reason, PlanLeavesOut) else None)
+            return f"queued: {told(reason)}{f' ({record.why})' if record.why and not is_same else ''}"
+        preposition = "by" if record.state is TaskState.DONE else "at"
+        robot = f" {preposition} {record.robot}" if record.robot else ""
+        return f"{record.state.replace('_', ' ')}{robot}{f': {record.why}' if record.why else ''}"
 
 
 def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVerdict]:

@@ -7,6 +7,7 @@ search it checks for a new request.
 import fcntl
 import logging
 import os
+import pickle
 import select
 import signal
 import socket
@@ -16,18 +17,9 @@ import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robrain.coordinator.planning.worker_link import (
-    Done,
-    Made,
-    PlanFailed,
-    PlanRequest,
-    Ready,
-    RequestReader,
-    Said,
-    encode_reply,
-    receive,
-    send,
-)
+import msgspec
+
+from robrain.coordinator.planning.live_planner import Done, Made, PlanFailed, PlanRequest, Ready, Reply, receive, send
 
 if TYPE_CHECKING:
     from robrain.coordinator.planning.plan_search import PlanSearch
@@ -38,57 +30,58 @@ NICENESS = 5
 
 def main() -> None:
     """Serve requests until the coordinator disconnects; the arguments are three file descriptors."""
-    questions, said, lifeline = (int(argument) for argument in sys.argv[1:])
+    requests, replies, lifeline = (int(argument) for argument in sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator ends this process
     _end_with_parent(lifeline)
     os.nice(NICENESS)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
-    _serve(socket.socket(fileno=questions), socket.socket(fileno=said))
+    _serve(socket.socket(fileno=requests), socket.socket(fileno=replies))
 
 
-def _serve(questions: socket.socket, said: socket.socket) -> None:
+def _serve(requests: socket.socket, replies: socket.socket) -> None:
     # Here: it takes seconds, and this process must end with its parent from the beginning.
     from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 
-    def say(what: Said) -> None:
-        send(said, encode_reply(what))
+    def reply(message: Reply) -> None:
+        send(replies, msgspec.msgpack.encode(message))
 
     def is_asked() -> bool:
-        return bool(select.select([questions], [], [], 0.0)[0])
+        return bool(select.select([requests], [], [], 0.0)[0])
 
     rehearse()
-    say(Ready())
-    search, reader = PlanSearch(), RequestReader()
+    reply(Ready())
+    search = PlanSearch()
     while True:
         try:
-            question = reader.read(receive(questions))
+            body = receive(requests)
             while is_asked():
-                question = reader.read(receive(questions))
+                body = receive(requests)
         except EOFError:
             return
+        request: PlanRequest = pickle.loads(body)  # from the parent process alone
         try:
-            _answer(search, question, is_asked, say)
+            _answer(search, request, is_asked, reply)
         except OSError:  # the coordinator has ended, and this process is about to
             return
-        except Exception:  # noqa: BLE001 - a planning error must not end the process: the next question may succeed
-            say(PlanFailed(traceback.format_exc()))
-        say(Done(question.number))
+        except Exception:  # noqa: BLE001 - a planning error must not end the process: the next request may succeed
+            reply(PlanFailed(traceback.format_exc()))
+        reply(Done(request.number))
 
 
 def _answer(
-    search: "PlanSearch", question: PlanRequest, is_asked: Callable[[], bool], say: Callable[[Said], None]
+    search: "PlanSearch", request: PlanRequest, is_asked: Callable[[], bool], reply: Callable[[Reply], None]
 ) -> None:
-    policy = question.policy
+    policy = request.policy
     begun_s = time.monotonic()
-    draft = search.draft(question.snapshot, policy)
+    draft = search.draft(request.snapshot, policy)
     first = draft.planned(time.monotonic() - begun_s)
-    say(Made(first))
-    for _ in draft.improve():
+    reply(Made(first))
+    for _ in draft.solver.improve():
         if time.monotonic() - begun_s > policy.deadline_s or is_asked():
             break
     better = draft.planned(time.monotonic() - begun_s)
     if better.problem.routes != first.problem.routes:
-        say(Made(better))
+        reply(Made(better))
 
 
 def _end_with_parent(lifeline: int) -> None:

@@ -17,24 +17,87 @@ clear_at = 24.0
 kind = "seek"
 parameters = { quantity = "{quantity}" }
 ```
+
+A parameter of the task that is one name in braces becomes that value of the reading or event; names in other texts are
+replaced by words. Nothing else has a meaning in braces: no attributes, no formats, no code.
 """
 
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
-from robrain.coordinator.rules.template import Values, check_template, fill, is_plain
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Duration, Metres, Name, PositiveDuration, Priority
+from robrain.protocol.model.ranges import NAME_MAX, Duration, Metres, Name, PositiveDuration, Priority, cut
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, Task
+
+Values = Mapping[str, Any]
+"""Values of names: plain JSON."""
+DEPTH_MAX = 8
+_BRACES = re.compile(r"\{([^{}]*)\}")
+
+
+def check_template(template: object, values: Values, depth: int = 0) -> None:
+    """Check that a parameter can be filled (ValueError): plain JSON, in which braces have only known names."""
+    if depth > DEPTH_MAX:
+        raise ValueError(f"expected at most {DEPTH_MAX} levels of tables and lists")
+    if isinstance(template, str):
+        for name in _BRACES.findall(template):
+            if name not in values:
+                known = ", ".join(f"{{{each}}}" for each in values)
+                raise ValueError(f"expected one of {known}, got {{{name}}}")
+        rest = _BRACES.sub("", template)
+        if "{" in rest or "}" in rest:
+            raise ValueError(f"expected braces in pairs around a name, got {template!r}")
+    elif isinstance(template, dict):
+        for part in template.values():
+            check_template(part, values, depth + 1)
+    elif isinstance(template, list | tuple):
+        for part in template:
+            check_template(part, values, depth + 1)
+    elif not isinstance(template, bool | int | float):
+        got = type(template).__name__
+        raise ValueError(f"expected a text, number, list or table, got a {got}")  # noqa: TRY004 - of a file
+
+
+def fill(template: Any, values: Values) -> Any:
+    """A parameter with the names in braces replaced.
+
+    >>> fill({"mote": "{mote}", "note": "{value} at {mote}"}, {"mote": "m3", "value": 27.5})
+    {'mote': 'm3', 'note': '27.5 at m3'}
+    >>> fill("{value}", {"value": 27.5})
+    27.5
+    """
+    if isinstance(template, str):
+        alone = _BRACES.fullmatch(template)
+        if alone is not None:
+            return values[alone.group(1)]
+        return _BRACES.sub(lambda found: _word(values[found.group(1)]), template)
+    if isinstance(template, dict):
+        return {name: fill(part, values) for name, part in template.items()}
+    return [fill(part, values) for part in template] if isinstance(template, list | tuple) else template
+
+
+def is_plain(template: object, names: Sequence[str]) -> bool:
+    """Whether a parameter has none of these names in braces."""
+    if isinstance(template, str):
+        return not any(name in names for name in _BRACES.findall(template))
+    if isinstance(template, dict):
+        return all(is_plain(part, names) for part in template.values())
+    return not isinstance(template, list | tuple) or all(is_plain(part, names) for part in template)
+
+
+def _word(value: Any) -> str:
+    return cut(f"{value:g}" if isinstance(value, float) else str(value), NAME_MAX)
+
 
 RULES_MAX = 256
 BY = "rule:"

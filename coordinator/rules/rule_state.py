@@ -5,10 +5,10 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 
-from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 
 RUNS_MAX = 16
@@ -80,11 +80,11 @@ class LevelTrack:
         run = self._runs[-1] if self._runs else None
         return None if run is None or run.of is not Class.HOLDS else to_seconds(run.last_ns - run.first_ns)
 
-    def note(self, measured_ns: int, value: float, gap_ns: int) -> None:
+    def record(self, measured_ns: int, value: float, gap_ns: int) -> None:
         """A reading has come.
 
         Args:
-            measured_ns: when it was measured.
+            measured_ns: when it was taken.
             value: its value.
             gap_ns: readings farther apart than this give no state for the time between them.
 
@@ -236,8 +236,8 @@ class TrackTable:
         key = (rule, mote)
         found = self._tracks.get(key)
         if found is None and len(self._tracks) >= self._capacity:
-            oldest, (_, heard_ns) = next(iter(self._tracks.items()))
-            if now_ns - heard_ns < SILENT_NS:
+            oldest, (_, received_ns) = next(iter(self._tracks.items()))
+            if now_ns - received_ns < SILENT_NS:
                 self.turned_away += 1
                 return None
             del self._tracks[oldest]
@@ -258,7 +258,7 @@ class RuleState:
 
     """
 
-    def __init__(self, rule: Rule, alarms: Iterable[Alarm], open_tasks: Iterable[str], now_ns: int) -> None:
+    def __init__(self, rule: Rule, alarms: Iterable[JournalAlarm], open_tasks: Iterable[str], now_ns: int) -> None:
         self.rule = rule
         self.alarms = {alarm.source: alarm for alarm in alarms}
         self._open = set(open_tasks)
@@ -267,7 +267,7 @@ class RuleState:
         self._waits = cut(waits_for(rule), TEXT_MAX)
         self._made = 0
         self._refused = 0
-        self._why = ""
+        self._refusal = ""
         self._alight: OrderedDict[str, int] = OrderedDict()
         """Motes that have met the condition and were not clear since, with the time until which that counts."""
         is_in_alarm = any(not alarm.is_armed for alarm in self.alarms.values())
@@ -278,7 +278,7 @@ class RuleState:
         """Under which name a mote, or a robot, is in alarm."""
         return "" if self.rule.per is Per.TEAM else name
 
-    def in_alarm(self, source: str) -> Alarm | None:
+    def in_alarm(self, source: str) -> JournalAlarm | None:
         """The alarm for which a source has made a task, if it was not armed again since."""
         alarm = self.alarms.get(source)
         return None if alarm is None or alarm.is_armed else alarm
@@ -295,7 +295,7 @@ class RuleState:
         while self._alight and next(iter(self._alight.values())) < now_ns:
             self._alight.popitem(last=False)
 
-    def is_clear(self, alarm: Alarm, track: LevelTrack, now_ns: int) -> bool:
+    def is_clear(self, alarm: JournalAlarm, track: LevelTrack, now_ns: int) -> bool:
         """Whether a source that is in alarm is to be armed again, after a reading of a mote of it."""
         if track.newest_ns <= alarm.measured_ns:
             return False
@@ -310,7 +310,7 @@ class RuleState:
         self._open = {task for task in self._open if is_open(task)}
         return len(self._open) < self.rule.max_open
 
-    def made(self, task: str, alarm: Alarm) -> None:
+    def made(self, task: str, alarm: JournalAlarm) -> None:
         """A task was made."""
         self.alarms[alarm.source] = alarm
         self._open.add(task)
@@ -318,10 +318,10 @@ class RuleState:
         self._last_ns = alarm.fired_ns
         self._not_before_ns = alarm.fired_ns + to_ns(self.rule.cooldown_s)
 
-    def refused(self, why: str, now_ns: int) -> None:
+    def refused(self, refusal: str, now_ns: int) -> None:
         """A task was not made, because it is impossible now."""
         self._refused += 1
-        self._why = why
+        self._refusal = refusal
         self._not_before_ns = now_ns + max(RETRY_NS, to_ns(self.rule.cooldown_s))
 
     def status(self, is_open: Callable[[str], bool]) -> RuleStatus:
@@ -334,6 +334,6 @@ class RuleState:
             open=len(self._open),
             alarms=sum(not alarm.is_armed for alarm in self.alarms.values()),
             refused=self._refused,
-            why=self._why,
+            why=self._refusal,
             last_ns=self._last_ns,
         )

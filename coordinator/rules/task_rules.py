@@ -10,12 +10,10 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.coordinator.core.core import CoordinatorPart, Core
-from robrain.coordinator.journal.alarm import Alarm
+from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, check_rules
+from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, Values, check_rules, fill
 from robrain.coordinator.rules.rule_state import RuleState, TrackTable
-from robrain.coordinator.rules.template import Values, fill
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
@@ -24,6 +22,7 @@ from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import Event
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
@@ -103,7 +102,7 @@ class TaskRules(CoordinatorPart):
 
     def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
         """The rules in the state of an earlier coordinator; obsolete entries are removed from the journal."""
-        alarms: dict[str, list[Alarm]] = {rule.name: [] for rule in rules}
+        alarms: dict[str, list[JournalAlarm]] = {rule.name: [] for rule in rules}
         needed_s = {rule.name: max(rule.cooldown_s, _max_age_s(rule)) for rule in rules}
         for alarm in self._book.journal.alarms():
             if alarm.rule not in alarms:
@@ -116,7 +115,7 @@ class TaskRules(CoordinatorPart):
             open_tasks.setdefault(record.by, []).append(record.task.id)
         return [RuleState(rule, alarms[rule.name], open_tasks.get(rule.by, ()), self._now_ns) for rule in rules]
 
-    # -- hearing --------------------------------------------------------------------------------------------
+    # -- receiving --------------------------------------------------------------------------------------------
 
     def handle(self, received: Received, now_ns: int) -> None:
         """Make the tasks that follow from a reading or an event."""
@@ -139,7 +138,7 @@ class TaskRules(CoordinatorPart):
         if track is None:
             return
         gap_ns = to_ns(max(GAP_MIN_S, GAP_PERIODS * (reading.period_s or USUAL_PERIOD_S)))
-        track.note(measured_at_ns(reading), reading.value, gap_ns)
+        track.record(measured_at_ns(reading), reading.value, gap_ns)
         watch.record_level(reading.mote, track, gap_ns, self._now_ns)
         source = watch.source_of(reading.mote)
         alarm = watch.in_alarm(source)
@@ -219,8 +218,8 @@ class TaskRules(CoordinatorPart):
 
     # -- making tasks ---------------------------------------------------------------------------------------
 
-    def _arm(self, watch: RuleState, alarm: Alarm) -> None:
-        armed = alarm._replace(is_armed=True)
+    def _arm(self, watch: RuleState, alarm: JournalAlarm) -> None:
+        armed = msgspec.structs.replace(alarm, is_armed=True)
         try:
             self._book.journal.record_alarm(armed)
         except JournalUnwritable as error:  # it stays in alarm until that can be written down
@@ -233,14 +232,16 @@ class TaskRules(CoordinatorPart):
             return
         rule, now_ns = watch.rule, self._now_ns
         is_armed = rule.event is not None  # an event is over at once: the next one counts again
-        alarm = Alarm(rule.name, cause.source, cause.stamp_ns, now_ns, is_armed)
+        alarm = JournalAlarm(
+            rule=rule.name, source=cause.source, measured_ns=cause.stamp_ns, fired_ns=now_ns, is_armed=is_armed
+        )
         try:
             asked = TaskSubmission(task=self._task(rule, cause), deadline_in_s=rule.task.deadline_s)
             record = self.core.requests.admit(asked, rule.by, reason=cause.reason, alarm=alarm)
         except (CallError, ValueError) as error:
-            why = error.message if isinstance(error, CallError) else str(error)
-            watch.refused(why, now_ns)
-            self._wire.refusals.note("rule", rule.name, RefusalCode.FAILED, why)
+            refusal = error.message if isinstance(error, CallError) else str(error)
+            watch.refused(refusal, now_ns)
+            self._wire.refusals.note("rule", rule.name, RefusalCode.FAILED, refusal)
             return
         watch.made(record.task.id, alarm)
 

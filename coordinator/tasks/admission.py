@@ -74,7 +74,7 @@ def impossibility(
     )
 
 
-def why_unknown(
+def unknown_names(
     task: Task,
     after: Container[str],
     motes: Callable[[], Mapping[str, str]],

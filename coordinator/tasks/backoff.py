@@ -59,7 +59,7 @@ class TaskBackoff:
         self.robots = RobotPauses()
         """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
-    def note(
+    def record(
         self, task_id: str, robot: str, reason: RobotReason, now_ns: int, battery: BatteryState | None = None
     ) -> None:
         """Record that a robot refused a task or failed at it.
@@ -88,7 +88,7 @@ class TaskBackoff:
         if len(self._avoided) > KEPT:
             del self._avoided[next(iter(self._avoided))]
 
-    def why(self, task_id: str, robot: str, now_ns: int) -> RobotReason | None:
+    def pause_reason(self, task_id: str, robot: str, now_ns: int) -> RobotReason | None:
         """Why a robot must not be offered a task now; None if it may."""
         avoided = self._avoided.get((task_id, robot))
         if avoided is not None and now_ns < avoided.until_ns:
@@ -150,11 +150,11 @@ class RobotPauses:
 
     def backoff_reason(self, robot: str, now_ns: int) -> RobotReason | None:
         """Why a robot must not be offered anything now; None if it may."""
-        return _why(self._unreached, robot, now_ns)
+        return _reason(self._unreached, robot, now_ns)
 
-    def why(self, robot: str, now_ns: int) -> RobotReason | None:
+    def pause_reason(self, robot: str, now_ns: int) -> RobotReason | None:
         """Why a robot must not be offered one of the coordinator's own tasks now; None if it may."""
-        return _why(self._unreached, robot, now_ns) or _why(self._tired, robot, now_ns)
+        return _reason(self._unreached, robot, now_ns) or _reason(self._tired, robot, now_ns)
 
 
 def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns: int) -> None:
@@ -163,6 +163,6 @@ def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns
     pauses[robot] = _Pause(now_ns + to_ns(pause_s), pause_s, reason)
 
 
-def _why(pauses: dict[str, _Pause], robot: str, now_ns: int) -> RobotReason | None:
+def _reason(pauses: dict[str, _Pause], robot: str, now_ns: int) -> RobotReason | None:
     pause = pauses.get(robot)
     return pause.reason if pause is not None and now_ns < pause.until_ns else None

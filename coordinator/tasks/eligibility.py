@@ -51,14 +51,14 @@ class HeldElsewhere:
         self._book, self._roster = book, roster
         self._until: dict[str, tuple[str, int]] = {}
 
-    def receive(self, said: TeamBallot, now_ns: int) -> None:
+    def receive(self, ballot: TeamBallot, now_ns: int) -> None:
         """Read a robot's reports on itself and on others."""
-        self._until = {task: one for task, one in self._until.items() if one[0] != said.robot and one[1] > now_ns}
-        for other in said.absent:
+        self._until = {task: one for task, one in self._until.items() if one[0] != ballot.robot and one[1] > now_ns}
+        for other in ballot.absent:
             record, known = self._book.find(other.id), self._until.get(other.id)
             until_ns = now_ns + to_ns(other.remaining_s)
             is_queued = record is not None and record.state is TaskState.QUEUED
-            if is_queued and other.robot != said.robot and (known is None or known[1] < until_ns):
+            if is_queued and other.robot != ballot.robot and (known is None or known[1] < until_ns):
                 self._until[other.id] = (other.robot, until_ns)
 
     def by(self, task_id: str, now_ns: int) -> str:
@@ -163,7 +163,7 @@ class Eligibility:
             return halted()
         if other := self._book.of_robot(robot.name):
             return plain("at_task", f"is at {other.task.id}", task=other.task.id)
-        return self._backoff.why(record.task.id, robot.name, now_ns)
+        return self._backoff.pause_reason(record.task.id, robot.name, now_ns)
 
     def lacks(self, record: TaskRecord, robot: Robot) -> tuple[str, ...]:
         """Plugins that a task needs and a robot lacks."""

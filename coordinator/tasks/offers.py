@@ -110,17 +110,17 @@ def _is_over(one: _Withdrawn) -> bool:
         return True
 
 
-WhyNot = Callable[[TaskRecord, Robot], RobotReason | None]
+Refusal = Callable[[TaskRecord, Robot], RobotReason | None]
 """Why a task must not go to a robot now; None if it may."""
 
 
-def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], why_not: WhyNot) -> list[tuple[str, str]]:
+def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusal) -> list[tuple[str, str]]:
     """Assign each ready task to the nearest idle robot that is left.
 
     Args:
         ready: queued tasks that can begin.
         idle: robots that can take one task each.
-        why_not: why a robot is excluded from a task.
+        refusal: why a robot is excluded from a task.
 
     Returns:
         Task and robot of each offer, the most urgent first.
@@ -134,7 +134,7 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], why_not: WhyNot
         able = [
             (distance_m, name)
             for name, robot in left.items()
-            if (distance_m := _distance_m(record.task, robot)) is not None and why_not(record, robot) is None
+            if (distance_m := _distance_m(record.task, robot)) is not None and refusal(record, robot) is None
         ]
         if able:
             chosen = min(able)[1]
@@ -143,13 +143,13 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], why_not: WhyNot
     return offers
 
 
-def verdicts(record: TaskRecord, robots: Sequence[Robot], why_not: WhyNot, chosen: str = "") -> list[RobotVerdict]:
+def verdicts(record: TaskRecord, robots: Sequence[Robot], refusal: Refusal, chosen: str = "") -> list[RobotVerdict]:
     """Each robot's distance from a task, and whether it was chosen or why it is excluded."""
     found = []
     for robot in robots:
         distance_m = _distance_m(record.task, robot)
         is_chosen = robot.name == chosen
-        reason = None if is_chosen else why_not(record, robot)
+        reason = None if is_chosen else refusal(record, robot)
         if reason is None and distance_m is None:
             reason = position_unknown()
         if reason is None and chosen and not is_chosen:

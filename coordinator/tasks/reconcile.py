@@ -62,8 +62,8 @@ def reconcile(
     continues_for_s = team_goes_on_s if robot is None or robot.state is None else robot.state.continues_for_s
     if continues_for_s is not msgspec.UNSET:
         free_after_s = max(FREE_AFTER_S, continues_for_s + FREE_AFTER_S - LEASE_S)
-    heard_ns = max(since_ns, robot.heard_ns if robot is not None and robot.heard_ns is not None else since_ns)
-    silent_ns = now_ns - heard_ns
+    received_ns = max(since_ns, robot.received_ns if robot is not None and robot.received_ns is not None else since_ns)
+    silent_ns = now_ns - received_ns
     held_ns = now_ns - max(record.changed_ns, since_ns)
     if robot is not None and robot.is_up(now_ns):
         status = _spoken(record, robot)
@@ -71,8 +71,8 @@ def reconcile(
             return None if status.state.ended or status.state is TaskState.OFFERED else _confirmed(record)
         if record.state is TaskState.OFFERED:
             waits = held_ns <= to_ns(FREE_AFTER_S)
-            never_taken = plain("never_taken", f"{name} never said that it took it", robot=name)
-            return None if waits else StateChange(TaskState.QUEUED, never_taken)
+            unanswered = plain("never_taken", f"{name} never said that it took it", robot=name)
+            return None if waits else StateChange(TaskState.QUEUED, unanswered)
         forgotten = plain("forgotten", f"{name} knows nothing of it", robot=name)
         return StateChange(TaskState.QUEUED, forgotten) if held_ns > to_ns(FORGOTTEN_S) else None
     if silent_ns > to_ns(free_after_s) and (record.state is not TaskState.OFFERED or held_ns > to_ns(FREE_AFTER_S)):

@@ -10,12 +10,12 @@ from typing import Any
 
 import msgspec
 
-from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import Clock
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Refused, RobotOut, TaskReason, plain, said, told
@@ -53,18 +53,18 @@ class TaskBook:
     Args:
         clock: of the run.
         first_epoch: epochs are greater than this; the journal may require still greater ones.
-        tell: called with each change, once it is in the journal.
+        publish: called with each change, once it is in the journal.
         journal: the book's journal, from which it continues; None for an empty one in memory.
 
     """
 
     def __init__(
-        self, clock: Clock, first_epoch: int, tell: Callable[[TaskEvent], None], journal: Journal | None = None
+        self, clock: Clock, first_epoch: int, publish: Callable[[TaskEvent], None], journal: Journal | None = None
     ) -> None:
         self.journal = journal if journal is not None else Journal()
         self._clock = clock
         self._first_epoch = first_epoch
-        self._tell = tell
+        self._publish = publish
         self._open = {record.task.id: record for record in self.journal.open_records()}
         self._ended: dict[str, TaskRecord] = {}
         self._of_robot: dict[str, list[str]] = {}
@@ -105,10 +105,12 @@ class TaskBook:
 
     def fail_unreadable(self) -> None:
         """Fail the open tasks that the journal could only read in part."""
-        for task_id, why in self.journal.wrong.items():
+        for task_id, problem in self.journal.wrong.items():
             if task_id in self._open:
                 self.move(
-                    task_id, TaskState.FAILED, plain("unreadable", f"it cannot be carried out as requested: {cut(why)}")
+                    task_id,
+                    TaskState.FAILED,
+                    plain("unreadable", f"it cannot be carried out as requested: {cut(problem)}"),
                 )
         self.journal.wrong.clear()
 
@@ -118,11 +120,11 @@ class TaskBook:
         For a restarted coordinator, because the latest changes in its journal may not have been published.
         """
         for record in self.journal.last_changed(count):
-            self._tell(record.event)
+            self._publish(record.event)
 
-    def tell(self, record: TaskRecord) -> None:
+    def republish_change(self, record: TaskRecord) -> None:
         """Publish a task's last change again, for robots that have missed it."""
-        self._tell(record.event)
+        self._publish(record.event)
 
     # -- changing -------------------------------------------------------------------------------------------
 
@@ -134,7 +136,7 @@ class TaskBook:
         own: bool = False,
         asked: bytes = b"",
         reason: TaskReason | None = None,
-        alarm: Alarm | None = None,
+        alarm: JournalAlarm | None = None,
     ) -> TaskRecord:
         """Add a task, queued.
 
@@ -158,7 +160,7 @@ class TaskBook:
             own=own,
             reason=reason,
         )
-        return self._take(self.journal.accept(record, asked, alarm))
+        return self._keep_change(self.journal.accept(record, asked, alarm))
 
     def offered(self, task_id: str, robot: str, reason: TaskReason | None = None) -> TaskRecord:
         """Record an offer to a robot, which may still do another task; the record gets a new epoch."""
@@ -175,7 +177,7 @@ class TaskBook:
         """Whether a coordinator may have given out an epoch that a robot reports."""
         return epoch - self._clock.now_ns() // NS_PER_MS <= OUTBID_MAX
 
-    def know(self, epoch: int) -> None:
+    def exceed(self, epoch: int) -> None:
         """Another coordinator has given this epoch out: from now on use greater ones (JournalUnwritable)."""
         if epoch > self.journal.epoch_ceiling:
             self.outbid(epoch)
@@ -262,9 +264,9 @@ class TaskBook:
         changed = msgspec.structs.replace(
             record, state=state, why=told(reason), reason=reason, changed_ns=self._clock.now_ns(), **fields
         )
-        return self._take(self.journal.change(changed))
+        return self._keep_change(self.journal.change(changed))
 
-    def _take(self, record: TaskRecord) -> TaskRecord:
+    def _keep_change(self, record: TaskRecord) -> TaskRecord:
         self.version += 1
         before = self._open.get(record.task.id)
         if before is not None and before.robot:
@@ -277,7 +279,7 @@ class TaskBook:
             self._open[record.task.id] = record
             self._bind(record)
         self.last_change = max(self.last_change, record.change)
-        self._tell(record.event)
+        self._publish(record.event)
         return record
 
     def _bind(self, record: TaskRecord) -> None:

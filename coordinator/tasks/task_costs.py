@@ -83,7 +83,7 @@ class TaskCosts:
         """
         for received in self._inbox.drain():
             for cost in received.message:
-                self._take(received.names["robot"], cost)
+                self._handle_cost(received.names["robot"], cost)
         if self._version != self._capabilities.version:
             self._version, self._version_ns = self._capabilities.version, now_ns
         open_ids = set()
@@ -143,7 +143,7 @@ class TaskCosts:
         self._questions[key] = _Question(robot, task.id, now_ns)
         return robot
 
-    def _take(self, robot: str, cost: TaskCost) -> None:
+    def _handle_cost(self, robot: str, cost: TaskCost) -> None:
         asked = ((key, one) for key, one in self._questions.items() if (one.robot, one.task) == (robot, cost.id))
         key, _ = next(asked, (None, None))
         if key is None:  # not asked for, or answered by another robot

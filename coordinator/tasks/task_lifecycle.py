@@ -65,18 +65,16 @@ class TaskLifecycle:
     def __init__(
         self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities, gate: TaskGate
     ) -> None:
+        self.wire, self.book, self.roster, self.capabilities = wire, book, roster, capabilities
+        self.backoff = TaskBackoff()
+        self.eligibility = Eligibility(book, roster, capabilities, self.backoff, gate)
         self._offers = Offers(wire, LEASE_S)
         self._ahead: dict[str, tuple[str, str]] = {}
         """For each robot, the running task after which it was last offered another, and that one."""
-        self._book = book
-        self._roster = roster
-        self._capabilities = capabilities
         self._since_ns = self._begun_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
         self._gate = gate
-        self.backoff = self._backoff = TaskBackoff()
-        self.eligibility = Eligibility(book, roster, capabilities, self._backoff, gate)
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._written = _AsFarAsWritten()
         self._settled_version = -1
@@ -89,17 +87,17 @@ class TaskLifecycle:
         """The coordinator itself was paused: it waits for its robots' messages again."""
         self._since_ns = now_ns
 
-    # -- hearing --------------------------------------------------------------------------------------------
+    # -- receiving --------------------------------------------------------------------------------------------
 
     def receive(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
         """Process a robot's report on its last task; returns the record before the change, None if nothing changed."""
         try:
-            record = self._book.record_status(robot, status)
+            record = self.book.record_status(robot, status)
         except JournalUnwritable as error:
-            self._written.note(error, now_ns)
+            self._written.report(error, now_ns)
             return None
         if record is not None and status.state is TaskState.FAILED:
-            self._backoff.note(record.task.id, robot, plain("failed", f"failed: {cut(status.why)}"), now_ns)
+            self.backoff.record(record.task.id, robot, plain("failed", f"failed: {cut(status.why)}"), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
             # It was refused when it was to begin.
             self._avoid_refuser(status.id, robot, status.reason or PlainReason(cut(status.why)), now_ns)
@@ -114,18 +112,18 @@ class TaskLifecycle:
             return False
         refused = False
 
-        def take(answered: Answered) -> None:
+        def handle(answered: Answered) -> None:
             nonlocal refused
             with self.as_far_as_written(now_ns):
                 refused |= self._handle_answer(answered, now_ns)
 
-        self._guard.records(self._offers.answered(), take, _task_of, "answer")
+        self._guard.records(self._offers.answered(), handle, _task_of, "answer")
         return refused
 
     def _handle_answer(self, answered: Answered, now_ns: int) -> bool:
         offered, after, answer, is_reached = answered
         task_id, robot = offered.task.id, offered.robot
-        record = self._book.find(task_id)
+        record = self.book.find(task_id)
         if record is None or record.state is not TaskState.OFFERED or record.epoch != offered.epoch:
             return False  # the robot's state arrived first, or it was cancelled
         pauses = self.backoff.robots
@@ -133,15 +131,15 @@ class TaskLifecycle:
             pauses.accepted(robot)
             if not after:  # a held task stays offered until the robot reports that it has begun it
                 self._end_replaced(robot, task_id)
-                self._book.move(task_id, TaskState.RUNNING)
+                self.book.move(task_id, TaskState.RUNNING)
             return False
         if not is_reached:
             unreachable = plain("unreachable", f"could not be asked: {cut(answer.why)}")
             pauses.unreached(robot, unreachable, now_ns)
-            self._book.give_back(task_id, RobotOut(robot, unreachable))
+            self.book.give_back(task_id, RobotOut(robot, unreachable))
             return True
         refusal = answer.reason or PlainReason(cut(answer.why))
-        self._book.give_back(task_id, RobotOut(robot, Refused(refusal)))
+        self.book.give_back(task_id, RobotOut(robot, Refused(refusal)))
         if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
             return True  # the epoch was refused, not the task
         if record.own:
@@ -156,10 +154,10 @@ class TaskLifecycle:
 
     def _end_replaced(self, robot: str, task_id: str) -> None:
         """End the coordinator's own task that a robot was at when it accepted another in its place."""
-        for record in self._book.bound_to(robot):
+        for record in self.book.bound_to(robot):
             if record.own and record.task.id != task_id:
                 replaced = plain("replaced", f"its robot was sent on to {task_id} instead", by=task_id)
-                self._book.move(record.task.id, TaskState.CANCELLED, replaced)
+                self.book.move(record.task.id, TaskState.CANCELLED, replaced)
 
     def _catch_up(self, robot: str, epoch: int, now_ns: int) -> bool:
         """Handle a robot that has accepted an epoch greater than this coordinator's; True if it is now outbid.
@@ -170,25 +168,25 @@ class TaskLifecycle:
         ahead_ms = epoch - now_ns // NS_PER_MS
         outbids = 0 < ahead_ms <= OUTBID_MAX
         if outbids:
-            self._book.outbid(epoch)
-            why = f"it accepted epoch {epoch}, ahead of the clock, from another sender; greater ones are used now"
+            self.book.outbid(epoch)
+            text = f"it accepted epoch {epoch}, ahead of the clock, from another sender; greater ones are used now"
         elif ahead_ms > 0:
-            why = f"it reports epoch {epoch}, which no robot accepts"
+            text = f"it reports epoch {epoch}, which no robot accepts"
         else:
-            why = f"it accepted epoch {epoch} from another coordinator; if there is none, restart this one"
-        self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, why)
+            text = f"it accepted epoch {epoch} from another coordinator; if there is none, restart this one"
+        self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, text)
         return outbids
 
     def _avoid_refuser(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
-        self._backoff.note(task_id, robot, Refused(refusal), now_ns, self._chargeable(robot))
-        record = self._book.find(task_id)
+        self.backoff.record(task_id, robot, Refused(refusal), now_ns, self._chargeable(robot))
+        record = self.book.find(task_id)
         if record is not None and not record.state.ended and (hopeless := self.eligibility.hopeless(record, now_ns)):
-            self._book.move(task_id, TaskState.FAILED, hopeless)
+            self.book.move(task_id, TaskState.FAILED, hopeless)
 
     def _chargeable(self, robot: str) -> BatteryState | None:
         """The battery of a robot that can go to charge."""
-        known = self._roster.robots.get(robot)
-        if known is None or known.state is None or RECHARGE not in (self._capabilities.plugins.get(robot) or ()):
+        known = self.roster.robots.get(robot)
+        if known is None or known.state is None or RECHARGE not in (self.capabilities.plugins.get(robot) or ()):
             return None
         return known.state.battery
 
@@ -197,34 +195,34 @@ class TaskLifecycle:
     def settle(self, now_ns: int) -> bool:
         """Apply silence, restarts, the time and other tasks; True if a task or robot has become free."""
         freed = False
-        version, self._settled_version = self._settled_version, self._book.version
-        others_changed = version != self._book.version
+        version, self._settled_version = self._settled_version, self.book.version
+        others_changed = version != self.book.version
 
         def settle(record: TaskRecord) -> None:
             nonlocal freed
             task_id = record.task.id
             if record.robot.startswith(MEMBER_PREFIX):
-                return  # handled by the motes' desk
+                return  # handled by `MoteMembers`
             if record.changed_ns > now_ns:  # by the clock of a coordinator before this one
                 record = msgspec.structs.replace(record, changed_ns=self._begun_ns)
             if record.robot:
-                robot = self._roster.robots.get(record.robot)
+                robot = self.roster.robots.get(record.robot)
                 is_unheard = robot is None or robot.state is None
-                continues_for_s = self._roster.continues_for_s() if is_unheard else 0.0
+                continues_for_s = self.roster.continues_for_s() if is_unheard else 0.0
                 move = reconcile(record, robot, now_ns, self._since_ns, continues_for_s)
                 if move is not None and move.state is TaskState.QUEUED:
                     out = self._record_loss(record, robot) if isinstance(move.reason, LeaseRanOut) else None
-                    self._book.give_back(task_id, out or move.reason)
+                    self.book.give_back(task_id, out or move.reason)
                     freed = True
                 elif move is not None:
-                    self._book.move(task_id, move.state, move.reason)
+                    self.book.move(task_id, move.state, move.reason)
             elif end := self._end_reason_of(record, now_ns, others_changed=others_changed):
-                self._book.move(task_id, *end)
+                self.book.move(task_id, *end)
 
         if self._unheard:
             self._pause_lost_robots(now_ns)
         with self.as_far_as_written(now_ns):
-            self._guard.records(self._book.open, settle, _task_id, "task")
+            self._guard.records(self.book.open, settle, _task_id, "task")
         return freed
 
     def _record_loss(self, record: TaskRecord, robot: Robot | None) -> RobotOut | None:
@@ -241,7 +239,7 @@ class TaskLifecycle:
         Once may be a disturbance. A robot that was restarted does not report the task that it had.
         """
         for name, (task_id, place) in list(self._unheard.items()):
-            robot = self._roster.robots.get(name)
+            robot = self.roster.robots.get(name)
             if robot is None or not robot.is_up(now_ns) or robot.state is None:
                 continue
             del self._unheard[name]
@@ -251,7 +249,7 @@ class TaskLifecycle:
             losses = self._losses.setdefault(task_id, {})
             if losses:
                 for other, at in (*losses.items(), (name, place)):
-                    self._backoff.note(task_id, other, OutOfReach(at), now_ns)
+                    self.backoff.record(task_id, other, OutOfReach(at), now_ns)
             losses[name] = place
             if len(self._losses) > LOSSES_KEPT:
                 del self._losses[next(iter(self._losses))]
@@ -266,18 +264,18 @@ class TaskLifecycle:
             return TaskState.FAILED, DeadlinePassed(reason_of(record))
         if not others_changed or not task.after:
             return None
-        others = {name: found for name in task.after if (found := self._book.find(name)) is not None}
+        others = {name: found for name in task.after if (found := self.book.find(name)) is not None}
         ended = dependency_refusal(task, others)
         return None if ended is None else (TaskState.CANCELLED, ended)
 
     def publish_unfit(self, now_ns: int) -> list[TaskRecord]:
         """Publish for ready tasks that no robot of the team can do them; returns all ready tasks."""
-        ready = [record for record in self._book.open if self.eligibility.wait_reason(record, now_ns) is None]
+        ready = [record for record in self.book.open if self.eligibility.wait_reason(record, now_ns) is None]
         with self.as_far_as_written(now_ns):
             for record in ready:
                 reason = self.eligibility.nobody_can(record)
                 if reason is not None and reason != record.reason:  # published once, and at each change
-                    self._book.move(record.task.id, TaskState.QUEUED, reason)
+                    self.book.move(record.task.id, TaskState.QUEUED, reason)
         return ready
 
     def may_be_next(self, robot: str, at: str) -> bool:
@@ -300,7 +298,7 @@ class TaskLifecycle:
             JournalUnwritable: a step of it is not in the journal; the robot's later reports count.
 
         """
-        record = self._book.offered(task_id, robot, IsNext(after) if after else None)
+        record = self.book.offered(task_id, robot, IsNext(after) if after else None)
         if after:
             self._ahead[robot] = (after, task_id)
         self._offers.offer(record, after)
@@ -310,7 +308,7 @@ class TaskLifecycle:
                 refusal = answered.answer.reason or PlainReason(cut(answered.answer.why) or "it does not say why")
         return refusal
 
-    def take_back(self, known: int, reason: TaskReason, now_ns: int) -> None:
+    def revoke(self, known: int, reason: TaskReason, now_ns: int) -> None:
         """Requeue the tasks whose assignment other robots may not have received; their robots are ordered to drop them.
 
         Args:
@@ -320,35 +318,35 @@ class TaskLifecycle:
 
         """
         with self.as_far_as_written(now_ns):
-            for record in [record for record in self._book.open if record.robot and not record.own]:
-                offered = self._book.journal.when_offered(record.task.id, record.robot, record.epoch)
+            for record in [record for record in self.book.open if record.robot and not record.own]:
+                offered = self.book.journal.when_offered(record.task.id, record.robot, record.epoch)
                 if offered > known:
-                    self._book.give_back(record.task.id, reason)
+                    self.book.give_back(record.task.id, reason)
 
     def withdraw_strays(self, now_ns: int) -> None:
         """Withdraw tasks that robots do or hold and that the book has closed, or assigned to another robot."""
-        for robot in self._roster.up(now_ns):
+        for robot in self.roster.up(now_ns):
             if robot.state is None or (robot.state.task is None and robot.state.next_task is None):
                 continue
-            for status in strays(robot, self._book.bound_to(robot.name), now_ns):
-                told = (robot.name, status.id, status.epoch)
-                if now_ns - self._withdrawn_ns.get(told, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
+            for status in strays(robot, self.book.bound_to(robot.name), now_ns):
+                withdrawal = (robot.name, status.id, status.epoch)
+                if now_ns - self._withdrawn_ns.get(withdrawal, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
                     continue
                 self._withdrawn_ns = {
                     key: at for key, at in self._withdrawn_ns.items() if now_ns - at < WITHDRAW_AGAIN_NS
                 }
-                self._withdrawn_ns[told] = now_ns
+                self._withdrawn_ns[withdrawal] = now_ns
                 self._withdraw(robot.name, status)
 
     def _withdraw(self, robot: str, status: TaskStatus) -> None:
-        record = self._book.find(status.id)
+        record = self.book.find(status.id)
         if record is None:
-            why = "the coordinator knows nothing of it"
+            reason = "the coordinator knows nothing of it"
         elif record.state is TaskState.CANCELLED:
-            why = record.why
+            reason = record.why
         else:
-            why = f"it was given to others: it is {record.state}{f' at {record.robot}' if record.robot else ''}"
-        self._offers.withdraw(robot, TaskWithdrawal(id=status.id, epoch=status.epoch, why=why))
+            reason = f"it was given to others: it is {record.state}{f' at {record.robot}' if record.robot else ''}"
+        self._offers.withdraw(robot, TaskWithdrawal(id=status.id, epoch=status.epoch, why=reason))
 
     # -- the journal ----------------------------------------------------------------------------------------
 
@@ -368,10 +366,10 @@ class _AsFarAsWritten(AbstractContextManager[None]):
     def __exit__(self, kind: object, error: BaseException | None, _traceback: object) -> bool:
         if not isinstance(error, JournalUnwritable):
             return False
-        self.note(error, self.now_ns)
+        self.report(error, self.now_ns)
         return True
 
-    def note(self, error: JournalUnwritable, now_ns: int) -> None:
+    def report(self, error: JournalUnwritable, now_ns: int) -> None:
         """A change could not be written."""
         if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
             self._complained_ns = now_ns

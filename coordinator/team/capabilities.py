@@ -16,7 +16,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 
 ASK_AGAIN_NS = to_ns(10.0)
 """Plugins are loaded and unloaded while a robot runs (chosen)."""
-ASK_AGAIN_TOLD_NS = to_ns(60.0)
+ASK_AGAIN_REPORTED_NS = to_ns(60.0)
 """Of a robot whose state reports that they have changed."""
 ASK_UNHEARD_NS = to_ns(2.0)
 """One that has not answered in the time that a query has is asked again."""
@@ -44,7 +44,7 @@ class Capabilities:
         self._wire = wire
         self._inbox = Inbox()
         self._asked_ns: dict[str, int] = {}
-        self._told: dict[str, int] = {}
+        self._loaded: dict[str, int] = {}
         """`RobotState.loaded` of each when it was last asked."""
         self._waiting: set[str] = set()
 
@@ -54,19 +54,19 @@ class Capabilities:
         self._waiting = {name for name in self._waiting if now_ns - self._asked_ns.get(name, 0) <= ASK_UNHEARD_NS}
         due: list[tuple[int, str, int]] = []
         for robot in robots:
-            name, told = robot.name, robot.state.loaded if robot.state is not None else 0
+            name, loaded = robot.name, robot.state.loaded if robot.state is not None else 0
             asked_ns = self._asked_ns.get(name)
-            if asked_ns is not None and told == self._told.get(name, 0):
+            if asked_ns is not None and loaded == self._loaded.get(name, 0):
                 known = self.plugins.get(name) is not None
-                again_ns = (ASK_AGAIN_TOLD_NS if told else ASK_AGAIN_NS) if known else ASK_UNHEARD_NS
+                again_ns = (ASK_AGAIN_REPORTED_NS if loaded else ASK_AGAIN_NS) if known else ASK_UNHEARD_NS
                 if now_ns - asked_ns <= again_ns:
                     continue
             if name not in self.plugins:
                 self.plugins[name] = None
                 has_changed = True
-            due.append((-1 if asked_ns is None else asked_ns, name, told))
-        for _, name, told in sorted(due)[: max(0, ASKED_MOST - len(self._waiting))]:
-            self._asked_ns[name], self._told[name] = now_ns, told
+            due.append((-1 if asked_ns is None else asked_ns, name, loaded))
+        for _, name, loaded in sorted(due)[: max(0, ASKED_MOST - len(self._waiting))]:
+            self._asked_ns[name], self._loaded[name] = now_ns, loaded
             self._waiting.add(name)
             self._wire.ask_into(self._inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name)
         for received in self._inbox.drain():
@@ -98,9 +98,9 @@ class Capabilities:
         found: dict[bytes, KnownKind] = {}
         for robot in sorted(self.kinds):
             for kind, one in self.kinds[robot].items():
-                told = msgspec.json.encode([kind, one.parameters], order="deterministic")
-                known = found.get(told) or KnownKind(kind=kind, doc=one.doc, parameters=one.parameters)
-                found[told] = msgspec.structs.replace(known, robots=[*known.robots, robot])
+                announced = msgspec.json.encode([kind, one.parameters], order="deterministic")
+                known = found.get(announced) or KnownKind(kind=kind, doc=one.doc, parameters=one.parameters)
+                found[announced] = msgspec.structs.replace(known, robots=[*known.robots, robot])
         return sorted(found.values(), key=lambda known: (known.kind, known.robots))
 
     def came(self, robot: str) -> None:

@@ -17,7 +17,7 @@ from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.table.topics import COORDINATOR_HALT, HALT
 from robrain.protocol.wire.endpoint import Endpoint, Request
 
-TELL_AGAIN_NS = to_ns(0.1)
+REMIND_NS = to_ns(0.1)
 """Between two summaries for a robot that has not received a halt. With two of three messages lost, nine of ten such
 robots have received it after 0.6 s (by calculation). At the summaries' own period that takes 3 s."""
 
@@ -38,7 +38,7 @@ class TeamHalts:
         self._has_halted = False
         self._arrivals = Inbox()
         self._guard = RecordGuard(wire.refusals)
-        self._told: list[str] = []
+        self._known_stopped: list[str] = []
         self._reported_ns = 0
         wire.subscribe(self._arrivals, HALT)
         wire.answer(COORDINATOR_HALT, self._answer)
@@ -50,24 +50,26 @@ class TeamHalts:
 
     def receive(self) -> bool:
         """Process new messages; True if a summary is due: there is a change, or a robot has not received the halt."""
-        heard = self._arrivals.drain() if self._arrivals.has_some else []
-        if not heard and not self.is_halted:
+        received_halts = self._arrivals.drain() if self._arrivals.has_some else []
+        if not received_halts and not self.is_halted:
             return False
-        self._guard.messages(heard, self._take)
+        self._guard.messages(received_halts, self._handle)
         now_ns = self._clock.now_ns()
-        stopped, self._told = self._told, self._stopped(now_ns)
-        is_told = bool(heard) or (self.is_halted and (stopped != self._told or self._needs_reminder(now_ns)))
-        if is_told:
+        stopped, self._known_stopped = self._known_stopped, self._stopped(now_ns)
+        is_due = bool(received_halts) or (
+            self.is_halted and (stopped != self._known_stopped or self._needs_reminder(now_ns))
+        )
+        if is_due:
             self._reported_ns = now_ns
-        return is_told
+        return is_due
 
     def _needs_reminder(self, now_ns: int) -> bool:
         """Whether a robot that is present does not report that it is halted: summaries to it may be lost."""
-        if 0 <= now_ns - self._reported_ns < TELL_AGAIN_NS:
+        if 0 <= now_ns - self._reported_ns < REMIND_NS:
             return False
         return any(robot.state is not None and not robot.state.halted for robot in self._roster.up(now_ns))
 
-    def _take(self, received: Received) -> None:
+    def _handle(self, received: Received) -> None:
         halt = received.message
         if halt.halted:
             self._has_halted = True

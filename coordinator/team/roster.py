@@ -1,6 +1,7 @@
 """The roster: the known robots, and their last reports."""
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 
 from msgspec import UNSET
@@ -14,7 +15,8 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.reasons import Gone, IdleReason, NotHeard, Unavailable, plain, told
+from robrain.protocol.reasons import Gone, IdleReason, NotHeard, TopicStale, Unavailable, plain, told
+from robrain.protocol.table.topics import ROBOT_STATE
 from robrain.protocol.wire.presence import Change
 
 logger = logging.getLogger(__name__)
@@ -38,7 +40,7 @@ class Robot:
     def __init__(self, name: str) -> None:
         self.name = name
         self.state: RobotState | None = None
-        self.heard_ns: int | None = None
+        self.received_ns: int | None = None
         self.has_token = False
         self.was_there = False
         """Whether it ever had a token."""
@@ -52,7 +54,7 @@ class Robot:
     @property
     def last_seen_ns(self) -> int | None:
         """Time of its last message, also to a coordinator before this one."""
-        return self.before.last_seen_ns if self.heard_ns is None and self.before is not None else self.heard_ns
+        return self.before.last_seen_ns if self.received_ns is None and self.before is not None else self.received_ns
 
     @property
     def has_left(self) -> bool:
@@ -71,25 +73,25 @@ class Robot:
         """Number of the last change of tasks that it has received; 0 if it does not report it."""
         return 0 if self.state is None else self.state.changes_received or 0
 
-    def hears_back(self, now_ns: int) -> bool:
+    def is_in_contact(self, now_ns: int) -> bool:
         """Whether it is up, and has not just reported that it receives no coordinator."""
         is_alone = self.alone_ns is not None and now_ns - self.alone_ns <= _LOST_AFTER_NS
         return not is_alone and self.is_up(now_ns)
 
     def age_s(self, now_ns: int) -> float:
         """Time since its last state; infinite before the first."""
-        heard_ns = self.last_seen_ns
-        return float("inf") if heard_ns is None else to_seconds(now_ns - heard_ns)
+        received_ns = self.last_seen_ns
+        return float("inf") if received_ns is None else to_seconds(now_ns - received_ns)
 
     def is_up(self, now_ns: int) -> bool:
         """Whether it can be counted on."""
-        return self.has_token and self.heard_ns is not None and now_ns - self.heard_ns <= _LOST_AFTER_NS
+        return self.has_token and self.received_ns is not None and now_ns - self.received_ns <= _LOST_AFTER_NS
 
     def down_reason(self, now_ns: int) -> Unavailable | None:
         """Why it cannot be counted on; None if it can."""
         if self.is_up(now_ns):
             return None
-        if self.heard_ns is None and (self.has_token or self.before is None):
+        if self.received_ns is None and (self.has_token or self.before is None):
             return NotHeard()
         if not self.has_token:
             return Gone()
@@ -122,9 +124,7 @@ class Roster:
         for name, before in known.items():
             robot = self._robot(name)
             task = (tasks or {}).get(name) or before.summary.task
-            robot.before = KnownRobot(
-                min(before.last_seen_ns, now_ns), before.continues, replace(before.summary, task=task)
-            )
+            robot.before = KnownRobot(min(before.last_seen_ns, now_ns), before.continues, replace(before.summary, task=task))
             robot.left_ns = None if before.continues else before.last_seen_ns
             robot.was_there = True
             self._unseen -= 1
@@ -136,8 +136,8 @@ class Roster:
         """All robots, by name; not to be changed."""
         return self._by_name
 
-    def why_unknown(self, name: str, now_ns: int) -> str:
-        """Why a state from this name is rejected; empty if the robot is known, or there is room for it."""
+    def rejection(self, name: str, now_ns: int) -> str:
+        """Why a state from this name is rejected, as text; empty if the robot is known, or there is room for it."""
         if name in self.robots:
             return ""
         if len(self.robots) >= ROBOTS_MAX:
@@ -151,7 +151,7 @@ class Roster:
         if not self._unseen:
             return
         for robot in self._by_name:
-            if not robot.was_there and (robot.heard_ns is None or now_ns - robot.heard_ns > FORGET_UNSEEN_NS):
+            if not robot.was_there and (robot.received_ns is None or now_ns - robot.received_ns > FORGET_UNSEEN_NS):
                 self.remove(robot)
 
     def remove_gone(self, name: str, tasks: Sequence[str]) -> None:
@@ -167,15 +167,15 @@ class Roster:
         """
         robot = self.robots.get(name)
         if robot is None:
-            why = f"no such robot is known; there are: {', '.join(self.robots) or 'none'}"
+            refusal = f"no such robot is known; there are: {', '.join(self.robots) or 'none'}"
         elif robot.has_token:
-            why = "it is there"
+            refusal = "it is there"
         elif tasks:
-            why = f"task {tasks[0]} may still run on it; ask again in a few seconds"
+            refusal = f"task {tasks[0]} may still run on it; ask again in a few seconds"
         else:
             self.remove(robot)
             return
-        raise CallError(ErrorCode.REFUSED, f"{name} is not removed: {why}", why)
+        raise CallError(ErrorCode.REFUSED, f"{name} is not removed: {refusal}", refusal)
 
     def remove(self, robot: Robot) -> None:
         """Forget a robot without a token."""
@@ -188,7 +188,7 @@ class Roster:
         """A robot's state has arrived."""
         robot = self._robot(state.robot)
         robot.state = state
-        robot.heard_ns = now_ns
+        robot.received_ns = now_ns
         self.some_go_on = self.some_go_on or state.continues_for_s is not UNSET
         self._up_at_ns = None
 
@@ -210,8 +210,8 @@ class Roster:
     def restart_silence(self, paused_ns: int) -> None:
         """The coordinator itself was paused for this time: no robot was silent meanwhile."""
         for robot in self._by_name:
-            if robot.heard_ns is not None:
-                robot.heard_ns += paused_ns
+            if robot.received_ns is not None:
+                robot.received_ns += paused_ns
         self._up_at_ns = None
 
     def up(self, now_ns: int) -> list[Robot]:
@@ -221,7 +221,7 @@ class Roster:
             self._up = [
                 robot
                 for robot in self._by_name
-                if robot.has_token and robot.heard_ns is not None and robot.heard_ns >= since_ns
+                if robot.has_token and robot.received_ns is not None and robot.received_ns >= since_ns
             ]
             self._up_at_ns = now_ns
         return self._up
@@ -296,3 +296,49 @@ class Roster:
             self._unseen += 1
             self._by_name = [self.robots[known] for known in sorted(self.robots)]
         return self.robots[name]
+
+
+CHECK_NS = to_ns(0.1)
+LOGGED_NS = to_ns(10.0)
+"""Changes within this are logged as one line, so that a link that comes and goes does not fill the log."""
+
+
+class StaleTopics:
+    """Checks the last messages of robots that are present.
+
+    Args:
+        roster: the robots.
+
+    """
+
+    def __init__(self, roster: Roster) -> None:
+        self.found: list[TopicStale] = []
+        """Stale topics as of the last check, by sender."""
+        self._roster = roster
+        self._gone: set[str] = set()
+        """Senders of stale topics that are not up."""
+        self._due_ns = 0
+        self._logged_ns: int | None = None
+
+    def check(self, now_ns: int) -> bool:
+        """Check again, at most ten times a second; whether others are stale or gone than before."""
+        if 0 < self._due_ns - now_ns <= CHECK_NS:
+            return False
+        self._due_ns = now_ns + CHECK_NS
+        before = {found.sender for found in self.found}
+        self.found = self._find(now_ns)
+        fresh = [found for found in self.found if found.sender not in before]
+        if fresh and (self._logged_ns is None or not 0 <= now_ns - self._logged_ns < LOGGED_NS):
+            self._logged_ns = now_ns
+            logger.warning("stale: %s", "; ".join(map(str, fresh)))
+        gone, robots = self._gone, self._roster.robots
+        self._gone = {found.sender for found in self.found if not robots[found.sender].is_up(now_ns)}
+        return bool(fresh) or len(self.found) < len(before) or self._gone != gone
+
+    def _find(self, now_ns: int) -> list[TopicStale]:
+        deadline_s = ROBOT_STATE.deadline_s or math.inf
+        return [
+            TopicStale(ROBOT_STATE.name, robot.name, round(age_s, 3), deadline_s)
+            for robot in self._roster.by_name
+            if robot.has_token and robot.received_ns is not None and (age_s := robot.age_s(now_ns)) > deadline_s
+        ]

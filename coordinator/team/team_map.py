@@ -55,7 +55,7 @@ class TeamMap:
         merged = [(patch.robot, self.merge(patch, now_ns)) for patch, now_ns in held or ()]
         if self.dropped:
             logger.warning("%d patches of the map came while it was loading and were dropped", self.dropped)
-        return [(robot, why) for robot, why in merged if why]
+        return [(robot, rejection) for robot, rejection in merged if rejection]
 
     def merge(self, patch: MapPatch, now_ns: int | None = None) -> str:
         """Merge a robot's patch; one that does not fit is rejected and changes nothing.

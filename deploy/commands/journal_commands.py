@@ -12,7 +12,7 @@ from robrain.deploy.command_line.output import print_json, print_result
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
-    from robrain.coordinator.journal.journal_check import JournalContents
+    from robrain.coordinator.journal.backup import JournalContents
 
 EXIT_PROBLEMS = 1
 """A journal or backup that was checked has problems."""
@@ -84,7 +84,7 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Check a journal or a backup. Exit status 1 if it has problems."""
-    from robrain.coordinator.journal.journal_check import check_journal
+    from robrain.coordinator.journal.backup import check_journal
 
     found = check_journal(journal)
     _print(found, "\n".join([f"{journal}: {_words(found)}", *found.problems]), as_json=as_json)

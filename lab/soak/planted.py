@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robrain.agent.task_desk import TaskDesk
-from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks import reconcile as reconciling
 from robrain.coordinator.tasks import task_lifecycle
@@ -21,6 +20,7 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.halts import TeamHalts
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.tasks.task import TaskState
 
 Patch = tuple[object, str, object]
@@ -50,13 +50,15 @@ def _lease_not_kept() -> list[Patch]:
 def _journal_late() -> list[Patch]:
     accept, change = Journal.accept, Journal.change
 
-    def accept_later(self: Journal, record: TaskRecord, asked: bytes = b"", alarm: Alarm | None = None) -> TaskRecord:
-        waiting: list[tuple[TaskRecord, bytes, Alarm | None]] = self.__dict__.setdefault("waiting", [])
+    def accept_later(
+        self: Journal, record: TaskRecord, asked: bytes = b"", alarm: JournalAlarm | None = None
+    ) -> TaskRecord:
+        waiting: list[tuple[TaskRecord, bytes, JournalAlarm | None]] = self.__dict__.setdefault("waiting", [])
         waiting.append((record, asked, alarm))
         return msgspec.structs.replace(record, change=0)
 
     def change_after(self: Journal, record: TaskRecord) -> TaskRecord:
-        waiting: list[tuple[TaskRecord, bytes, Alarm | None]] = self.__dict__.setdefault("waiting", [])
+        waiting: list[tuple[TaskRecord, bytes, JournalAlarm | None]] = self.__dict__.setdefault("waiting", [])
         for late, asked, alarm in waiting:
             accept(self, late, asked, alarm)
         waiting.clear()
@@ -109,7 +111,7 @@ def _strays_stay() -> list[Patch]:
 
 
 def _backoff_without_end() -> list[Patch]:
-    def why(self: TaskBackoff, task_id: str, robot: str, now_ns: int) -> Any:
+    def pause_reason(self: TaskBackoff, task_id: str, robot: str, now_ns: int) -> Any:
         avoided = self._avoided.get((task_id, robot))
         return avoided.reason if avoided is not None else self.robots.backoff_reason(robot, now_ns)
 
@@ -117,7 +119,7 @@ def _backoff_without_end() -> list[Patch]:
         pause = self._unreached.get(robot)
         return None if pause is None else pause.reason
 
-    return [(TaskBackoff, "why", why), (RobotPauses, "backoff_reason", backoff_reason)]
+    return [(TaskBackoff, "pause_reason", pause_reason), (RobotPauses, "backoff_reason", backoff_reason)]
 
 
 def _cancelled_forgotten() -> list[Patch]:

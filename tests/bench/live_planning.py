@@ -6,6 +6,7 @@ The process that plans is measured against the same work on a thread of the coor
 
 import math
 import os
+import pickle
 import statistics
 import subprocess
 import sys
@@ -22,13 +23,12 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
-from robrain.coordinator.planning.live_planner import LivePlanner
+from robrain.coordinator.planning.live_planner import LivePlanner, PlanRequest
 from robrain.coordinator.planning.path_lengths import DETOUR
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
-from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -181,12 +181,12 @@ def _first_plan(robots: int, tasks: int, bound_ms: float) -> Figure:
             planner.ask(snapshot, policy)
             made.wait(START_LIMIT_S)
             through_s = time.perf_counter() - began_s
-            _wait(lambda: bool(planner.take()) or not planner.is_busy)
+            _wait(lambda: bool(planner.finished_plans()) or not planner.is_busy)
             if repeat:  # the first waits for the process to be there
                 here_ms.append(1e3 * here_s)
                 through_ms.append(1e3 * through_s)
                 link_ms.append(1e3 * _link_s(snapshot, policy, planned))
-            _wait(lambda: bool(planner.take()) or not planner.is_busy)
+            _wait(lambda: bool(planner.finished_plans()) or not planner.is_busy)
     finally:
         planner.close()
     through, here, link = (statistics.median(found) for found in (through_ms, here_ms, link_ms))
@@ -197,7 +197,7 @@ def _first_plan(robots: int, tasks: int, bound_ms: float) -> Figure:
 
 def _link_s(snapshot: Snapshot, policy: PlanningPolicy, planned: PlanInForce) -> float:
     began_s = time.perf_counter()
-    RequestReader().read(RequestWriter().encode(PlanRequest(1, snapshot, policy)))
+    pickle.loads(pickle.dumps(PlanRequest(1, snapshot, policy), pickle.HIGHEST_PROTOCOL))
     msgspec.msgpack.decode(msgspec.msgpack.encode(planned), type=PlanInForce)
     return time.perf_counter() - began_s
 
@@ -217,7 +217,7 @@ def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> S
     )
     return Snapshot(
         number=number, now_ns=0, cause="bench", records=records, ended=frozenset(), members=members, pauses={},
-        served_s={}, floor=None, orders={}, told={},
+        served_s={}, floor=None, orders={}, published={},
     )  # fmt: skip
 
 
@@ -279,7 +279,7 @@ class _ThreadPlanner:
             draft = search.draft(self._snapshot, self._policy)
             draft.planned()
             began_s = time.monotonic()
-            for _ in draft.improve():
+            for _ in draft.solver.improve():
                 if self._has_ended or time.monotonic() - began_s > self._policy.deadline_s:
                     break
             draft.planned()
@@ -301,12 +301,12 @@ def _loop() -> Figure:
 
     def follow() -> None:
         nonlocal plans
-        plans += len(planner.take())
+        plans += len(planner.finished_plans())
         if not planner.is_busy:
             planner.ask(snapshot, PlanningPolicy())
 
     try:
-        _wait(lambda: bool(planner.take()))
+        _wait(lambda: bool(planner.finished_plans()))
         beside_process = _gaps_ms(follow)
     finally:
         planner.close()

@@ -6,7 +6,7 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.coordinator.charging.charging import Charging
+from robrain.coordinator.charging import Charging
 from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.leadership.leadership import Leadership
 from robrain.coordinator.motes.mote_members import MoteMembers

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.allocation.explain import explain
-from robrain.coordinator.charging.charging import is_for_energy
+from robrain.coordinator.charging import is_for_energy
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.algorithms.allocation.allocator import ALLOCATORS
 from robrain.algorithms.allocation.problem import Objective
-from robrain.coordinator.planning.plan_search import PlanSolver, solve
+from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.registry import Registry
 from tests.coordinator.planning.test_plan_solver import job, problem
@@ -76,7 +76,9 @@ def in_turn(install, monkeypatch):  # noqa: F811
 
 
 def routes(method, *jobs):
-    plan, _ = solve(problem(*jobs), Objective.ENERGY, method, seed=0, rounds=1, iterations=5, gain_min=0.0, orders={})
+    solver = PlanSolver(problem(*jobs), Objective.ENERGY, method, seed=0, iterations=5, gain_min=0.0, orders={})
+    solver.run(rounds=1)
+    plan = solver.plan
     return {route.worker: sorted(route.jobs) for route in plan.routes}
 
 

@@ -3,14 +3,16 @@
 import sqlite3
 
 import pytest
+from msgspec.structs import replace
 
-from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 
-ALARM = Alarm("heat", "m1", 10, 20)
+ALARM = JournalAlarm(rule="heat", source="m1", measured_ns=10, fired_ns=20)
+ARMED = replace(ALARM, is_armed=True)
 
 
 def record(task_id="t1"):
@@ -20,10 +22,10 @@ def record(task_id="t1"):
 def test_a_task_and_its_alarm_outlast_the_process(tmp_path):
     journal = Journal(tmp_path / "journal")
     journal.accept(record(), alarm=ALARM)
-    journal.record_alarm(Alarm("heat", "m2", 11, 21, is_armed=True))
+    journal.record_alarm(JournalAlarm(rule="heat", source="m2", measured_ns=11, fired_ns=21, is_armed=True))
     journal.close()
     again = Journal(tmp_path / "journal")
-    assert again.alarms() == [ALARM, Alarm("heat", "m2", 11, 21, is_armed=True)]
+    assert again.alarms() == [ALARM, JournalAlarm(rule="heat", source="m2", measured_ns=11, fired_ns=21, is_armed=True)]
     assert again.find("t1") is not None
     again.close()
 
@@ -40,8 +42,8 @@ def test_without_the_task_there_is_no_alarm():
 def test_a_source_has_one_alarm_the_last():
     journal = Journal()
     journal.record_alarm(ALARM)
-    journal.record_alarm(ALARM._replace(is_armed=True))
-    assert journal.alarms() == [ALARM._replace(is_armed=True)]
+    journal.record_alarm(ARMED)
+    assert journal.alarms() == [ARMED]
     journal.keep_alarms([])
     assert journal.alarms() == []
     journal.close()

@@ -21,13 +21,13 @@ from robrain.coordinator.journal.backup import (
     PART,
     back_up_closed,
     backup_folder,
+    check_journal,
     prune_backups,
     restore_backup,
     write_backup,
 )
 from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.journal.journal_check import check_journal
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D

@@ -236,7 +236,7 @@ def test_a_journal_of_the_first_schema_goes_on(path: Path) -> None:
     assert (journal.find("t1").why, journal.find("t1").reason) == ("", None)
     assert journal.new_epoch() == 43
     assert journal.accept(queued("t2")).change == 3
-    assert journal.told == []
+    assert journal.opening_report == []
     journal.close()
 
 
@@ -285,7 +285,7 @@ def test_on_a_full_disk_nothing_is_half_written_and_what_is_there_stays(path: Pa
     journal.close()
     again = Journal(path)
     assert again.find("t1").state is TaskState.DONE
-    assert again.told == []
+    assert again.opening_report == []
     again.close()
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from robrain.coordinator.journal.errors import JournalError
-from robrain.coordinator.journal.journal_copy import LEFT_BYTES, journal_copy
+from robrain.coordinator.journal.salvage import LEFT_BYTES, journal_copy
 
 
 @pytest.fixture

@@ -375,7 +375,7 @@ def test_a_kill_while_the_journal_is_made_or_migrated_leaves_one_that_opens(tmp_
         except Killed:
             disk.fuse.left = None
             journal = disk.start()
-            assert journal.told == []
+            assert journal.opening_report == []
             assert journal.open_records() == []
         disk.clean_up()
 

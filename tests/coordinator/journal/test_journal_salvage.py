@@ -12,11 +12,10 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal import salvage
-from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.messages.team.standing_messages import KnownRobot
+from robrain.protocol.messages.team.standing_messages import JournalAlarm, KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -66,10 +65,10 @@ def test_a_file_that_is_no_database_is_put_aside_and_named(path: Path, caplog: p
     with caplog.at_level(logging.WARNING):
         journal = Journal(path)
     assert journal.open_records() == []
-    assert journal.told == [
+    assert journal.opening_report == [
         f"{path} was damaged (file is not a database) and is now {path}.damaged-1; nothing of it could be read"
     ]
-    assert journal.told[0] in caplog.text
+    assert journal.opening_report[0] in caplog.text
     assert path.with_name("team.journal.damaged-1").read_bytes() == rubbish
     journal.close()
 
@@ -122,7 +121,7 @@ def test_journal_that_cannot_be_opened_but_is_not_damaged_is_left_as_it_is(
         Journal(path, factory=Failing)
     assert asides(path) == []
     journal = Journal(path)
-    assert journal.told == []
+    assert journal.opening_report == []
     assert len(journal.open_records()) == TASKS - TASKS // 3
     journal.close()
 
@@ -139,7 +138,7 @@ def test_damaged_files_are_counted_and_none_takes_the_place_of_another(path: Pat
         Journal(path).close()
         assert path.with_name(f"team.journal.damaged-{number}").read_bytes().startswith(b"%d" % number)
     journal = Journal(path)
-    assert journal.told == []
+    assert journal.opening_report == []
     journal.close()
 
 
@@ -156,7 +155,7 @@ def test_what_can_be_read_of_a_damaged_journal_is_read_and_the_rest_is_told(path
         assert record.state is expected
     if asides(path):  # quick_check does not look into indexes
         assert asides(path) == ["team.journal.damaged-1"]
-        [text] = journal.told
+        [text] = journal.opening_report
         assert f"{len(records)} tasks were read from it" in text or "nothing of it could be read" in text
         lost = {f"t{number}" for number in range(TASKS)} - set(records)
         if lost and records:
@@ -170,7 +169,7 @@ def test_what_can_be_read_of_a_damaged_journal_is_read_and_the_rest_is_told(path
     journal.close()
     again = Journal(path)
     assert again.find("new") is not None
-    assert again.told == []
+    assert again.opening_report == []
     again.close()
 
 
@@ -182,7 +181,7 @@ def test_most_of_a_journal_survives_the_loss_of_one_leaf(path: Path) -> None:
     journal = Journal(path)
     kept = len(journal.select(TaskFilter()))
     assert TASKS // 2 < kept < TASKS
-    assert "lost: " in journal.told[0]
+    assert "lost: " in journal.opening_report[0]
     journal.close()
 
 
@@ -190,7 +189,7 @@ def test_most_of_a_journal_survives_the_loss_of_one_leaf(path: Path) -> None:
 def test_of_many_lost_tasks_the_first_twenty_are_named(lost: int, end: str) -> None:
     names = tuple(f"t{number}" for number in range(lost))
     found = salvage.Salvaged(tasks={1: ()}, changes={}, epoch_ceiling=0, lost=names, open=1)
-    assert found.told().endswith(end)
+    assert found.summary().endswith(end)
 
 
 def test_a_cut_off_file_is_salvaged(path: Path) -> None:
@@ -199,7 +198,7 @@ def test_a_cut_off_file_is_salvaged(path: Path) -> None:
     journal = Journal(path)
     assert asides(path) == ["team.journal.damaged-1"]
     assert path.with_name("team.journal.damaged-1").read_bytes() == content[: len(content) * 2 // 3]
-    assert journal.told
+    assert journal.opening_report
     journal.close()
 
 
@@ -226,7 +225,7 @@ def damaged_copy(path: Path) -> None:
     """A copy that is not whole, of which another process has a copy, with a robot on its own and an alarm."""
     journal = Journal(path)
     journal.record_robots({"r1": R1})
-    journal.record_alarm(Alarm("hot", "m1", 1, 2))
+    journal.record_alarm(JournalAlarm(rule="hot", source="m1", measured_ns=1, fired_ns=2))
     journal.close()
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("UPDATE copy SET state = 'partial'")
@@ -258,7 +257,7 @@ def test_lost_epochs_are_damage(path: Path) -> None:
         connection.execute("DELETE FROM epoch")
     connection.close()
     journal = Journal(path)
-    assert "lost its epochs" in journal.told[0]
+    assert "lost its epochs" in journal.opening_report[0]
     assert len(journal.select(TaskFilter())) == TASKS
     assert [change.state for change in journal.history("t0")] == [
         TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING, TaskState.DONE

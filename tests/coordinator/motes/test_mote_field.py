@@ -5,8 +5,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.mote_field import FieldKeeper
-from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
-from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -236,19 +235,3 @@ def test_delivery_counts_what_was_taken_and_has_not_come(field) -> None:
     field.run(40.0)
     assert 0.4 < state(field).delivery_ratio < 0.65
     assert state(field).oldest_s == pytest.approx(state(field).age_s) == pytest.approx(42.0, abs=3.0)
-
-
-@pytest.mark.parametrize(
-    ("fields", "named"),
-    [
-        ({"collect_age_s": -1.0}, "collect_age_s >= 0"),
-        ({"collect_age_s": float("nan")}, "collect_age_s >= 0"),
-        ({"stand_ins": -1}, "stand_ins >= 0"),
-        ({"relay_s": 0.0}, "relay_s > 0"),
-        ({"sensing_m": float("inf")}, "a finite sensing_m"),
-        ({"rest_factor": 0.5}, "rest_factor >= 1"),
-    ],
-)
-def test_policy_without_sense_is_refused(fields, named) -> None:
-    with pytest.raises(ValueError, match=named):
-        MoteFieldPolicy(**fields)

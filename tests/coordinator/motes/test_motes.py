@@ -3,12 +3,17 @@
 import pytest
 
 from robrain.algorithms.motes.mote_energy import CAPACITY_J, FLAT_V, FRESH_V
-from robrain.coordinator.motes import mote_registry as motes
-from robrain.coordinator.motes.mote_members import MoteMembers, mote_remaining_j, mote_share, reading_j, robot_share
-from robrain.coordinator.motes.mote_registry import MoteTable
+from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.motes.mote_members import (
+    MoteMembers,
+    MoteTable,
+    mote_remaining_j,
+    mote_share,
+    reading_j,
+    robot_share,
+)
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
-from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -95,6 +100,10 @@ class Field:
                 mote.step(self.team.clock.now_ns() / 1e9)
             self.team.run(0.1)
 
+    def monitor(self, duration_s):
+        parameters = {"duration_s": duration_s, "interval_s": 1.0, "quantity": "temperature_c"}
+        self.team.submit(Task(id="w", kind="monitor", place=PLACE, parameters=parameters))
+
     def get(self, task_id):
         return self.team.ask(TASK_GET, TaskRequest(id=task_id))
 
@@ -130,16 +139,6 @@ def test_a_verdict_of_each_member_says_what_share_of_its_energy_it_would_take(fi
     assert verdicts["m2"].refusal == "is 2.7 m from the place"
     assert "of its energy; m1 takes" in verdicts["r1"].refusal
     assert verdicts["r1"].energy_j > 1000 * verdicts["m1"].energy_j
-
-
-def test_why_a_mote_was_not_asked_is_told_when_a_robot_does_it(field):
-    field.mote()
-    field.run(2.0)
-    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}))
-    field.run(1.5)
-    verdicts = field.verdicts("s")
-    assert verdicts["r1"].chosen
-    assert verdicts["m1"].refusal == "senses temperature_c, not light_lx"
 
 
 def test_mote_whose_cells_are_nearly_flat_is_spared(field):
@@ -222,14 +221,7 @@ def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
 def test_mote_monitors_at_the_interval_asked_for_and_has_its_own_back_after(field):
     mote = field.mote()
     field.run(2.0)
-    field.team.submit(
-        Task(
-            id="w",
-            kind="monitor",
-            place=PLACE,
-            parameters={"duration_s": 20.0, "interval_s": 1.0, "quantity": "temperature_c"},
-        )
-    )
+    field.monitor(20.0)
     field.run(10.0)
     assert mote.period_s == 1.0
     field.run(16.0)
@@ -251,14 +243,7 @@ def test_monitoring_with_pictures_is_for_robots(field):
 def test_monitoring_that_is_called_off_leaves_the_mote_as_it_was(field):
     mote = field.mote()
     field.run(2.0)
-    field.team.submit(
-        Task(
-            id="w",
-            kind="monitor",
-            place=PLACE,
-            parameters={"duration_s": 60.0, "interval_s": 1.0, "quantity": "temperature_c"},
-        )
-    )
+    field.monitor(60.0)
     field.run(8.0)
     field.team.ask(TASK_CANCEL, TaskRequest(id="w"))
     field.run(6.0)
@@ -293,12 +278,13 @@ def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_ha
 
 
 def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
-    monkeypatch.setattr(motes, "MOTES_MAX", 2)
+    monkeypatch.setattr("robrain.coordinator.motes.mote_members.MOTES_MAX", 2)
     table = MoteTable()
     for mote in ("m1", "m2", "m3", "m1"):
-        table.note(MoteReading(mote=mote, place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="r1"), 0)
+        table.record(
+            MoteReading(mote=mote, place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="r1"), 0
+        )
     assert list(table.motes) == ["m1", "m2"]
-    assert table.refused == 1
 
 
 def test_a_mote_with_a_clock_far_ahead_is_heard_like_others():
@@ -306,29 +292,20 @@ def test_a_mote_with_a_clock_far_ahead_is_heard_like_others():
     fields = {"mote": "m1", "place": PLACE, "quantity": "t", "voltage_v": 3.0, "rssi_dbm": 0, "via": "r1"}
     for second in range(5):
         ahead_ns = 10**18 if second == 0 else 0
-        table.note(
+        table.record(
             MoteReading(value=float(second), stamp_ns=to_ns(second), measured_ns=to_ns(second) + ahead_ns, **fields),
             to_ns(second),
         )
     assert table.motes["m1"].latest.value == 4.0
-    assert table.motes["m1"].silent_s(to_ns(4.0)) == 0.0
+    assert table.motes["m1"].received_ns == to_ns(4.0)
 
 
 def test_coordinator_that_begins_anew_asks_again_for_what_a_mote_was_at(field, tmp_path):
-    from robrain.coordinator.journal.journal import Journal
-
     journal = Journal(tmp_path / "t.journal")
     field.team.begin(journal)
     mote = field.mote()
     field.run(2.0)
-    field.team.submit(
-        Task(
-            id="w",
-            kind="monitor",
-            place=PLACE,
-            parameters={"duration_s": 6.0, "interval_s": 1.0, "quantity": "temperature_c"},
-        )
-    )
+    field.monitor(6.0)
     field.run(2.0)
     journal.close()
     journal = Journal(tmp_path / "t.journal")
@@ -354,13 +331,6 @@ def test_stored_reading_from_before_the_task_does_not_count(field):
     assert field.get("s").result["value"] != 99.0
 
 
-def test_a_team_without_motes_has_its_tasks_done_by_robots_as_ever(field):
-    field.run(2.0)
-    field.team.submit(Task(id="s", kind="sense", place=PLACE))
-    field.run(1.5)
-    assert field.get("s").robot == "r1"
-
-
 def test_task_for_a_named_mote_is_that_mote_s_wherever_it_is(field):
     field.mote("m2", Point2D(4.0, 3.0))
     field.run(2.0)
@@ -381,11 +351,3 @@ def test_share_is_of_what_a_member_has_left():
 
 def test_more_hops_take_more_of_the_network():
     assert reading_j(1) < reading_j(2) < reading_j(3)
-
-
-def test_two_tasks_of_one_id_are_still_one(field):
-    field.mote()
-    field.run(2.0)
-    field.team.submit(Task(id="s", kind="sense", place=PLACE))
-    with pytest.raises(CallError, match="there is another task s"):
-        field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"quantity": "light_lx"}))

@@ -2,11 +2,10 @@
 
 import pytest
 
-from robrain.coordinator.planning.live_planner import TRIES, LivePlanner
+from robrain.coordinator.planning.live_planner import TRIES, Done, LivePlanner
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import PlanningRobot
-from robrain.coordinator.planning.worker_link import Done
 from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D
@@ -19,7 +18,7 @@ def wait_for(planner, made, until):
     while True:
         assert made.wait(PATIENCE_S)
         made.clear()
-        plans += planner.take()
+        plans += planner.finished_plans()
         if until(plans):
             return plans
 
@@ -32,7 +31,7 @@ def test_an_answer_comes_before_the_search_is_over_and_a_better_one_after_it(pla
     assert [plan_again(plan.problem) == plan.problem.routes for plan in plans] == [True] * len(plans)
     lockstep = LockstepPlanner()
     lockstep.ask(open_floor_snapshot(1, 30), PlanningPolicy(rounds=plans[-1].problem.rounds))
-    assert lockstep.take()[0].problem.routes == plans[-1].problem.routes
+    assert lockstep.finished_plans()[0].problem.routes == plans[-1].problem.routes
 
 
 @pytest.mark.slow

@@ -8,8 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.charging.charge_turns import Charge, Idle, assign_chargers
-from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import kinds_of, mean_within, profile_of
 from robrain.coordinator.planning.path_lengths import DETOUR, PathLengths
 from robrain.coordinator.planning.problem_codec import (
@@ -26,7 +24,6 @@ from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.coordinator.planning.worlds import model
-from tests.plain_reason import Plain
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
 
@@ -172,23 +169,3 @@ def test_a_thousand_places_are_told_in_few_bytes():
     )
     assert len(asked.encode()) < 0.45 * len(zlib.compress(asked.ways_cm, 1))
     assert decode(asked.encode()) == asked
-
-
-# -- chargers -------------------------------------------------------------------------------------------------------
-
-
-def test_those_with_least_charge_first_and_never_two_at_one_charger():
-    here, there = Charger(Point2D(0.0, 0.0)), Charger(Point2D(9.0, 0.0), 1.0)
-    robots = [
-        Idle("r1", Point2D(1.0, 0.0), 0.2, (here, there)),
-        Idle("r2", Point2D(1.0, 1.0), 0.1, (here, there)),
-        Idle("r3", Point2D(1.0, 2.0), 0.25, (here, there)),
-        Idle("r4", Point2D(1.0, 2.0), 0.6, (here, there)),
-        Idle("r5", Point2D(1.0, 2.0), 0.1, ()),
-    ]
-    charges, waiting = assign_chargers(robots, [], 0.3)
-    assert charges == [Charge("r2", here), Charge("r1", there)]
-    assert waiting == {"r3": Plain("chargers_taken", count=2)}
-    charges, waiting = assign_chargers(robots, [Point2D(0.2, 0.0)], 0.3)
-    assert charges == [Charge("r2", there)]
-    assert set(waiting) == {"r1", "r3"}

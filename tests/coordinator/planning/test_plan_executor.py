@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.coordinator.core.core import Parts
-from robrain.coordinator.planning.plan_executor import OFFERS_MAX, TELL_NS, PlanExecutor
+from robrain.coordinator.core import Parts
+from robrain.coordinator.planning.plan_executor import CHECK_NS, OFFERS_MAX, PlanExecutor
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.task_explanation import TaskExplanation
@@ -71,12 +71,9 @@ class Office:
         self.tasks._offers = SimpleNamespace(offer=self._send, answered=list)
         self.refuses: set[str] = set()
         self.plan = Plan()
-        eligibility = self.tasks.eligibility
-        self.explanation = TaskExplanation(
-            self.book, self.roster, self.tasks.backoff, eligibility, self.plan, Parts().verdicts
-        )
+        self.explanation = TaskExplanation(self.tasks, self.plan, Parts().verdicts)
         coalitions = SimpleNamespace(step=lambda _now_ns: None)
-        self.executor = PlanExecutor(self.plan, self.tasks, self.book, self.roster, self.explanation, coalitions)
+        self.executor = PlanExecutor(self.plan, self.tasks, self.explanation, coalitions)
 
     def step(self, now_ns: int) -> bool:
         return self.executor.step([], now_ns, is_halted=False)
@@ -205,9 +202,9 @@ def test_while_the_plan_stays_the_same_what_is_left_out_is_looked_at_every_five_
     now_ns = to_ns(100.0)
     office.step(now_ns)
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), now_ns)}
-    office.step(now_ns + TELL_NS - 1)
+    office.step(now_ns + CHECK_NS - 1)
     assert office.told[1:] == []
-    office.step(now_ns + TELL_NS)
+    office.step(now_ns + CHECK_NS)
     assert office.told[1:] == [("t1", lacks("r1", 20.0))]
 
 
@@ -232,7 +229,7 @@ def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):
     office.robot("r1")
     office.add("t1", "t2")
     office.tasks.offer("t1", "r1", 0)
-    office.tasks.backoff.note("t2", "r1", Refused(no_path()), 0)
+    office.tasks.backoff.record("t2", "r1", Refused(no_path()), 0)
     before = len(office.told)
     office.plan.left_out = {name: Unplanned(lacks("r1", 20.0), 0) for name in ("gone", "t1", "t2")}
     office.step(1)

@@ -37,7 +37,7 @@ def plan_of(orders, *jobs, **fields):
     unassigned = tuple(Unassigned(one.job, plain("no_robots", "words")) for one in plan.unassigned)
     plan = msgspec.structs.replace(plan, unassigned=unassigned)
     snapshot = msgspec.structs.replace(open_floor_snapshot(7, 0), now_ns=round(NOW_S * 1e9), **fields)
-    asked = BuiltProblem(question=None, waiting={"late": LATE}, charger_ways={})
+    asked = BuiltProblem(question=None, waiting={"late": LATE}, charger_distances={})
     return planned(snapshot, asked, problem, plan, WRITTEN, 0.25)
 
 
@@ -95,7 +95,7 @@ def test_a_decision_of_nobody_has_no_time():
 
 def test_only_what_is_decided_anew_is_told_first_what_begins_first():
     jobs = [job("a", 1), job("b", 2), job("c", 3), job("d", 4)]
-    made = plan_of([["c", "b", "a"]], *jobs, told={"a": ("r0",), "b": ("r9",)})
+    made = plan_of([["c", "b", "a"]], *jobs, published={"a": ("r0",), "b": ("r9",)})
     assert [decision.task for decision in made.decisions] == ["c", "b", "d"]
 
 

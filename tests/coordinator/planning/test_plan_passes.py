@@ -186,7 +186,7 @@ def test_of_what_a_pass_returns_the_plan_counts_alone(last_first):
 def test_a_recorded_plan_is_made_again_with_its_passes(last_first):
     planner = LockstepPlanner()
     planner.ask(open_floor_snapshot(1, 4), PlanningPolicy(passes=("last_first",)))
-    (plan,) = planner.take()
+    (plan,) = planner.finished_plans()
     assert plan.problem.passes == ["last_first"]
     assert plan_again(plan.problem) == plan.problem.routes
     assert plan_again(msgspec.structs.replace(plan.problem, passes=[])) != plan.problem.routes
@@ -195,14 +195,14 @@ def test_a_recorded_plan_is_made_again_with_its_passes(last_first):
 def test_a_recording_from_before_passes_could_be_chosen_is_made_again_with_the_stock_passes():
     planner = LockstepPlanner()
     planner.ask(open_floor_snapshot(1, 4), PlanningPolicy())
-    (plan,) = planner.take()
+    (plan,) = planner.finished_plans()
     assert plan_again(msgspec.structs.replace(plan.problem, passes=None)) == plan.problem.routes
 
 
 def test_what_failed_reaches_the_coordinator_with_the_plan(last_first):
     planner = LockstepPlanner()
     planner.ask(open_floor_snapshot(1, 4), PlanningPolicy(passes=("broken",)))
-    (plan,) = planner.take()
+    (plan,) = planner.finished_plans()
     (failure,) = plan.failures
     assert failure.name == "broken"
     assert re.fullmatch(r".*last_first.py:\d+ in broken: ZeroDivisionError: by hand", failure.why)

@@ -41,9 +41,7 @@ def with_tasks(*records, tasks=3):
 
 def plan(snapshot, method="optimal"):
     draft = PlanSearch().draft(snapshot, PlanningPolicy(method=method))
-    for _ in draft.improve():
-        if draft.solver.rounds >= 1:
-            break
+    draft.solver.run(rounds=1)
     return draft.planned()
 
 
@@ -72,7 +70,7 @@ def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_
         if len(snapshot.records) > 1:
             raise OverflowError("too many")
 
-    monkeypatch.setattr(search, "ask", faulty)
+    monkeypatch.setattr(search, "build_problem", faulty)
     monkeypatch.setattr(search, "Draft", lambda *_: None)
     with pytest.raises(OverflowError, match="too many"):
         PlanSearch().draft(open_floor_snapshot(1, 3), PlanningPolicy())
@@ -166,7 +164,7 @@ def test_a_coordinator_whose_journal_has_such_a_task_ends_it_and_plans_the_other
     assert f"$.task.{field}" in team.why("bad")
     assert robot.task.id == "good"
     why = team.ask(TASK_WHY, TaskRequest(id="bad"), TaskWhy)
-    assert why.now.startswith("it is failed: it cannot be carried out as requested")
+    assert why.now.startswith("failed: it cannot be carried out as requested")
     reopened.close()
 
 
@@ -184,4 +182,4 @@ def test_a_plan_that_cannot_be_made_at_all_is_told_as_the_reason(team, monkeypat
     team.submit(Task(id="w", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
     why = team.ask(TASK_WHY, TaskRequest(id="v"), TaskWhy)
-    assert why.now == "it is queued: no plan can be made: OverflowError: a defect"
+    assert why.now == "queued: no plan can be made: OverflowError: a defect"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver, solve
+from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver
 
 
 def problem(*jobs, j_per_m=1.0):
@@ -22,8 +22,8 @@ def job(name, place):
 
 
 def orders_after(asked, objective=Objective.ENERGY, *, gain_min, orders):
-    plan, _ = solve(asked, objective, "auction", seed=0, rounds=0, iterations=1, gain_min=gain_min, orders=orders)
-    return {route.worker: route.jobs for route in plan.routes if route.jobs}
+    solver = PlanSolver(asked, objective, "auction", seed=0, iterations=1, gain_min=gain_min, orders=orders)
+    return {route.worker: route.jobs for route in solver.plan.routes if route.jobs}
 
 
 @pytest.mark.parametrize("objective", list(Objective))
@@ -80,9 +80,9 @@ def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():
 def test_thinking_ends_after_the_rounds_that_are_asked_for():
     jobs = (job("a", 1), job("b", 2), job("c", 3))
     for rounds in (1, 2):
-        _, done = solve(problem(*jobs), Objective.ENERGY, "optimal", seed=0, rounds=rounds, iterations=5,
-                        gain_min=0.0, orders={})  # fmt: skip
-        assert done == rounds
+        solver = solver_of(*jobs)
+        solver.run(rounds)
+        assert solver.rounds == rounds
 
 
 def test_each_search_begins_with_the_best_plan_and_a_seed_of_its_own():

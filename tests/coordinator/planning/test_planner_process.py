@@ -9,15 +9,11 @@ import sys
 import threading
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from robrain.coordinator.planning.live_planner import LivePlanner, PlannerProcess
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot import Floor
-from robrain.coordinator.planning.worker_link import PlanRequest, RequestReader, RequestWriter
 from robrain.protocol.backoff import Backoff
-from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
 
@@ -45,7 +41,7 @@ threading.Event().wait()
 def next_plan(planner, made):
     assert made.wait(PATIENCE_S)
     made.clear()
-    return planner.take()
+    return planner.finished_plans()
 
 
 @pytest.mark.slow
@@ -98,7 +94,7 @@ def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_ag
     assert next_plan(planner, made)[-1].problem.plan == 4
     assert planner.pid != stopped
     assert has_ended(stopped)
-    assert "has said nothing for 2.2 s" in caplog.text
+    assert "has sent nothing for 2.2 s" in caplog.text
 
 
 class Poison(str):
@@ -116,7 +112,7 @@ def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answere
     monkeypatch.setattr("robrain.coordinator.planning.live_planner.TRIES", 2)
     monkeypatch.setattr(planner, "_backoff", Backoff(0.01, 0.01))
     poisoned = open_floor_snapshot(1, 3)
-    poisoned.told[Poison("t1")] = ()
+    poisoned.published[Poison("t1")] = ()
     planner.ask(poisoned, SHORT)
     until(lambda: not planner.is_busy)
     assert "no plan 1 could be made: 2 processes were lost over it" in caplog.text
@@ -173,34 +169,6 @@ def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_sea
         parent.kill()
         parent.communicate()
     until(lambda: has_ended(searching) and has_ended(stopped))
-
-
-def test_the_floor_goes_over_once_for_as_long_as_it_stays_the_same():
-    def asked(number: int, floor: Floor | None) -> PlanRequest:
-        snapshot = open_floor_snapshot(number, 2)
-        return PlanRequest(number, type(snapshot)(**{**_fields(snapshot), "floor": floor}), PlanningPolicy())
-
-    floor = Floor(np.zeros((200, 300), np.int8), GridGeometry(0.1, 0.0, 0.0, 300, 200), 1)
-    grown = floor._replace(classes=np.ones((200, 300), np.int8), version=2)
-    questions, reader = RequestWriter(), RequestReader()
-    sizes = []
-    for number, sent in enumerate([None, floor, floor, grown, grown, None, floor]):
-        body = questions.encode(asked(number, sent))
-        sizes.append(len(body))
-        read = reader.read(body)
-        assert read.number == number
-        assert read.policy == PlanningPolicy()
-        assert {**_fields(read.snapshot), "floor": None} == {**_fields(asked(number, None).snapshot)}
-        if sent is None:
-            assert read.snapshot.floor is None
-        else:
-            assert read.snapshot.floor.geometry == sent.geometry
-            assert np.array_equal(read.snapshot.floor.classes, sent.classes)
-    assert [size > 60_000 for size in sizes] == [False, True, False, True, False, False, True]
-
-
-def _fields(snapshot):
-    return {name: getattr(snapshot, name) for name in snapshot.__struct_fields__}
 
 
 @pytest.mark.slow

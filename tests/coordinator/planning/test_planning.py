@@ -145,7 +145,7 @@ def test_a_task_that_would_not_leave_the_reserve_is_left_out_and_everybody_is_to
     assert "< 10" in decision.bids[0].refusal
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
     assert found.robots[0].refusal == decision.bids[0].refusal
-    assert found.now.startswith("it is queued: the plan leaves it out: r1, which comes nearest: would leave")
+    assert found.now.startswith("queued: the plan leaves it out: r1, which comes nearest: would leave")
     queued = team.history("t1")
     run(team, [worker], 5.0)
     assert team.history("t1") == queued  # told once

@@ -5,7 +5,7 @@ import pytest
 
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.problem_builder import ask
+from robrain.coordinator.planning.problem_builder import build_problem
 from robrain.coordinator.planning.snapshot import HANDLING_S
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
@@ -31,7 +31,7 @@ def jobs_of(works, model=MODEL, **held):
     asked = msgspec.structs.replace(asked, members=members, works={"t0": works}, records=records)
     if held:
         asked = msgspec.structs.replace(asked, served_s={"t0": 0.5 * (HANDLING_S + estimate(MODEL, SWEEP).duration_s)})
-    return ask(asked, PathLengths(None, 0.3, 1.5), PlanningPolicy()).question.jobs[0]
+    return build_problem(asked, PathLengths(None, 0.3, 1.5), PlanningPolicy()).question.jobs[0]
 
 
 def test_standing_takes_its_time_at_standing_power() -> None:

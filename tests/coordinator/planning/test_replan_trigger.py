@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.planning import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, ReplanTrigger
+from robrain.coordinator.planning.planning import DEARER_SHARE, DRAINED_SHARE, GROWN_SHARE, PlanInputs
 from robrain.coordinator.planning.snapshot import PlanningRobot
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
@@ -40,25 +40,21 @@ def record(name: str, state: TaskState = TaskState.QUEUED, robot: str = "") -> T
 
 
 @pytest.fixture
-def has_changed() -> ReplanTrigger:
+def has_changed() -> PlanInputs:
     """Of a plan for r1 and the task t1, which r2 refused."""
-    found = ReplanTrigger()
-    found.note([record("t1")], {"r1": member()}, [("t1", "r2")], AREA_M2)
-    return found
+    return PlanInputs([record("t1")], {"r1": member()}, [("t1", "r2")], AREA_M2)
 
 
 def since(
-    has_changed: ReplanTrigger, *, records=None, members=None, pauses=(("t1", "r2"),), area_m2=AREA_M2, left_out=0
+    has_changed: PlanInputs, *, records=None, members=None, pauses=(("t1", "r2"),), area_m2=AREA_M2, left_out=0
 ) -> str:
     records = [record("t1")] if records is None else records
     members = {"r1": member()} if members is None else members
-    return has_changed.since(records, members, pauses, area_m2, left_out=left_out)
+    return has_changed.cause(PlanInputs(records, members, pauses, area_m2), left_out=left_out)
 
 
 def test_as_long_as_all_is_as_it_was_there_is_no_news(has_changed):
     assert since(has_changed) == ""
-    assert has_changed.has_tasks
-    assert not ReplanTrigger().has_tasks
 
 
 @pytest.mark.parametrize(
@@ -132,14 +128,14 @@ def test_a_map_that_has_grown_is_news_only_while_a_task_is_left_out(has_changed)
     assert since(has_changed, area_m2=limit_m2 + 1.0) == ""
 
 
-def test_the_first_map_is_news(has_changed):
-    has_changed.note([record("t1")], {"r1": member()}, [("t1", "r2")], 0.0)
-    assert since(has_changed, area_m2=0.0) == ""
-    assert since(has_changed, area_m2=3.0) == "the map has grown to 3 m²"
+def test_the_first_map_is_news():
+    before = PlanInputs([record("t1")], {"r1": member()}, [("t1", "r2")], 0.0)
+    assert since(before, area_m2=0.0) == ""
+    assert since(before, area_m2=3.0) == "the map has grown to 3 m²"
 
 
-def test_without_tasks_only_who_is_there_is_news(has_changed):
-    has_changed.note([], {"r1": member()}, [], AREA_M2)
+def test_without_tasks_only_who_is_there_is_news():
+    has_changed = PlanInputs([], {"r1": member()}, [], AREA_M2)
     changed = {"r1": member(2 * J_PER_M, 0.5 * USABLE_J, free_ns=1)}
     assert since(has_changed, records=[], members=changed, pauses=[("t1", "r1")], area_m2=9 * AREA_M2, left_out=1) == ""
     assert since(has_changed, records=[], members={}) == "r1 is out"

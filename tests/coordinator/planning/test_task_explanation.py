@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.coordinator.core.core import Parts
+from robrain.coordinator.core import Parts
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
@@ -34,7 +34,7 @@ class Office:
         for name in ("r1", "r2"):
             robot = self.roster.robots[name] = Robot(name)
             robot.state = RobotState(robot=name)
-            robot.heard_ns = NOW_NS
+            robot.received_ns = NOW_NS
             robot.has_token = True
             self.capabilities.plugins[name] = frozenset({"visit"})
             wire.answer(ROBOT_OFFER, lambda _request: TaskAnswer(accepted=True), robot=name)
@@ -49,7 +49,7 @@ class Office:
         self.life.offer(after, "r1", NOW_NS)
         self.life.offer(task, "r1", NOW_NS, after=after)
 
-    def why_not(self, task: str = "t", robot: str = "r1", now_ns: int = NOW_NS) -> RobotReason | None:
+    def refusal(self, task: str = "t", robot: str = "r1", now_ns: int = NOW_NS) -> RobotReason | None:
         record = self.book.find(task)
         assert record is not None
         return self.life.eligibility.refusal(record, self.roster.robots[robot], now_ns)
@@ -75,39 +75,39 @@ def office() -> Iterator[Office]:
 
 def test_nothing_speaks_against_a_robot_that_is_there_idle_and_has_what_it_takes(office: Office) -> None:
     office.add("t")
-    assert office.why_not() is None
+    assert office.refusal() is None
 
 
 def test_a_robot_that_is_silent_or_gone_is_not_asked(office: Office) -> None:
     office.add("t")
-    assert office.why_not(now_ns=NOW_NS + to_ns(0.8)) is None
-    assert office.why_not(now_ns=NOW_NS + to_ns(1.5)) == Plain("lost_contact", silent_s=1.5)
+    assert office.refusal(now_ns=NOW_NS + to_ns(0.8)) is None
+    assert office.refusal(now_ns=NOW_NS + to_ns(1.5)) == Plain("lost_contact", silent_s=1.5)
     office.roster.robots["r1"].has_token = False
-    assert office.why_not() == Gone()
-    office.roster.robots["r1"].heard_ns = None
-    assert office.why_not() == NotHeard()
+    assert office.refusal() == Gone()
+    office.roster.robots["r1"].received_ns = None
+    assert office.refusal() == NotHeard()
 
 
 def test_a_robot_that_is_halted_is_not_asked(office: Office) -> None:
     office.add("t")
     office.roster.robots["r1"].state = RobotState(robot="r1", halted=True)
-    assert office.why_not() == halted()
-    assert office.why_not(robot="r2") is None
+    assert office.refusal() == halted()
+    assert office.refusal(robot="r2") is None
 
 
 def test_a_robot_without_the_plugin_is_not_asked_and_one_whose_plugins_are_not_known_is(office: Office) -> None:
     office.add("t")
     office.capabilities.plugins["r1"] = frozenset({"explore"})
-    assert office.why_not() == lacks_plugins(("visit",))
+    assert office.refusal() == lacks_plugins(("visit",))
     office.capabilities.plugins["r1"] = None
-    assert office.why_not() is None
+    assert office.refusal() is None
 
 
 def test_a_robot_that_has_a_task_is_not_asked_for_another(office: Office) -> None:
     office.add("t", "other")
     office.life.offer("other", "r1", NOW_NS)
-    assert office.why_not() == Plain("at_task", task="other")
-    assert office.why_not(robot="r2") is None
+    assert office.refusal() == Plain("at_task", task="other")
+    assert office.refusal(robot="r2") is None
 
 
 # -- what a robot says of its task ----------------------------------------------------------------------------------
@@ -117,9 +117,9 @@ def test_a_robot_that_failed_at_a_task_is_not_asked_for_it_at_once(office: Offic
     office.add("t")
     office.life.offer("t", "r1", NOW_NS)
     office.say("t", TaskState.FAILED, "no way")
-    assert office.why_not() == Plain("failed")
-    assert office.why_not(robot="r2") is None
-    assert office.life.backoff.why("t", "r1", NOW_NS + to_ns(2.0)) is None
+    assert office.refusal() == Plain("failed")
+    assert office.refusal(robot="r2") is None
+    assert office.life.backoff.pause_reason("t", "r1", NOW_NS + to_ns(2.0)) is None
 
 
 def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(office: Office) -> None:
@@ -127,13 +127,13 @@ def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(o
     office.say("first", TaskState.DONE)
     office.book.move("t", TaskState.RUNNING)
     office.say("t", TaskState.CANCELLED, "halted")
-    assert office.life.backoff.why("t", "r1", NOW_NS) is None
+    assert office.life.backoff.pause_reason("t", "r1", NOW_NS) is None
 
 
 def test_only_the_task_that_was_held_counts_as_refused(office: Office) -> None:
     office.hold("t", after="first")
     office.say("first", TaskState.CANCELLED, "halted")
-    assert office.life.backoff.why("first", "r1", NOW_NS) is None
+    assert office.life.backoff.pause_reason("first", "r1", NOW_NS) is None
 
 
 def test_a_task_that_was_offered_for_at_once_and_is_called_off_was_not_held(office: Office) -> None:
@@ -143,4 +143,4 @@ def test_a_task_that_was_offered_for_at_once_and_is_called_off_was_not_held(offi
     office.add("later")
     office.book.offered("later", "r1")  # the robot's answer is still on its way
     office.say("later", TaskState.CANCELLED, "halted")
-    assert office.life.backoff.why("later", "r1", NOW_NS) is None
+    assert office.life.backoff.pause_reason("later", "r1", NOW_NS) is None

@@ -27,7 +27,7 @@ def noted(readings, **condition):
     """A track that has heard (seconds, value), in this order."""
     found = track(**condition)
     for at_s, value in readings:
-        found.note(to_ns(at_s), value, GAP_NS)
+        found.record(to_ns(at_s), value, GAP_NS)
     return found
 
 
@@ -95,7 +95,7 @@ def test_of_readings_close_together_the_rate_counts_one(apart_s):
     """Readings closer than a part of `over_s`, before or after, would fill the list without a better slope."""
     found = noted([(0, 0.0), (10, 10.0), (20, 20.0), (30, 30.0)], rising_per_min=1.0, over_s=30.0)
     for at_s in (apart_s, 20 + apart_s, 20 - apart_s):
-        found.note(to_ns(at_s), 1000.0, GAP_NS)
+        found.record(to_ns(at_s), 1000.0, GAP_NS)
     assert (found.rate_per_min == pytest.approx(60.0)) is (apart_s < 30.0 / RATE_READINGS_MAX)
 
 

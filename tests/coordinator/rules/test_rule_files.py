@@ -3,8 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.rules.rule import Rule
-from robrain.coordinator.rules.template import check_template, fill
+from robrain.coordinator.rules.rule import Rule, check_template, fill
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.table_files import read_rules, write_rules
 from robrain.sim.errors import ScenarioError

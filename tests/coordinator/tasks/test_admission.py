@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.coordinator.tasks.admission import dependency_refusal, impossibility, why_unknown
+from robrain.coordinator.tasks.admission import dependency_refusal, impossibility, unknown_names
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
@@ -158,11 +158,11 @@ CHARGERS = [Point2D(1.0, 2.0)]
 )
 def test_task_that_names_what_the_team_does_not_have_is_refused(kind: str, fields: dict[str, Any], words: str) -> None:
     task = Task(**{"id": "t1", "kind": kind, "place": Point2D(1.0, 1.0), **fields})
-    assert why_unknown(task, {"t8"}, lambda: MOTES, lambda: CHARGERS).startswith(words)
-    assert bool(words) == bool(why_unknown(task, {"t8"}, lambda: MOTES, lambda: CHARGERS))
+    assert unknown_names(task, {"t8"}, lambda: MOTES, lambda: CHARGERS).startswith(words)
+    assert bool(words) == bool(unknown_names(task, {"t8"}, lambda: MOTES, lambda: CHARGERS))
 
 
 def test_any_mote_and_charger_may_be_there_before_one_is_known() -> None:
     collect = Task(id="t1", kind="collect", place=Point2D(1.0, 1.0), parameters={"mote": "m9"})
     recharge = Task(id="t1", kind="recharge", place=Point2D(1.0, 1.0))
-    assert [why_unknown(task, (), dict, list) for task in (collect, recharge)] == ["", ""]
+    assert [unknown_names(task, (), dict, list) for task in (collect, recharge)] == ["", ""]

@@ -31,17 +31,17 @@ def test_the_nearest_robot_gets_the_task_and_the_others_hear_why_not() -> None:
     robots = [robot("r1", 0.0), robot("r2", 4.0), robot("r3", None), robot("r4", 4.5)]
     wanted = task("t1", 5.0)
 
-    def why_not(_task: TaskRecord, one: Robot) -> RobotReason | None:
+    def refusal(_task: TaskRecord, one: Robot) -> RobotReason | None:
         return lacks_plugins(("camera",)) if one.name == "r4" else None
 
-    assert dispatch([wanted], robots, why_not) == [("t1", "r2")]
-    assert verdicts(wanted, robots, why_not, "r2") == [
+    assert dispatch([wanted], robots, refusal) == [("t1", "r2")]
+    assert verdicts(wanted, robots, refusal, "r2") == [
         RobotVerdict(robot="r1", refusal="r2 is nearer", reason=Plain("another_nearer", robot="r2"), distance_m=5.0),
         RobotVerdict(robot="r2", chosen=True, distance_m=1.0),
         RobotVerdict(robot="r3", refusal="does not know where it is", reason=position_unknown()),
         RobotVerdict(robot="r4", refusal="has no camera", reason=lacks_plugins(("camera",)), distance_m=0.5),
     ]
-    assert [verdict.reason for verdict in verdicts(wanted, robots, why_not)] == [
+    assert [verdict.reason for verdict in verdicts(wanted, robots, refusal)] == [
         None, None, position_unknown(), lacks_plugins(('camera',)),
     ]  # fmt: skip
 
@@ -78,20 +78,20 @@ def test_who_refused_is_asked_again_after_growing_pauses() -> None:
     backoff = TaskBackoff()
     now_ns, pauses = 0, []
     for _ in range(8):
-        backoff.note("t1", "r1", Refused(no_path()), now_ns)
+        backoff.record("t1", "r1", Refused(no_path()), now_ns)
         pause_s = FIRST_PAUSE_S
-        while backoff.why("t1", "r1", now_ns + to_ns(pause_s)):
+        while backoff.pause_reason("t1", "r1", now_ns + to_ns(pause_s)):
             pause_s += 1.0
         pauses.append(pause_s)
         now_ns += to_ns(pause_s)
     assert pauses == [2.0, 4.0, 8.0, 16.0, 32.0, LONGEST_PAUSE_S, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
-    assert backoff.why("t1", "r2", 0) is None
-    assert backoff.why("t2", "r1", 0) is None
+    assert backoff.pause_reason("t1", "r2", 0) is None
+    assert backoff.pause_reason("t2", "r1", 0) is None
 
 
 def test_refusals_are_not_remembered_without_end() -> None:
     backoff = TaskBackoff()
     for number in range(KEPT + 10):
-        backoff.note(f"t{number}", "r1", Refused(no_path()), 0)
+        backoff.record(f"t{number}", "r1", Refused(no_path()), 0)
     assert len(backoff._avoided) == KEPT
-    assert backoff.why(f"t{KEPT + 9}", "r1", 0) == Refused(no_path())
+    assert backoff.pause_reason(f"t{KEPT + 9}", "r1", 0) == Refused(no_path())

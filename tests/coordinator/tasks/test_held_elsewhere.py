@@ -56,7 +56,7 @@ def test_what_the_robot_says_itself_counts_alone(one):
 def test_a_robot_that_is_up_is_waited_for_only_if_it_is_at_the_task(one):
     one.say("r1", 10.0, t1=50.0, t2=50.0)
     robot = one.roster.robots["r9"] = Robot("r9")
-    robot.has_token, robot.heard_ns = True, to_ns(11.0)
+    robot.has_token, robot.received_ns = True, to_ns(11.0)
     assert one.by(11.0) == ["r9", "r9"], "its state is not known yet"
     status = TaskStatus(id="t1", epoch=0, state=TaskState.RUNNING)
     robot.state = RobotState(robot="r9", task=status)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from robrain.coordinator.core.core import Parts
+from robrain.coordinator.core import Parts
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.backoff import REFUSALS_MAX
 from robrain.coordinator.tasks.offers import Answered
@@ -127,7 +127,7 @@ def test_answer_that_comes_later_begins_the_task_or_queues_it_again(desk: Desk) 
     assert desk.tasks.process_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.RUNNING, "r1"), (TaskState.QUEUED, ""))
     assert desk.book.find("t2").why == "r2 refused: no way there"
-    assert desk.tasks.backoff.why("t2", "r2", NOW_NS) == Refused(PlainReason("no way there"))
+    assert desk.tasks.backoff.pause_reason("t2", "r2", NOW_NS) == Refused(PlainReason("no way there"))
 
 
 @pytest.mark.parametrize("answer", [YES, NO])
@@ -142,7 +142,7 @@ def test_late_answer_to_an_old_offer_changes_nothing_of_the_new_one(desk: Desk, 
     desk.mail.answer(0, answer)
     assert desk.tasks.process_answers(NOW_NS) is False
     assert desk.stands() == (TaskState.OFFERED, robot)
-    assert desk.tasks.backoff.why("t1", "r1", NOW_NS) is None
+    assert desk.tasks.backoff.pause_reason("t1", "r1", NOW_NS) is None
     desk.mail.answer(1, YES)
     desk.tasks.process_answers(NOW_NS)
     assert desk.stands() == (TaskState.RUNNING, robot)
@@ -185,7 +185,7 @@ def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_wh
     desk.mail.answer(1, NO)
     assert desk.tasks.process_answers(NOW_NS) is True
     assert (desk.stands("t1"), desk.stands("t2")) == ((TaskState.OFFERED, "r1"), (TaskState.QUEUED, ""))
-    assert desk.tasks.backoff.why("t2", "r1", NOW_NS) is None
+    assert desk.tasks.backoff.pause_reason("t2", "r1", NOW_NS) is None
     assert [after for _, after in desk.mail.asked] == ["t0", "t0"]
     assert desk.book.find("t1").why == "it is next, after t0"
 
@@ -228,7 +228,7 @@ def test_what_a_robot_is_at_just_now_is_not_its_last_word(desk: Desk, passing: O
         desk.mail.answer(-1, TaskAnswer.refused(passing))
         desk.tasks.process_answers(now_ns)
         assert desk.stands()[0] is TaskState.QUEUED
-    assert desk.tasks.backoff.why("t1", "r1", now_ns) == Refused(passing)
+    assert desk.tasks.backoff.pause_reason("t1", "r1", now_ns) == Refused(passing)
 
 
 def test_an_offer_is_not_taken_back_because_the_coordinator_stood_still(desk: Desk) -> None:
@@ -255,7 +255,7 @@ def test_want_of_energy_is_the_last_word_of_a_robot_that_has_no_more_after_a_cha
     desk: Desk, soc: float, needed_j: float, plugin: str, state: TaskState
 ) -> None:
     desk.add()
-    desk.tasks._capabilities.plugins["r1"] = frozenset(("visit", plugin))
+    desk.tasks.capabilities.plugins["r1"] = frozenset(("visit", plugin))
     desk.roster.record_presence(Change({"robot": "r2"}, False))
     battery = BatteryState(
         voltage_v=12.0, current_a=0.5, temperature_c=22.0, soc=soc,
@@ -410,7 +410,7 @@ def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_s
         desk.book.move(task_id, TaskState.RUNNING)
         status = TaskStatus(id=task_id, epoch=desk.mail.asked[-1][0].epoch, state=state, why="blocked")
         assert desk.tasks.receive("r1", status, NOW_NS).task.id == task_id
-        assert desk.tasks.backoff.why(task_id, "r1", NOW_NS) == why
+        assert desk.tasks.backoff.pause_reason(task_id, "r1", NOW_NS) == why
         assert desk.stands(task_id)[0] is TaskState.QUEUED
         assert desk.tasks.receive("r1", status, NOW_NS) is None
 
@@ -420,7 +420,7 @@ def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_onc
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
     status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
     desk.tasks.receive("r1", status, NOW_NS)
-    assert desk.tasks.backoff.why("t2", "r1", NOW_NS) == Refused(PlainReason("no way"))
+    assert desk.tasks.backoff.pause_reason("t2", "r1", NOW_NS) == Refused(PlainReason("no way"))
 
 
 def test_journal_that_cannot_be_written_is_complained_of_every_ten_seconds(

@@ -30,7 +30,7 @@ def robot(
 ) -> Robot:
     found = Robot("r1")
     found.has_token = has_token
-    found.heard_ns = to_ns(heard_s)
+    found.received_ns = to_ns(heard_s)
     found.state = RobotState(robot="r1", task=task, next_task=held, task_before=before)
     return found
 
@@ -90,7 +90,7 @@ def test_an_offer_that_was_never_confirmed_is_given_back_after_its_lease() -> No
     offered = record(TaskState.OFFERED, 10.0)
     for told in (robot(11.9, None), robot(11.9, status(epoch=3))):
         assert judge(offered, told, 12.0) is None
-        told.heard_ns = to_ns(12.0)
+        told.received_ns = to_ns(12.0)
         assert judge(offered, told, 12.1) == StateChange(TaskState.QUEUED, Plain("never_taken", robot="r1"))
     silent = robot(9.0)
     assert judge(offered, silent, 11.5) is None  # the offer may have reached it: it has a lease of its own
@@ -115,7 +115,7 @@ def test_a_coordinator_that_begins_anew_listens_before_it_misses_anybody() -> No
 def test_a_coordinator_that_begins_anew_does_not_take_a_running_task_for_forgotten_too_early() -> None:
     fresh = robot(10.2, None)
     assert judge(record(TaskState.RUNNING, LONG_AGO_S), fresh, 10.3, since_s=10.0) is None
-    fresh.heard_ns = to_ns(10.0 + FORGOTTEN_S)
+    fresh.received_ns = to_ns(10.0 + FORGOTTEN_S)
     assert judge(record(TaskState.RUNNING, LONG_AGO_S), fresh, 10.1 + FORGOTTEN_S, since_s=10.0) is not None
 
 

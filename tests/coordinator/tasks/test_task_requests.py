@@ -299,7 +299,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     team.submit(visit(), by="ann")
     team.run(0.2)
     found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
-    assert found.now == "it is running at r1"
+    assert found.now == "running at r1"
     assert [(verdict.robot, verdict.chosen, verdict.refusal.split(" 1.")[0]) for verdict in found.robots] == [
         ("r1", True, ""),
         ("r2", False, "has no visit"),
@@ -312,7 +312,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     team.submit(visit("t2"))
     team.run(0.6)
     found = team.ask(TASK_WHY, TaskRequest(id="t2"), TaskWhy)
-    assert found.now == "it is queued: it waits for a robot to be free"
+    assert found.now == "queued: it waits for a robot to be free"
     assert found.robots[0].refusal == "is halted"
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from robrain.coordinator.robot_reports import record_ballot
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.team_intake import take_in
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TaskDone, TaskDropped, TaskHeld, TeamBallot
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
@@ -26,10 +26,10 @@ def ballot(**fields):
 def test_a_robot_speaks_in_nobodys_name_where_names_are_vouched_for(is_secured, submitter, canceller):
     book = TaskBook(VirtualClock(), 0, lambda _: None)
     asked = TaskAsked(submission=TaskSubmission(task=TASK, by="operator:ann"), at_ns=0)
-    assert take_in(book, ballot(asked=[asked]), lambda _: "", is_secured=is_secured)
+    assert record_ballot(book, ballot(asked=[asked]), lambda _: "", is_secured=is_secured)
     assert book.find("t4").by == submitter
     dropped = TaskDropped(id="t4", by="operator:bob", why="not needed")
-    assert take_in(book, ballot(dropped=[dropped]), lambda _: "", is_secured=is_secured)
+    assert record_ballot(book, ballot(dropped=[dropped]), lambda _: "", is_secured=is_secured)
     record = book.find("t4")
     assert record.state is TaskState.CANCELLED
     assert record.reason == cancelled(canceller, "not needed")
@@ -45,7 +45,7 @@ def test_epochs_of_another_coordinator_are_outbid_and_those_that_none_gives_out_
         held=[TaskHeld(id="t1", epoch=ahead), TaskHeld(id="t2", epoch=2**53 - 1)],
         done=[TaskDone(id="t3", robot="r2", epoch=ahead + 1), TaskDone(id="t4", robot="r2", epoch=2**53 - 1)],
     )
-    take_in(book, said, lambda _: "")
+    record_ballot(book, said, lambda _: "")
     states = [book.find(name).state for name in ("t1", "t2", "t3", "t4")]
     assert states == [TaskState.RUNNING, TaskState.QUEUED, TaskState.DONE, TaskState.QUEUED]
     assert book.journal.epoch_ceiling > ahead + 1

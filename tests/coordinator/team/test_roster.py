@@ -64,19 +64,19 @@ def test_a_full_roster_accepts_no_new_robot():
     roster = Roster()
     for number in range(ROBOTS_MAX - 1):
         comes(roster, f"r{number}")
-    assert roster.why_unknown("last", 0) == ""
+    assert roster.rejection("last", 0) == ""
     comes(roster, "last")
-    assert roster.why_unknown("last", 0) == ""
-    assert str(ROBOTS_MAX) in roster.why_unknown("another", 0)
+    assert roster.rejection("last", 0) == ""
+    assert str(ROBOTS_MAX) in roster.rejection("another", 0)
 
 
 def test_names_without_a_token_are_limited_and_forgotten_when_silent():
     roster = Roster()
     for number in range(ROBOTS_UNSEEN_MAX):
         says(roster, f"r{number}", 0.0)
-    assert roster.why_unknown("another", to_ns(1.0))
+    assert roster.rejection("another", to_ns(1.0))
     late_ns = FORGET_UNSEEN_NS + 1
-    assert roster.why_unknown("another", late_ns) == ""
+    assert roster.rejection("another", late_ns) == ""
     assert not roster.robots
 
 

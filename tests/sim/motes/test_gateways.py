@@ -7,8 +7,7 @@ import msgspec
 import pytest
 
 from robrain.coordinator.motes.mote_field import FieldKeeper
-from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
-from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.radio_exchange import COORDINATOR

@@ -3,8 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
-from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenarios.scenario import Scenario
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.motes.mote_field import FieldKeeper
-from robrain.coordinator.planning.mote_field_policy import MoteFieldPolicy
-from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MoteDuty

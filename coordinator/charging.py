@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from robrain.coordinator.charging.charge_schedule import (
+from robrain.coordinator.charge_schedule import (
     ChargerPath,
     ChargerSlot,
     ChargeSeeker,
@@ -16,14 +16,12 @@ from robrain.coordinator.charging.charge_schedule import (
     is_same_charger,
     schedule_charges,
 )
-from robrain.coordinator.charging.charge_turns import FULL_ENOUGH, TO_SOC, Charge, Idle, assign_chargers, nearest
-from robrain.coordinator.core.core import CoordinatorPart, Core
+from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, SOC_LEAST, profile_of
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.planning.policy import ChargingPolicy
 from robrain.coordinator.planning.snapshot import AfterCharge
-from robrain.coordinator.planning.snapshot_builder import HOMEWARD, is_charging
+from robrain.coordinator.planning.snapshot_builder import is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns, to_seconds
@@ -47,8 +45,11 @@ from robrain.protocol.reasons import (
     told,
 )
 from robrain.protocol.table.topics import COORDINATOR_CHARGES
-from robrain.protocol.wire.endpoint import Endpoint
 
+TO_SOC = 0.95
+"""Target level of a charge that is not cut short."""
+FULL_ENOUGH = 0.9
+"""A robot above this level is not sent to charge, even if tasks are unplanned."""
 USUAL_W = 20.0
 """Of a charger at which no robot has charged yet. Chosen: a dock of 40 W, less a small robot's own consumption and the
 slower last part of a charge."""
@@ -57,6 +58,14 @@ LEAST_W = 1.0
 WINDOW_NS = to_ns(10.0)
 """Interval over which the power is measured, against noise in the reported energy."""
 KEPT = 256
+
+
+class Charge(NamedTuple):
+    """A robot and the charger that it is sent to."""
+
+    robot: str
+    charger: Charger
+    to_soc: float = TO_SOC
 
 
 class _Begun(NamedTuple):
@@ -77,7 +86,7 @@ class ChargePower:
         known = self._known(charger)
         return USUAL_W if known is None else self._power_w[known]
 
-    def note(self, robot: str, charger: Point2D, battery: BatteryState, now_ns: int) -> None:
+    def record(self, robot: str, charger: Point2D, battery: BatteryState, now_ns: int) -> None:
         """Record a battery state of a robot that is charged at a charger."""
         begun = self._begun.get(robot)
         if begun is None or not is_same_charger(begun.charger, charger):
@@ -90,8 +99,8 @@ class ChargePower:
                 del self._power_w[next(iter(self._power_w))]
             self._begun[robot] = _Begun(charger, battery.remaining_j, now_ns)
 
-    def left(self, robot: str) -> None:
-        """Record that a robot is no longer charged."""
+    def stop(self, robot: str) -> None:
+        """A robot is no longer charged."""
         self._begun.pop(robot, None)
 
     def _known(self, charger: Point2D) -> Point2D | None:
@@ -142,7 +151,7 @@ class ChargeSeekers:
             limit = limits.get(name, 0.0)
             seeker = self.seeker(robot, at, limit, name in paused, now_ns) if robot.is_up(now_ns) else None
             if seeker is None or not seeker.is_there:
-                self.power.left(name)
+                self.power.stop(name)
             if seeker is not None:
                 found[name] = seeker
         return found
@@ -163,7 +172,7 @@ class ChargeSeekers:
             return None
         is_there = bound_for is not None and (battery.charging or is_same_charger(here, bound_for))
         if battery.charging and bound_for is not None:
-            self.power.note(name, bound_for, battery, now_ns)
+            self.power.record(name, bound_for, battery, now_ns)
         to_soc = None
         if at is None and bound_for is not None and (is_paused or not is_there):
             to_soc = TO_SOC  # on its own initiative: the robot decides the level
@@ -173,7 +182,7 @@ class ChargeSeekers:
             name=name,
             soc=battery.soc,
             capacity_j=battery.remaining_j / max(battery.soc, SOC_LEAST),
-            ways=self._ways(robot, here, chargers, is_bound=bound_for is not None),
+            paths=self._paths(robot, here, chargers, is_bound=bound_for is not None),
             bound_for=bound_for,
             is_there=is_there,
             to_soc=to_soc,
@@ -186,17 +195,17 @@ class ChargeSeekers:
 
         It is no lower than the level below which an idle robot is sent to charge: it would have to come back at once.
         """
-        takes_j, state = self._planning.takes_j(robot.name), robot.state
-        if takes_j is None or state is None or state.battery is None or state.energy is None:
+        route_j, state = self._planning.route_energy_j(robot.name), robot.state
+        if route_j is None or state is None or state.battery is None or state.energy is None:
             return None
         battery, policy = state.battery, self._planning.policy
         capacity_j = battery.remaining_j / max(battery.soc, SOC_LEAST)
-        missing_j = ROUTE_FACTOR * takes_j + policy.reserve_share * capacity_j - state.energy.usable_j
+        missing_j = ROUTE_FACTOR * route_j + policy.reserve_share * capacity_j - state.energy.usable_j
         if capacity_j <= 0.0:
             return None
         return max(policy.charge_below, battery.soc + missing_j / (CHARGED_SHARE * capacity_j))
 
-    def _ways(
+    def _paths(
         self, robot: Robot, here: Point2D, chargers: tuple[Charger, ...], *, is_bound: bool
     ) -> tuple[ChargerPath, ...]:
         """Paths to the chargers that it reaches with its reserve; to all if it is bound for one already."""
@@ -204,17 +213,17 @@ class ChargeSeekers:
         model, battery, policy = robot.state.energy, robot.state.battery, self._planning.policy
         profile = profile_of(model, policy.time_margin)
         known = self._planning.charger_distances_m(robot.name)
-        is_still = known is not None and _away_m(known.start, here) < STILL_M
-        known_m = dict(known.ways_m) if known is not None and is_still else {}
-        ways_m = [(known_m.get(one.place, DETOUR * _away_m(here, one.place)), one.place) for one in chargers]
-        there = [(way_m, place) for way_m, place in ways_m if math.isfinite(way_m)]
+        is_still = known is not None and known.start.distance_m(here) < STILL_M
+        known_m = dict(known.lengths_m) if known is not None and is_still else {}
+        lengths_m = [(known_m.get(one.place, DETOUR * here.distance_m(one.place)), one.place) for one in chargers]
+        there = [(path_m, place) for path_m, place in lengths_m if math.isfinite(path_m)]
         safe = there
         if model is not None and battery is not None and not is_bound:
             bound_j = model.usable_j - policy.reserve_share * battery.remaining_j / max(battery.soc, SOC_LEAST)
             safe = [one for one in there if estimate(model, Work(path_m=one[0])).high_j(policy.confidence) <= bound_j]
         # A robot that reaches none with its reserve goes to the nearest.
-        nearest_one = sorted(there, key=lambda way: (way[0], way[1].x_m, way[1].y_m))[:1]
-        return tuple(ChargerPath(place, way_m * profile.s_per_m) for way_m, place in safe or nearest_one)
+        nearest_one = sorted(there, key=lambda path: (path[0], path[1].x_m, path[1].y_m))[:1]
+        return tuple(ChargerPath(place, path_m * profile.s_per_m) for path_m, place in safe or nearest_one)
 
 
 def _bound_for(robot: Robot, at: TaskRecord | None, here: Point2D, chargers: tuple[Charger, ...]) -> Point2D | None:
@@ -222,12 +231,13 @@ def _bound_for(robot: Robot, at: TaskRecord | None, here: Point2D, chargers: tup
     if not is_charging(robot, at):
         return None
     charges = robot.state is not None and robot.state.battery is not None and robot.state.battery.charging
-    near = nearest(here, chargers) if charges or at is None else None
+    near = _nearest(here, chargers) if charges or at is None else None
     return at.task.place if near is None and at is not None else near
 
 
-def _away_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
+def _nearest(place: Point2D, chargers: Sequence[Charger]) -> Point2D | None:
+    order = sorted((place.distance_m(one.place), one.place.x_m, one.place.y_m) for one in chargers)
+    return Point2D(*order[0][1:]) if order else None
 
 
 MOVED_NS, MOVED_SHARE = to_ns(10.0), 0.1
@@ -236,48 +246,6 @@ changed (chosen). The share is of the time until then."""
 
 MOVED_SOC = 0.1
 """The level that a task waits for is published again when it has moved by more (chosen)."""
-
-
-class ChargePublisher:
-    """Publishes the schedule of charges.
-
-    Args:
-        wire: the coordinator's Zenoh endpoint.
-        planning: receives the schedule too, to answer queries.
-        book: of the tasks.
-
-    """
-
-    def __init__(self, wire: Endpoint, planning: Planning, book: TaskBook) -> None:
-        self._say = wire.publisher(COORDINATOR_CHARGES)
-        self._planning = planning
-        self._book = book
-        self._said: tuple[PlannedCharge, ...] = ()
-
-    def schedule(
-        self, turns: tuple[ChargerSlot, ...], seekers: dict[str, ChargeSeeker], has_set_out: set[str], now_ns: int
-    ) -> dict[str, PlainReason | None]:
-        """Publish the schedule if it has changed; returns why each robot that has not set out waits, if known."""
-        charges = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
-        self._planning.charges = charges
-        if not _is_the_same(self._said, charges, now_ns):
-            self._said = charges
-            self._say.put(ChargeSchedule(charges=charges))
-        return {one.robot: one.reason for one in charges if not one.has_set_out}
-
-    def tasks(self, now_ns: int) -> None:
-        """Publish for each queued task that it waits for its robot to charge, and when this ends."""
-        for record in self._book.open:
-            if record.own or record.state is not TaskState.QUEUED:
-                continue
-            robot = self._planning.waits_for_charge(record.task.id)
-            said = record.reason if isinstance(record.reason, WaitsForCharge) else None
-            after = self._planning.after_charge.get(robot)
-            if after is not None and (said is None or said.robot != robot or abs(said.to_soc - after.soc) > MOVED_SOC):
-                in_s = max(0.0, to_seconds(after.free_ns - now_ns))
-                self._book.move(record.task.id, TaskState.QUEUED, WaitsForCharge(robot, after.soc, round(in_s, 3)))
-            elif not robot and said is not None and record.task.id not in self._planning.left_out:
-                self._book.move(record.task.id, TaskState.QUEUED)
 
 
 def _planned(turn: ChargerSlot, one: ChargeSeeker, has_set_out: bool, now_ns: int) -> PlannedCharge:
@@ -302,11 +270,11 @@ def _planned(turn: ChargerSlot, one: ChargeSeeker, has_set_out: bool, now_ns: in
     )
 
 
-def _is_the_same(said: tuple[PlannedCharge, ...], now: tuple[PlannedCharge, ...], now_ns: int) -> bool:
+def _is_same_schedule(published: tuple[PlannedCharge, ...], now: tuple[PlannedCharge, ...], now_ns: int) -> bool:
     """Whether the published schedule still holds, apart from the passing of time."""
-    if len(said) != len(now):
+    if len(published) != len(now):
         return False
-    for one, other in zip(said, now, strict=True):
+    for one, other in zip(published, now, strict=True):
         if (one.robot, one.charger, one.behind) != (other.robot, other.charger, other.behind):
             return False
         if (one.has_set_out, one.is_there) != (other.has_set_out, other.is_there):
@@ -335,8 +303,9 @@ class Charging(CoordinatorPart):
         self.waiting: Mapping[str, PlainReason | None] = {}
         """Robots that should charge and have not set out, with the reason if it is known."""
         self._planning, self._book, self._roster = core.planning, core.tasks, core.roster
-        self._watch = ChargeSeekers(core.planning, core.tasks, core.roster)
-        self._publisher = ChargePublisher(core.wire, core.planning, core.tasks)
+        self._competing = ChargeSeekers(core.planning, core.tasks, core.roster)
+        self._publisher = core.wire.publisher(COORDINATOR_CHARGES)
+        self._published: tuple[PlannedCharge, ...] = ()
         self._not_before_ns: dict[str, int] = {}
         self._to_soc: dict[str, float] = {}
         """State of charge to which each robot was last sent to charge."""
@@ -346,7 +315,7 @@ class Charging(CoordinatorPart):
         if not self._planning.is_on:
             return
         pauses = self.core.lifecycle.backoff.robots
-        free = [robot for robot in self.core.idle(robots) if not pauses.why(robot.name, now_ns)]
+        free = [robot for robot in self.core.idle(robots) if not pauses.pause_reason(robot.name, now_ns)]
         for robot, charger, to_soc in self.choose(free, now_ns):
             wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=to_soc)
             task = Task(id=self.core.new_id("recharge"), kind=RECHARGE, place=charger.place, parameters=wanted.json)
@@ -375,16 +344,14 @@ class Charging(CoordinatorPart):
         if not any(planning.chargers.of.values()):
             self.waiting = {}
             planning.after_charge.clear()
-            self._publisher.schedule((), {}, set(), now_ns)
+            self._publish_schedule((), {}, set(), now_ns)
             return []
         is_short = self._is_short()
         below = FULL_ENOUGH if is_short else planning.policy.charge_below
-        if planning.policy.charging is ChargingPolicy.TURNS:
-            return self._in_turns(idle, below, now_ns)
         limits = {robot.name: FULL_ENOUGH if robot.name in planning.lack_range else below for robot in idle}
-        seekers = self._watch.seekers(limits, set(self._not_before_ns), now_ns)
+        seekers = self._competing.seekers(limits, set(self._not_before_ns), now_ns)
         demand = Demand(TO_SOC, planning.policy.charge_turn, is_short)
-        turns = schedule_charges(seekers.values(), demand, self._watch.power.of)
+        turns = schedule_charges(seekers.values(), demand, self._competing.power.of)
         charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
         has_set_out = {one.robot for one in charges}
         has_set_out |= {name for name, one in seekers.items() if one.bound_for is not None}
@@ -393,9 +360,9 @@ class Charging(CoordinatorPart):
             if turn.robot in has_set_out:
                 free_ns = now_ns + to_ns(turn.until_s)
                 planning.after_charge[turn.robot] = AfterCharge(free_ns, turn.charger, turn.to_soc)
-        self.waiting = self._publisher.schedule(turns, seekers, has_set_out, now_ns)
+        self.waiting = self._publish_schedule(turns, seekers, has_set_out, now_ns)
         self._end(turns, seekers)
-        self._publisher.tasks(now_ns)
+        self._publish_waiting(now_ns)
         return charges
 
     def ended(self, robot: str, state: TaskState, now_ns: int) -> None:
@@ -404,9 +371,9 @@ class Charging(CoordinatorPart):
         if state is not TaskState.DONE:
             self._not_before_ns[robot] = now_ns + AGAIN_NS
         elif self._to_soc.get(robot, TO_SOC) < TO_SOC:
-            self._watch.cut_short.add(robot)
+            self._competing.cut_short.add(robot)
         else:
-            self._watch.cut_short.discard(robot)
+            self._competing.cut_short.discard(robot)
 
     def _is_short(self) -> bool:
         """Whether tasks wait for energy: no robot has enough, or only a charging one will."""
@@ -437,7 +404,7 @@ class Charging(CoordinatorPart):
             if at is None or not at.own or at.task.kind != RECHARGE or not one.is_there:
                 continue
             if turn.to_soc < parameters_of(at.task, Recharge).until_soc and one.soc >= turn.to_soc:
-                self._watch.cut_short.add(turn.robot)
+                self._competing.cut_short.add(turn.robot)
                 behind = next_one.get(turn.robot)
                 if behind is None or (one.needs_soc is not None and one.soc >= one.needs_soc):
                     text = f"{turn.robot} has charged to {one.soc:.0%}, enough for the tasks that wait for it"
@@ -447,35 +414,34 @@ class Charging(CoordinatorPart):
                     reason = plain("charged_enough", text, robot=turn.robot, soc=one.soc, waiting=behind)
                 self._book.move(at.task.id, TaskState.CANCELLED, reason)
 
-    # -- in turns, for comparison -------------------------------------------------------------------------------
+    # -- publishing -----------------------------------------------------------------------------------------
 
-    def _in_turns(self, idle: list[Robot], below: float, now_ns: int) -> list[Charge]:
-        found = []
-        for robot in idle:
-            one, state = self._watch.seeker(robot, None, below, robot.name in self._not_before_ns, now_ns), robot.state
-            if one is None or one.bound_for is not None or state is None or state.pose is None:
-                continue
-            if state.battery is not None and not state.battery.charging:
-                here = Point2D(state.pose.x_m, state.pose.y_m)
-                found.append(Idle(robot.name, here, one.soc, self._planning.chargers.of.get(robot.name, ())))
-        if not any(one.soc < below for one in found):
-            self.waiting = {}
-            return []
-        charges, self.waiting = assign_chargers(found, self._taken(), below)
-        return charges
+    def _publish_schedule(
+        self, turns: tuple[ChargerSlot, ...], seekers: dict[str, ChargeSeeker], has_set_out: set[str], now_ns: int
+    ) -> dict[str, PlainReason | None]:
+        """Publish the schedule if it has changed; returns why each robot that has not set out waits, if known."""
+        charges = tuple(_planned(turn, seekers[turn.robot], turn.robot in has_set_out, now_ns) for turn in turns)
+        self._planning.charges = charges
+        if not _is_same_schedule(self._published, charges, now_ns):
+            self._published = charges
+            self._publisher.put(ChargeSchedule(charges=charges))
+        return {one.robot: one.reason for one in charges if not one.has_set_out}
 
-    def _taken(self) -> list[Point2D]:
-        """Places of chargers at which a robot charges or to which one drives, by a task or on its own initiative."""
-        taken = [record.task.place for record in self._book.open if record.task.kind == RECHARGE]
-        for robot in self._roster.robots.values():
-            state = robot.state
-            if state is None or state.pose is None or not robot.has_token:
+    def _publish_waiting(self, now_ns: int) -> None:
+        """Publish for each queued task that it waits for its robot to charge, and when this ends."""
+        for record in self._book.open:
+            if record.own or record.state is not TaskState.QUEUED:
                 continue
-            charging = state.battery is not None and state.battery.charging
-            if charging or state.behavior in HOMEWARD:
-                place = nearest(Point2D(state.pose.x_m, state.pose.y_m), self._planning.chargers.of.get(robot.name, ()))
-                taken += [place] if place is not None else []
-        return taken
+            robot = self._planning.waits_for_charge(record.task.id)
+            known = record.reason if isinstance(record.reason, WaitsForCharge) else None
+            after = self._planning.after_charge.get(robot)
+            if after is not None and (
+                known is None or known.robot != robot or abs(known.to_soc - after.soc) > MOVED_SOC
+            ):
+                in_s = max(0.0, to_seconds(after.free_ns - now_ns))
+                self._book.move(record.task.id, TaskState.QUEUED, WaitsForCharge(robot, after.soc, round(in_s, 3)))
+            elif not robot and known is not None and record.task.id not in self._planning.left_out:
+                self._book.move(record.task.id, TaskState.QUEUED)
 
 
 def is_for_energy(reason: PlanReason) -> bool:

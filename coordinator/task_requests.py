@@ -1,17 +1,16 @@
 """Answers queries about tasks: submit, dry run, cancel, list, get, why."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 import msgspec
 
-from robrain.coordinator.journal.alarm import Alarm
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.tasks.admission import impossibility, why_unknown
-from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.team.capabilities import Capabilities
+from robrain.coordinator.planning.chargers import KnownChargers
+from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.tasks.admission import impossibility, unknown_names
+from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.team_map import TeamMap
-from robrain.protocol.clock import Clock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import (
     TaskDryRun,
@@ -21,7 +20,7 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import TaskReason, cancelled
@@ -34,9 +33,7 @@ from robrain.protocol.table.topics import (
     TASK_SUBMIT,
     TASK_WHY,
 )
-from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
-
-T = TypeVar("T")
+from robrain.protocol.wire.endpoint import Deferred, Request, Serve
 
 REPLY_MAX = 10_000
 """Tasks in one reply to `list`."""
@@ -51,60 +48,49 @@ class RequestGate(Protocol):
     def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
         """Call `on_kept` once no change up to now can be lost with this machine, else `on_lost` with a reason."""
 
+    def mote_quantities(self) -> Mapping[str, str]:
+        """All known motes, each with the quantity that it senses."""
+
 
 class TaskRequests:
     """Answers the queries `task/…`, in the coordinator's own step.
 
     Args:
-        wire: the coordinator's Zenoh endpoint.
-        book: of its tasks.
+        lifecycle: of the tasks, with the book and the robots.
+        explanation: why a task stands as it does, and how a new one would.
         team_map: the known map.
-        capabilities: offers of the robots of the team.
-        explain: why a task stands as it does.
-        dry_run: result of a task, given its requester and the time.
-        motes: names of all known motes, each with its quantity.
-        chargers: places of those that robots know.
+        chargers: those that robots know.
         gate: whether tasks are accepted, and when a change may be acknowledged.
 
     """
 
     def __init__(
         self,
-        wire: Endpoint,
-        book: TaskBook,
+        lifecycle: TaskLifecycle,
+        explanation: TaskExplanation,
         team_map: TeamMap,
-        capabilities: Capabilities,
-        explain: Callable[[TaskRecord, int], TaskWhy],
-        dry_run: Callable[[Task, str, int], TaskDryRun],
-        motes: Callable[[], Mapping[str, str]],
-        chargers: Callable[[], Sequence[Point2D]],
+        chargers: KnownChargers,
         gate: RequestGate,
     ) -> None:
+        wire = lifecycle.wire
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
-        self._clock: Clock = wire.clock
-        self._traces = wire.traces
-        self._book = book
-        self._map = team_map
-        self._capabilities = capabilities
-        self._explain = explain
-        self._foresee = dry_run
-        self._motes = motes
-        self._chargers = chargers
-        self._gate = gate
+        self._clock, self._traces = wire.clock, wire.traces
+        self._book, self._capabilities, self._map = lifecycle.book, lifecycle.capabilities, team_map
+        self._explanation, self._chargers, self._gate = explanation, chargers, gate
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
         wire.answer(TASK_DRY_RUN, self._dry_run, serve=Serve.IN_STEP)
         wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)
         wire.answer(TASK_LIST, self._list, serve=Serve.IN_STEP)
         wire.answer(TASK_GET, self._get, serve=Serve.IN_STEP)
-        wire.answer(TASK_KINDS, lambda _: capabilities.known_kinds(), serve=Serve.IN_STEP)
+        wire.answer(TASK_KINDS, lambda _: self._capabilities.known_kinds(), serve=Serve.IN_STEP)
         wire.answer(TASK_WHY, self._why, serve=Serve.IN_STEP)
 
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
         asked = request.asked
-        if why := self._gate.request_refusal():
-            raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
+        if refusal := self._gate.request_refusal():
+            raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {refusal}", refusal)
         known = self._book.find(asked.task.id)
         if known is None:
             self._traces.note(asked.task.id, request.trace)
@@ -131,9 +117,9 @@ class TaskRequests:
                 task=known.task, known=known.state, refused="" if another is None else cut(another[0], TEXT_MAX)
             )
         task = self._stamped(asked)
-        if why := self._refusal(task):
-            return TaskDryRun(task=task, refused=cut(why, TEXT_MAX))
-        return self._foresee(task, asked.by or request.by, self._clock.now_ns())
+        if refusal := self._refusal(task):
+            return TaskDryRun(task=task, refused=cut(refusal, TEXT_MAX))
+        return self._explanation.dry_run(task, asked.by or request.by, self._clock.now_ns())
 
     def _stamped(self, asked: TaskSubmission) -> Task:
         """The task with stamps in place of times that count from now (CallError if that is impossible)."""
@@ -149,7 +135,7 @@ class TaskRequests:
         word: bytes = b"",
         *,
         reason: TaskReason | None = None,
-        alarm: Alarm | None = None,
+        alarm: JournalAlarm | None = None,
     ) -> TaskRecord:
         """Put a new task into the book, unless it can never be done.
 
@@ -165,8 +151,8 @@ class TaskRequests:
 
         """
         task = self._stamped(asked)
-        if why := self._refusal(task):
-            raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {why}", why)
+        if refusal := self._refusal(task):
+            raise CallError(ErrorCode.REFUSED, f"task {task.id} is refused: {refusal}", refusal)
         try:
             record = self._book.add(task, by=by, asked=word, reason=reason, alarm=alarm)
         except JournalUnwritable as error:
@@ -175,24 +161,24 @@ class TaskRequests:
         return record
 
     def _once_on_disk(self, record: TaskRecord) -> Deferred[TaskRecord]:
-        def when(tell: Callable[[CallError | None], None]) -> None:
-            def told(error: JournalUnwritable | None) -> None:
-                text = f"task {record.task.id} is accepted, but a power cut may lose it: {error}"
-                tell(None if error is None else CallError(ErrorCode.FAILED, text, str(error)))
+        journal, task_id = self._book.journal, record.task.id
 
-            def not_kept(why: str) -> None:
-                text = f"task {record.task.id} may get lost: {why}; ask again"
-                tell(CallError(ErrorCode.FAILED, text, why))
+        def when(answer: Callable[[CallError | None], None]) -> None:
+            def synced(error: JournalUnwritable | None) -> None:
+                text = f"task {task_id} is accepted, but a power cut may lose it: {error}"
+                answer(None if error is None else CallError(ErrorCode.FAILED, text, str(error)))
 
-            journal = self._book.journal
-            self._gate.when_kept(lambda: journal.when_on_disk(told), not_kept)
+            def not_kept(reason: str) -> None:
+                answer(CallError(ErrorCode.FAILED, f"task {task_id} may get lost: {reason}; ask again", reason))
+
+            self._gate.when_kept(lambda: journal.when_on_disk(synced), not_kept)
 
         return Deferred(record, when)
 
     def _refusal(self, task: Task) -> str:
         """Why a task is refused at its submission, in words; empty if it is accepted."""
         after = [name for name in task.after if self._book.find(name) is not None]
-        return self.impossibility(task) or why_unknown(task, after, self._motes, self._chargers)
+        return self.impossibility(task) or unknown_names(task, after, self._gate.mote_quantities, self._chargers.places)
 
     def impossibility(self, task: Task) -> str:
         """Why a task can never be done, in words; empty if it may be possible."""
@@ -204,16 +190,19 @@ class TaskRequests:
             if record is not None:
                 others[name] = record
                 waiting += record.task.after
-        grid = self._map.grid
-        known = self._capabilities
         return impossibility(
-            task, self._clock.now_ns(), grid=grid, plugins=known.plugins, others=others, schemas=known.schemas()
+            task,
+            self._clock.now_ns(),
+            grid=self._map.grid,
+            plugins=self._capabilities.plugins,
+            others=others,
+            schemas=self._capabilities.schemas(),
         )
 
     def _cancel(self, request: Request[TaskRequest]) -> TaskRecord | Deferred[TaskRecord]:
         asked = request.asked
-        if why := self._gate.request_refusal():
-            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
+        if refusal := self._gate.request_refusal():
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {refusal}", refusal)
         record = self._known(asked.id)
         if record.state is TaskState.CANCELLED:
             return self._once_on_disk(record)
@@ -238,8 +227,8 @@ class TaskRequests:
         return self._known(request.asked.id)
 
     def _why(self, request: Request[TaskRequest]) -> TaskWhy:
-        why = self._explain(self._known(request.asked.id), self._clock.now_ns())
-        return msgspec.structs.replace(why, trace=self._traces.of(request.asked.id))
+        explained = self._explanation.explain(self._known(request.asked.id), self._clock.now_ns())
+        return msgspec.structs.replace(explained, trace=self._traces.of(request.asked.id))
 
     def _known(self, task_id: str) -> TaskRecord:
         record = self._book.find(task_id)

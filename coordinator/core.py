@@ -10,19 +10,16 @@ from typing import Any, ClassVar, TypeVar
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.coalition import Coalitions
-from robrain.coordinator.planning.dry_run import DryRuns
-from robrain.coordinator.planning.own_decisions import own_decision
 from robrain.coordinator.planning.plan_executor import PlanExecutor
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.task_requests import TaskRequests
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
-from robrain.coordinator.tasks.task_requests import TaskRequests
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.halts import TeamHalts
-from robrain.coordinator.team.roster import Robot, Roster
-from robrain.coordinator.team.stale_topics import StaleTopics
+from robrain.coordinator.team.roster import Robot, Roster, StaleTopics
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
@@ -203,7 +200,8 @@ class Parts:
 
     def request_refusal(self) -> str:
         """Why no task is accepted or cancelled, in words; empty if tasks are."""
-        return next((why for part in self.overriding["request_refusal"] if (why := part.request_refusal())), "")
+        refusals = (part.request_refusal() for part in self.overriding["request_refusal"])
+        return next((refusal for refusal in refusals if refusal), "")
 
     def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
         """Call `on_kept` once all changes up to now are kept wherever the parts need them, else `on_lost`."""
@@ -217,38 +215,18 @@ class Parts:
 
     def idle_reasons(self) -> dict[str, IdleReason]:
         """Why robots without a task have none, by name."""
-        return {name: why for part in self.overriding["idle_reasons"] for name, why in part.idle_reasons().items()}
+        parts = self.overriding["idle_reasons"]
+        return {name: reason for part in parts for name, reason in part.idle_reasons().items()}
 
     def mote_quantities(self) -> dict[str, str]:
         """All known motes, each with the quantity that it senses."""
-        return {
-            mote: what for part in self.overriding["mote_quantities"] for mote, what in part.mote_quantities().items()
-        }
-
-    def policy_changed(self, policy: PlanningPolicy) -> None:
-        """Plans are made with other parameters."""
-        for part in self.overriding["policy_changed"]:
-            part.policy_changed(policy)
-
-    def robots_gone(self, robots: Sequence[Robot], now_ns: int) -> None:
-        """The tokens of robots have gone."""
-        for part in self.overriding["robots_gone"]:
-            part.robots_gone(robots, now_ns)
-
-    def task_ended(self, record: TaskRecord, robot: str, status: TaskStatus, now_ns: int) -> None:
-        """A robot's task has ended; `record` is from before."""
-        for part in self.overriding["task_ended"]:
-            part.task_ended(record, robot, status, now_ns)
+        parts = self.overriding["mote_quantities"]
+        return {mote: quantity for part in parts for mote, quantity in part.mote_quantities().items()}
 
     def task_refused(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
         """A robot has refused one of the coordinator's own tasks."""
         for part in self.overriding["task_refused"]:
             part.task_refused(record, robot, refusal, now_ns)
-
-    def close(self) -> None:
-        """The coordinator ends."""
-        for part in self.overriding["close"]:
-            part.close()
 
 
 def _load(point: metadata.EntryPoint, core: "Core") -> CoordinatorPart:
@@ -286,42 +264,12 @@ class Core:
         self.team_map = TeamMap()
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities, self.parts)
-        backoff, eligibility = self.lifecycle.backoff, self.lifecycle.eligibility
-        self.planning = Planning(
-            wire,
-            self.tasks,
-            self.roster,
-            self.capabilities,
-            backoff,
-            self.team_map,
-            policy,
-            eligibility.wait_reason,
-        )
-        self.explanation = TaskExplanation(
-            self.tasks, self.roster, backoff, eligibility, self.planning, self.parts.verdicts
-        )
-        coalitions = Coalitions(
-            self.planning,
-            self.lifecycle,
-            self.explanation,
-            self.tasks,
-            self.roster,
-            self.team_map,
-            self.new_id,
-        )
-        self.executor = PlanExecutor(
-            self.planning, self.lifecycle, self.tasks, self.roster, self.explanation, coalitions
-        )
+        self.planning = Planning(self.lifecycle, self.team_map, policy)
+        self.explanation = TaskExplanation(self.lifecycle, self.planning, self.parts.verdicts)
+        coalitions = Coalitions(self.planning, self.lifecycle, self.explanation, self.team_map, self.new_id)
+        self.executor = PlanExecutor(self.planning, self.lifecycle, self.explanation, coalitions)
         self.requests = TaskRequests(
-            wire,
-            self.tasks,
-            self.team_map,
-            self.capabilities,
-            self.explanation.explain,
-            DryRuns(self.tasks, self.roster, eligibility, self.explanation).of,
-            self.parts.mote_quantities,
-            self.planning.chargers.places,
-            self.parts,
+            self.lifecycle, self.explanation, self.team_map, self.planning.chargers, self.parts
         )
         self.term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
         """The first epoch of this coordinator."""
@@ -361,17 +309,16 @@ class Core:
 
         """
         self.tasks.add(task, own=True)
-        known, planning = self.roster.robots.get(robot), self.planning
-        state = known.state if known is not None else None
-        decision = own_decision(task, state, path_length_m, planning.number, planning.policy)
-        if decision is not None:
-            planning.publish_own(decision)
+        known = self.roster.robots.get(robot)
+        if known is not None and known.state is not None:
+            self.planning.publish_own_cost(task, known.state, path_length_m)
         self.lifecycle.offer(task.id, robot, now_ns)
 
     def close(self) -> None:
         """End all activity beside the coordinator's loop."""
         self.planning.close()
-        self.parts.close()
+        for part in self.parts.overriding["close"]:
+            part.close()
 
     def _remove_robot(self, request: Request[RobotRemoval]) -> None:
         name = request.asked.robot

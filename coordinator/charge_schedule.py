@@ -10,17 +10,17 @@ ends at the level of a short turn. Two robots with half a battery do more than o
 a robot's charge, it ends as soon as there is enough for them. Pure: equal robots give an equal schedule.
 """
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from robrain.coordinator.charging.charge_turns import SAME_M
 from robrain.protocol.model.geometry import Point2D
 
+SAME_M = 0.6
+"""Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""
 DOCK_S = 10.0
 """Approximate time to dock; robots assume the same."""
 CLEAR_S = 10.0
-"""Time until a robot that leaves a charger is out of the way (chosen: changing places takes some 20 s)."""
+"""Time until a robot that leaves a charger is out of the path (chosen: changing places takes some 20 s)."""
 TURN_GAIN = 0.15
 """A turn is cut short only for a robot that gains at least this share of a battery."""
 
@@ -29,7 +29,7 @@ class ChargerPath(NamedTuple):
     """The path from a robot to a charger that it knows."""
 
     charger: Point2D
-    way_s: float
+    travel_s: float
 
 
 class ChargeSeeker(NamedTuple):
@@ -39,7 +39,7 @@ class ChargeSeeker(NamedTuple):
     soc: float
     capacity_j: float
     """Full battery."""
-    ways: tuple[ChargerPath, ...]
+    paths: tuple[ChargerPath, ...]
     bound_for: Point2D | None = None
     """The charger that it stands at or drives to; None if it has not been sent yet."""
     is_there: bool = False
@@ -89,18 +89,18 @@ def schedule_charges(
         power_w: power of a charger into the battery, above 0.
 
     """
-    those = sorted((one for one in seekers if one.ways or one.bound_for is not None), key=_order)
+    served = sorted((one for one in seekers if one.paths or one.bound_for is not None), key=_order)
     places = _distinct(
-        [way.charger for one in those for way in one.ways] + [p for one in those if (p := one.bound_for)]
+        [path.charger for one in served for path in one.paths] + [p for one in served if (p := one.bound_for)]
     )
-    likely_soc = demand.turn_soc if demand.is_short and len(those) > len(places) else demand.full_soc
+    likely_soc = demand.turn_soc if demand.is_short and len(served) > len(places) else demand.full_soc
     queues: dict[Point2D, list[tuple[ChargeSeeker, float]]] = {place: [] for place in places}
     free_s = dict.fromkeys(places, 0.0)
     given: list[tuple[Point2D, str]] = []
-    for one in those:
-        place, way_s = _earliest(one, places, free_s)
-        until_s = _times(one, way_s, free_s[place], _goal(one, likely_soc), power_w(place))[1]
-        queues[place].append((one, way_s))
+    for one in served:
+        place, travel_s = _earliest(one, places, free_s)
+        until_s = _times(one, travel_s, free_s[place], _goal(one, likely_soc), power_w(place))[1]
+        queues[place].append((one, travel_s))
         free_s[place] = until_s + CLEAR_S
         given.append((place, one.name))
     turns = {}
@@ -112,7 +112,7 @@ def schedule_charges(
 
 def is_same_charger(one: Point2D, other: Point2D) -> bool:
     """Whether two robots mean the same charger; their estimates of its place may differ."""
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) < SAME_M
+    return one.distance_m(other) < SAME_M
 
 
 def _order(one: ChargeSeeker) -> tuple[int, float, float, str]:
@@ -132,25 +132,25 @@ def _distinct(found: list[Point2D]) -> list[Point2D]:
 
 
 def _path_to(one: ChargeSeeker, place: Point2D) -> float:
-    ways_s = [way.way_s for way in one.ways if is_same_charger(way.charger, place)]
-    return 0.0 if one.is_there else min(ways_s, default=0.0)
+    paths_s = [path.travel_s for path in one.paths if is_same_charger(path.charger, place)]
+    return 0.0 if one.is_there else min(paths_s, default=0.0)
 
 
 def _earliest(one: ChargeSeeker, places: Sequence[Point2D], free_s: dict[Point2D, float]) -> tuple[Point2D, float]:
     """The charger at which the robot can begin first, and its path length; of two equal ones the nearer."""
-    wanted = [one.bound_for] if one.bound_for is not None else [way.charger for way in one.ways]
+    wanted = [one.bound_for] if one.bound_for is not None else [path.charger for path in one.paths]
     known = [place for place in places if any(is_same_charger(place, other) for other in wanted)]
-    ways_s = {place: _path_to(one, place) for place in known}
-    place = min(known, key=lambda at: (max(free_s[at], ways_s[at]), ways_s[at], at.x_m, at.y_m))
-    return place, ways_s[place]
+    paths_s = {place: _path_to(one, place) for place in known}
+    place = min(known, key=lambda at: (max(free_s[at], paths_s[at]), paths_s[at], at.x_m, at.y_m))
+    return place, paths_s[place]
 
 
 def _goal(one: ChargeSeeker, soc: float) -> float:
     return one.to_soc if one.to_soc is not None else max(soc, one.soc)
 
 
-def _times(one: ChargeSeeker, way_s: float, free_s: float, to_soc: float, power_w: float) -> tuple[float, float]:
-    from_s = max(free_s, way_s) if not one.is_there else free_s
+def _times(one: ChargeSeeker, travel_s: float, free_s: float, to_soc: float, power_w: float) -> tuple[float, float]:
+    from_s = max(free_s, travel_s) if not one.is_there else free_s
     dock_s = 0.0 if one.is_there else DOCK_S
     return from_s, from_s + dock_s + max(0.0, to_soc - one.soc) * one.capacity_j / power_w
 
@@ -159,7 +159,7 @@ def _turns(
     place: Point2D, queue: list[tuple[ChargeSeeker, float]], demand: Demand, power_w: float
 ) -> Iterable[ChargerSlot]:
     free_s, behind = 0.0, ""
-    for index, (one, way_s) in enumerate(queue):
+    for index, (one, travel_s) in enumerate(queue):
         needy = [other for other, _ in queue[index + 1 :] if other.soc < demand.turn_soc - TURN_GAIN]
         # A robot that has set out keeps the target that it was given, even if the tasks change.
         is_short = needy and (demand.is_short or any(other.bound_for for other in needy)) and not one.is_whole
@@ -167,6 +167,6 @@ def _turns(
         if one.is_there and one.needs_soc is not None and not one.is_whole:
             level_soc = min(level_soc, one.needs_soc)
         to_soc = _goal(one, level_soc)
-        from_s, until_s = _times(one, way_s, free_s, to_soc, power_w)
-        yield ChargerSlot(one.name, place, max(0.0, from_s - way_s), free_s, from_s, until_s, to_soc, behind)
+        from_s, until_s = _times(one, travel_s, free_s, to_soc, power_w)
+        yield ChargerSlot(one.name, place, max(0.0, from_s - travel_s), free_s, from_s, until_s, to_soc, behind)
         free_s, behind = until_s + CLEAR_S, one.name

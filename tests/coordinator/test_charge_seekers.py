@@ -5,12 +5,11 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.coordinator.charging.charge_turns import TO_SOC
-from robrain.coordinator.charging.charging import DETOUR, STILL_M, ChargeSeekers
+from robrain.coordinator.charging import DETOUR, STILL_M, TO_SOC, ChargeSeekers
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot import ChargerWays
+from robrain.coordinator.planning.snapshot import ChargerDistances
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -26,7 +25,7 @@ class World:
     """One robot that is to charge, and what the plan knows of its ways."""
 
     def __init__(self, soc: float = 0.3) -> None:
-        self.known: ChargerWays | None = None
+        self.known: ChargerDistances | None = None
         self.out = ""
         self.route = False
         self.planning = SimpleNamespace(
@@ -34,7 +33,7 @@ class World:
             chargers=SimpleNamespace(of={"r1": (Charger(NEAR), Charger(FAR))}),
             charger_distances_m=lambda _robot: self.known,
             exclusion=lambda _robot, _now_ns: self.out,
-            takes_j=lambda _robot: None,
+            route_energy_j=lambda _robot: None,
             has_route=lambda _robot: self.route,
         )
         self.watch = ChargeSeekers(self.planning, SimpleNamespace(), SimpleNamespace())
@@ -53,7 +52,7 @@ class World:
         return self.watch.seeker(self.robot, None, below, is_paused, 0)
 
     def ways_m(self) -> dict[Point2D, float]:
-        return {way.charger: way[1] / S_PER_M for way in self.seeker().ways}
+        return {way.charger: way[1] / S_PER_M for way in self.seeker().paths}
 
 
 def test_a_way_that_no_plan_knows_is_taken_to_be_a_detour():
@@ -65,13 +64,13 @@ def test_a_way_that_no_plan_knows_is_taken_to_be_a_detour():
 )
 def test_as_long_as_a_robot_stands_still_the_last_plan_knows_the_ways(away_m, near_m):
     world = World()
-    world.known = ChargerWays(Point2D(HERE.x_m - away_m, HERE.y_m), ((NEAR, 7.0),))
+    world.known = ChargerDistances(Point2D(HERE.x_m - away_m, HERE.y_m), ((NEAR, 7.0),))
     assert world.ways_m() == pytest.approx({NEAR: near_m, FAR: DETOUR * 10.0})
 
 
 def test_to_a_charger_without_a_way_no_robot_goes():
     world = World()
-    world.known = ChargerWays(HERE, ((NEAR, float("inf")), (FAR, 30.0)))
+    world.known = ChargerDistances(HERE, ((NEAR, float("inf")), (FAR, 30.0)))
     assert world.ways_m() == pytest.approx({FAR: 30.0})
 
 
@@ -137,10 +136,10 @@ def test_a_robot_at_a_charger_needs_twice_what_the_tasks_that_wait_for_it_take_a
     world = World(soc=0.3)
     world.change(behavior="recharge", pose=Pose2D(NEAR.x_m, NEAR.y_m, 0.0))
     assert world.seeker(below=0.0).needs_soc is None
-    world.planning.takes_j = lambda _robot: 0.2 * CAPACITY_J
+    world.planning.route_energy_j = lambda _robot: 0.2 * CAPACITY_J
     needed = 0.3 + (2.0 * 0.2 + 0.1 - 0.3) / CHARGED_SHARE
     assert world.seeker(below=0.0).needs_soc == pytest.approx(needed)
-    world.planning.takes_j = lambda _robot: 0.01 * CAPACITY_J
+    world.planning.route_energy_j = lambda _robot: 0.01 * CAPACITY_J
     assert world.seeker(below=0.0).needs_soc == 0.35  # below that it would be sent back at once
     world.change(pose=Pose2D(HERE.x_m, HERE.y_m, 0.0))
     assert world.seeker(below=0.0).needs_soc is None  # not there yet

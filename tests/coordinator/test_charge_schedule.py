@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.charging.charge_schedule import (
+from robrain.coordinator.charge_schedule import (
     CLEAR_S,
     DOCK_S,
     TURN_GAIN,
@@ -14,7 +14,7 @@ from robrain.coordinator.charging.charge_schedule import (
     is_same_charger,
     schedule_charges,
 )
-from robrain.coordinator.charging.charging import LEAST_W, USUAL_W, ChargePower
+from robrain.coordinator.charging import LEAST_W, USUAL_W, ChargePower
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D
@@ -25,10 +25,10 @@ CAPACITY_J = 72_000.0
 CALM, SHORT = Demand(0.95, 0.6, False), Demand(0.95, 0.6, True)
 
 
-def seeker(name, soc, *ways_s, **fields):
-    places = (HERE, THERE)[: len(ways_s)]
-    ways = tuple(ChargerPath(place, way_s) for place, way_s in zip(places, ways_s, strict=True))
-    return ChargeSeeker(name, soc, CAPACITY_J, ways, **fields)
+def seeker(name, soc, *paths_s, **fields):
+    places = (HERE, THERE)[: len(paths_s)]
+    paths = tuple(ChargerPath(place, travel_s) for place, travel_s in zip(places, paths_s, strict=True))
+    return ChargeSeeker(name, soc, CAPACITY_J, paths, **fields)
 
 
 def schedule(seekers, demand=CALM):
@@ -144,18 +144,18 @@ def teams(draw):
 @given(teams(), st.sampled_from([CALM, SHORT]), st.randoms(use_true_random=False))
 def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(team, demand, shuffle):
     turns = schedule_charges(team, demand, lambda _: POWER_W)
-    assert sorted(turn.robot for turn in turns) == sorted(one.name for one in team if one.ways or one.bound_for)
+    assert sorted(turn.robot for turn in turns) == sorted(one.name for one in team if one.paths or one.bound_for)
     by_name = {one.name: one for one in team}
     for turn in turns:
         one = by_name[turn.robot]
-        known = [way.charger for way in one.ways] if one.bound_for is None else [one.bound_for]
+        known = [way.charger for way in one.paths] if one.bound_for is None else [one.bound_for]
         assert turn.charger in known
         assert 0.0 <= turn.set_out_s <= turn.from_s <= turn.until_s
         # Nobody leaves with less than it came with, and nobody leaves low.
         assert turn.to_soc >= max(one.soc, demand.turn_soc)
         assert turn.until_s >= turn.from_s + charging_s(turn.to_soc - one.soc) - 1e-6
         # It is there as early as it can, and no earlier.
-        way_s = next((way.way_s for way in one.ways if way.charger == turn.charger), 0.0)
+        way_s = next((way.travel_s for way in one.paths if way.charger == turn.charger), 0.0)
         assert one.is_there or turn.from_s >= turn.set_out_s + way_s - 1e-6
         for other in turns:
             if other.robot != turn.robot and is_same_charger(other.charger, turn.charger):
@@ -175,8 +175,8 @@ def test_nobody_waits_while_a_charger_that_it_knows_stands_empty(team):
         turn = next((turn for turn in turns if turn.robot == one.name), None)
         if turn is None or one.bound_for is not None:
             continue
-        for way in one.ways:
-            assert queues[way.charger] or turn.from_s <= way.way_s
+        for way in one.paths:
+            assert queues[way.charger] or turn.from_s <= way.travel_s
 
 
 # -- what chargers give ---------------------------------------------------------------------------------------------
@@ -191,15 +191,15 @@ def battery(remaining_j):
 def test_the_power_of_a_charger_is_learned_from_who_stands_at_it():
     power = ChargePower()
     assert power.of(HERE) == USUAL_W
-    power.note("r1", HERE, battery(1000.0), 0)
-    power.note("r1", HERE, battery(1050.0), to_ns(2.0))
+    power.record("r1", HERE, battery(1000.0), 0)
+    power.record("r1", HERE, battery(1050.0), to_ns(2.0))
     assert power.of(HERE) == USUAL_W
-    power.note("r1", HERE, battery(1300.0), to_ns(10.0))
+    power.record("r1", HERE, battery(1300.0), to_ns(10.0))
     assert power.of(Point2D(0.2, 0.0)) == 30.0
     assert power.of(THERE) == USUAL_W
-    power.note("r1", HERE, battery(1300.0), to_ns(20.0))
+    power.record("r1", HERE, battery(1300.0), to_ns(20.0))
     assert power.of(HERE) == LEAST_W
-    power.left("r1")
-    power.note("r1", HERE, battery(1300.0), to_ns(60.0))
-    power.note("r1", HERE, battery(1500.0), to_ns(70.0))
+    power.stop("r1")
+    power.record("r1", HERE, battery(1300.0), to_ns(60.0))
+    power.record("r1", HERE, battery(1500.0), to_ns(70.0))
     assert power.of(HERE) == 20.0

@@ -1,1 +1,0 @@
-"""Which robot charges where and when."""
