@@ -197,7 +197,7 @@ def test_a_witness_that_took_part_in_a_later_election_follows_again_soon(team: T
     assert team.run.leading() == [COORDINATOR]
     mandate = team.mandate(COORDINATOR)
     assert mandate.lead(team.run.now_ns).election == 10
-    assert mandate.heard(team.run.now_ns) == 3
+    assert mandate.confirmations(team.run.now_ns) == 3
 
 
 def test_a_stand_by_that_could_not_be_elected_is_not_depended_on(team: Team) -> None:
