@@ -124,7 +124,9 @@ class Roster:
         for name, before in known.items():
             robot = self._robot(name)
             task = (tasks or {}).get(name) or before.summary.task
-            robot.before = KnownRobot(min(before.last_seen_ns, now_ns), before.continues, replace(before.summary, task=task))
+            robot.before = KnownRobot(
+                min(before.last_seen_ns, now_ns), before.continues, replace(before.summary, task=task)
+            )
             robot.left_ns = None if before.continues else before.last_seen_ns
             robot.was_there = True
             self._unseen -= 1
