@@ -5,7 +5,6 @@ its place. Both costs are at the 95 % bound of the robot's own estimate.
 """
 
 import itertools
-import math
 from collections.abc import Sequence
 
 import msgspec
@@ -16,7 +15,7 @@ from robrain.plugins.skill.energy import EnergyInterface, Work
 from robrain.plugins.skill.home import ChargerPlace, HomeInterface
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.teammates import Mate
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.reasons import NeedsEnergy, told
 
 CONFIDENCE = 0.95
@@ -114,14 +113,14 @@ class Budget:
 
     def ways(self, place: Point2D, chargers: Sequence[ChargerPlace]) -> list[tuple[ChargerPlace, float]]:
         """The paths from a place to the nearest of these by straight line."""
-        nearest = sorted(chargers, key=lambda charger: _away_m(place, charger.place))[:NEAREST]
+        nearest = sorted(chargers, key=lambda charger: place.distance_m(charger.place))[:NEAREST]
         return [(charger, self._path_m(place, charger.place)) for charger in nearest]
 
     def _path_m(self, start: Point2D, goal: Point2D) -> float:
         view = self._travel.view()
         path = self._planner.plan(view, start, goal, []) or self._planner.plan(view, start, goal, [], is_narrow=True)
         # The end of a path is as near to its goal as the robot can stand.
-        return length_m([start, *path]) if path else DETOUR * _away_m(start, goal)
+        return length_m([start, *path]) if path else DETOUR * start.distance_m(goal)
 
 
 def length_m(points: Sequence[Point2D]) -> float:
@@ -130,11 +129,7 @@ def length_m(points: Sequence[Point2D]) -> float:
     >>> length_m([Point2D(0.0, 0.0), Point2D(3.0, 4.0), Point2D(3.0, 5.0)])
     6.0
     """
-    return sum(_away_m(one, other) for one, other in itertools.pairwise(points))
-
-
-def _away_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
+    return sum(one.distance_m(other) for one, other in itertools.pairwise(points))
 
 
 class Docks:
@@ -159,7 +154,8 @@ class Docks:
             away_m = teammate.pose.distance_m(place)
             if away_m <= AT_DOCK_M < mine[0]:
                 return teammate.name
-            if _is_near(teammate.bound, place) and (away_m, teammate.name) < mine:
+            is_bound_here = teammate.bound.distance_m(place) <= AT_DOCK_M
+            if is_bound_here and (away_m, teammate.name) < mine:
                 return teammate.name
         return ""
 
@@ -179,19 +175,11 @@ class Docks:
             teammate.name: teammate
             for each in chargers
             for teammate in self._travel.teammates.mates(each.place, AT_DOCK_M)
+            if teammate.pose.distance_m(each.place) <= AT_DOCK_M
         }
-        return [
-            teammate
-            for teammate in found.values()
-            if any(teammate.pose.distance_m(each.place) <= AT_DOCK_M for each in chargers)
-        ]
+        return list(found.values())
 
 
 def _has_one(teammate: Mate, chargers: Sequence[ChargerPlace]) -> bool:
-    return any(
-        teammate.pose.distance_m(each.place) <= AT_DOCK_M or _is_near(teammate.bound, each.place) for each in chargers
-    )
-
-
-def _is_near(one: Point2D, other: Point2D) -> bool:
-    return (one.x_m - other.x_m) ** 2 + (one.y_m - other.y_m) ** 2 <= AT_DOCK_M**2
+    places: list[Pose2D | Point2D] = [teammate.pose, teammate.bound]
+    return any(at.distance_m(each.place) <= AT_DOCK_M for at in places for each in chargers)

@@ -20,7 +20,6 @@ class SweepBehavior(Errand[Sweep]):
 as failed. The same script runs in both drives, for it never waits by itself.
 """
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator
 from typing import Any, ClassVar, Generic, TypeVar, cast, get_args, get_origin
@@ -74,50 +73,38 @@ class Failed(Exception):
     """A script cannot do its work; the text is the reason."""
 
 
-class Run(Generic[P]):
-    """A task that was accepted, and how far it is.
+class Run(msgspec.Struct, Generic[P]):
+    """A task that was accepted, and how far it is."""
 
-    Args:
-        task: the task.
-        parameters: the task's, as its kind has them.
-        play: makes its script, from the beginning.
-        goal: its place.
-        way_m: planned length of the path there.
-        home_m: from the place to the nearest charger.
-        own: the robot's own activity, without a task of the task desk.
+    task: Task
+    parameters: P
+    """The task's, as its kind has them."""
+    play: Callable[[], Script]
+    """Makes its script, from the beginning."""
+    goal: Point2D
+    """Its place."""
+    way_m: float
+    """Planned length of the path there."""
+    home_m: float
+    """From the place to the nearest charger."""
+    own: str = ""
+    """The robot's own activity, without a task of the task desk."""
+    script: Any = None
+    """The running script, as `play` makes it."""
+    is_paused: bool = False
+    """The robot is lost; its script starts again when the robot is localised."""
+    is_as_planned: bool = True
+    gone_m: float = 0.0
+    at: Point2D | None = None
+    has_begun: bool = False
+    there_ns: int | None = None
+    """When it was at the place."""
+    check_ns: int = 0
+    energy_j: float = 0.0
+    measured_ns: int = 0
 
-    """
-
-    def __init__(
-        self,
-        task: Task,
-        parameters: P,
-        play: Callable[[], Script],
-        goal: Point2D,
-        path_m: float,
-        home_m: float,
-        *,
-        own: str = "",
-    ) -> None:
-        self.task = task
-        self.parameters = parameters
-        self.own = own
-        self.script = play()
-        self._play = play
-        self.is_paused = False
-        """The robot is lost; its script starts again when the robot is localised."""
-        self.is_as_planned = True
-        self.goal = goal
-        self.way_m = path_m
-        self.home_m = home_m
-        self.gone_m = 0.0
-        self.at: Point2D | None = None
-        self.has_begun = False
-        self.there_ns: int | None = None
-        """When it was at the place."""
-        self.check_ns = 0
-        self.energy_j = 0.0
-        self.measured_ns = 0
+    def __post_init__(self) -> None:
+        self.script = self.play()
 
     def pause(self) -> None:
         """Pause the script."""
@@ -125,11 +112,11 @@ class Run(Generic[P]):
         self.is_as_planned = False
         self.script.close()
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Start again, the path included: the robot may have gone somewhere else meanwhile."""
         self.is_paused = False
         self.there_ns = None
-        self.script = self._play()
+        self.script = self.play()
 
 
 class Errand(Behavior, ABC, Generic[P]):
@@ -167,11 +154,15 @@ class Errand(Behavior, ABC, Generic[P]):
         """Go to a place, arena frame, and stop there."""
         priority = 0.0 if self.run is None else self.run.task.priority
         if not self.travel.set_out(goal, priority=round(min(priority, PRIORITY_MAX))):
-            raise Failed("no way there")
+            raise Failed(TROUBLE[TravelState.NO_PATH])
         while (progress := self.travel.step()) is not TravelState.ARRIVED:
             if progress in TROUBLE:
                 raise Failed(TROUBLE[progress])
             yield
+        yield from self.settle()
+
+    def settle(self) -> Part:
+        """Let an arrived robot roll on to the very end of its path, and stop."""
         until_ns = self._now_ns() + to_ns(SETTLE_S)
         while self.travel.driver.motion() is Motion.DRIVING and self._now_ns() < until_ns:
             yield
@@ -288,7 +279,7 @@ class Errand(Behavior, ABC, Generic[P]):
         if not self.travel.lost or (battery is not None and battery.charging):
             if run.is_paused:
                 self.travel.stand()
-                run.begin_anew()
+                run.restart()
             return False
         if not run.is_paused:
             run.pause()
@@ -398,10 +389,9 @@ class Errand(Behavior, ABC, Generic[P]):
 
     def _measure(self, run: Run[P]) -> None:
         now_ns, pose = self._now_ns(), self.travel.pose()
-        at = Point2D(pose.x_m, pose.y_m)
         if run.at is not None:
             run.gone_m += pose.distance_m(run.at)
-        run.at = at
+        run.at = Point2D(pose.x_m, pose.y_m)
         battery = self.env.board.battery
         elapsed_s = to_seconds(now_ns - run.measured_ns)
         if not 0.0 <= elapsed_s <= MEASURED_S:  # the clock was set: its cost is a guess, so nothing is learned
@@ -416,7 +406,7 @@ class Errand(Behavior, ABC, Generic[P]):
     def _left(self, run: Run[P]) -> Work:
         work = self.work(run.task, run.parameters)
         if run.there_ns is None:
-            straight_m = 0.0 if run.at is None else math.hypot(run.at.x_m - run.goal.x_m, run.at.y_m - run.goal.y_m)
+            straight_m = 0.0 if run.at is None else run.at.distance_m(run.goal)
             early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
             return work + Work(path_m=max(straight_m, run.way_m - run.gone_m), wait_s=early_s)
         stayed_s = to_seconds(self._now_ns() - run.there_ns)

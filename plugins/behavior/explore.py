@@ -67,7 +67,7 @@ class OwnFloor:
         return 0 if self._board.map is None else self._board.map.version
 
 
-class TeamChoice:
+class TeamChoice(Explorer):
     """Chooses frontiers for a robot that receives its teammates and no coordinator.
 
     Args:
@@ -79,12 +79,10 @@ class TeamChoice:
     """
 
     def __init__(self, robot: str, board: Board, strategy: Strategy, reserve_share: float) -> None:
-        self._robot = robot
-        self._board = board
-        self._reserve_share = reserve_share
-        self._explorer = Explorer(OwnFloor(board), strategy)
+        super().__init__(OwnFloor(board), strategy)
+        self._robot, self._board, self._reserve_share = robot, board, reserve_share
 
-    def choose(
+    def choose_own(
         self, place: Point2D, radius_m: float, goal: Point2D | None, teammates: Sequence[Mate], now_ns: int
     ) -> Point2D | None:
         """The frontier to go to, arena frame; None if there is none, or the robot is to keep the one it has.
@@ -106,7 +104,7 @@ class TeamChoice:
             for teammate in teammates
             if teammate.doing is not Doing.OBSTACLE and not _explores(teammate)
         ]
-        chosen = self._explorer.choose(sorted(scouts), busy, now_ns)
+        chosen = self.choose(sorted(scouts), busy, now_ns)
         return next((choice.place for choice in chosen if choice.robot == self._robot), None)
 
     def _own(self, place: Point2D, radius_m: float, goal: Point2D | None) -> Scout:
@@ -116,18 +114,6 @@ class TeamChoice:
         if homes:
             far_m = reach_m(board.energy, board.battery, reserve_share=self._reserve_share, confidence=CONFIDENCE)
         return Scout(self._robot, place, radius_m, goal, far_m, homes)
-
-    def record_visit(self, goal: Point2D) -> None:
-        """The robot has been at a frontier: unknown floor that it did not see there stays unseen."""
-        self._explorer.record_visit(goal)
-
-    def record_failure(self, goal: Point2D, now_ns: int) -> None:
-        """The robot could not get to a frontier, and avoids it for a while."""
-        self._explorer.record_failure(self._robot, goal, now_ns)
-
-    def record_gap(self, place: Point2D, gap_m: object, now_ns: int) -> None:
-        """The robot, which is at `place`, does not fit through a gap of this width."""
-        self._explorer.record_gap(place, gap_m, now_ns)
 
 
 def _explores(teammate: Mate) -> bool:
@@ -356,9 +342,9 @@ class ExploreBehavior(Behavior):
         teammates = travel.teammates.mates(place, EVERYWHERE_M)
         if own is not None and not teammates:
             return  # no other robot can explore its goal first
-        goal = self._team.choose(place, travel.driver.radius_m(), own, teammates, now_ns)
+        goal = self._team.choose_own(place, travel.driver.radius_m(), own, teammates, now_ns)
         if goal is not None and not self._set_out(goal):
-            self._team.record_failure(goal, now_ns)
+            self._team.record_failure(self.env.robot, goal, now_ns)
             self._decide_due_ns = now_ns
 
     def _set_out(self, goal: Point2D) -> bool:
@@ -379,7 +365,7 @@ class ExploreBehavior(Behavior):
         elif state is TaskState.DONE:
             self._team.record_visit(goal)
         else:
-            self._team.record_failure(goal, now_ns)
+            self._team.record_failure(self.env.robot, goal, now_ns)
             pose = self._travel.pose()
             self._team.record_gap(Point2D(pose.x_m, pose.y_m), (result or {}).get(GAP), now_ns)
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
-from robrain.plugins.behavior.errand import SETTLE_S, STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
+from robrain.plugins.behavior.errand import STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
 from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelParameters, TravelState
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.skill.home import ChargerPlace
@@ -82,7 +82,7 @@ class Queue:
         self._trouble = reason
         self._skipped[charger.place] = self._now_ns() + to_ns(LEFT_OUT_S)
 
-    def reach(self, charger: ChargerPlace) -> "Script":
+    def reach(self, charger: ChargerPlace) -> Script:
         """Go there.
 
         Whether the robot is there; False if another robot has it now, or there is no path.
@@ -98,10 +98,7 @@ class Queue:
                 errand.travel.stand()
                 return {}
             yield
-        until_ns = self._now_ns() + to_ns(SETTLE_S)
-        while errand.travel.driver.motion() is Motion.DRIVING and self._now_ns() < until_ns:
-            yield
-        errand.travel.stand()
+        yield from errand.settle()
         return {"reached": True}
 
     def wait(self) -> Part:
@@ -216,7 +213,8 @@ class Docking:
     def dock(self) -> Part:
         """Stand at the charger's place by localisation; the current decides in the end."""
         for _ in range(DOCK_TRIES):
-            yield from self._approach(self._charger.place)
+            self._set_out(self._charger.place)
+            yield from self._errand.stand("the robot does not get into the dock")
             if self._errand.away_m(self._charger.place) <= DOCKED_M:
                 break
         yield from self._feel(TOUCH_S)
@@ -267,10 +265,6 @@ class Docking:
         until_ns = self._errand.env.clock.now_ns() + to_ns(seconds)
         while self._errand.env.clock.now_ns() < until_ns and not self._errand.battery().charging:
             yield
-
-    def _approach(self, place: Point2D) -> Part:
-        self._set_out(place)
-        yield from self._errand.stand("the robot does not get into the dock")
 
     def _set_out(self, place: Point2D) -> None:
         travel = self._errand.travel

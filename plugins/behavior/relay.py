@@ -4,7 +4,6 @@ Holds its place while all its links are good enough. If one is not, it moves nea
 link is clearly the weakest. Between two weak links of like strength there is no better place.
 """
 
-import math
 from typing import Any
 
 from robrain.plugins.behavior.errand import Errand, Run, Script
@@ -171,11 +170,10 @@ class RelayBehavior(Errand[Relay]):
         pose = self.travel.pose()
         at, left_m = Point2D(pose.x_m, pose.y_m), self.parameters.step_m
         for corner in path:
-            leg_m = math.hypot(corner.x_m - at.x_m, corner.y_m - at.y_m)
+            leg_m = corner.distance_m(at)
             if leg_m >= left_m:
                 share = left_m / leg_m
                 at = Point2D(at.x_m + share * (corner.x_m - at.x_m), at.y_m + share * (corner.y_m - at.y_m))
                 break
             at, left_m = corner, left_m - leg_m
-        strays_m = math.hypot(at.x_m - place.x_m, at.y_m - place.y_m)
-        return at if strays_m <= self.parameters.stray_m and pose.distance_m(at) > 0.1 else None
+        return at if at.distance_m(place) <= self.parameters.stray_m and pose.distance_m(at) > 0.1 else None

@@ -204,7 +204,7 @@ class Climb:
 
     def _is_near(self, fit: FieldFit, here: Point2D) -> bool:
         """Whether a fitted summit is near enough for measurements from all sides."""
-        return fit.summit is not None and fit.summit_sd_m < STEP_M and _apart_m(fit.summit, here) < 2.0 * STEP_M
+        return fit.summit is not None and fit.summit_sd_m < STEP_M and fit.summit.distance_m(here) < 2.0 * STEP_M
 
     def _drive_around_summit(self, summit: Point2D) -> Generator[None, None, Point2D | None]:
         """Drive around a summit, and around the one that is fitted then; None if it is found nowhere near."""
@@ -213,7 +213,7 @@ class Climb:
             fit = self._fit(summit, NEAR_WIDTH_M)
             if fit is None or fit.summit is None or reached < SIDES_MIN:
                 return None
-            off_m = _apart_m(fit.summit, summit)
+            off_m = fit.summit.distance_m(summit)
             if off_m <= CIRCLE_M and fit.summit_sd_m <= SUMMIT_SD_M:
                 self.value, self.sd_m = fit.summit_value, fit.summit_sd_m
                 return fit.summit
@@ -230,20 +230,20 @@ class Climb:
         for point in range(CIRCLE_POINTS):
             goal = _off(middle, CIRCLE_M, begin_rad + point * math.tau / CIRCLE_POINTS)
             got_there = yield from self._drive(goal)
-            reached += got_there and self._away_m(goal) < CIRCLE_M
+            reached += got_there and self._here().distance_m(goal) < CIRCLE_M
         return reached
 
     def _uphill(self, fit: FieldFit, here: Point2D) -> Generator[None, None, None]:
         """One step up, around obstacles."""
         yaw_rad, step_m = math.atan2(fit.slope[1], fit.slope[0]), STEP_M
         if fit.summit is not None:
-            step_m = min(STEP_M, max(_apart_m(fit.summit, here), PROBE_M))
+            step_m = min(STEP_M, max(fit.summit.distance_m(here), PROBE_M))
         for aside_rad in ANYWHERE_RAD:
             goal = _off(here, step_m, yaw_rad + aside_rad)
-            if _apart_m(goal, self._place) > self._seek.reach_m:
+            if goal.distance_m(self._place) > self._seek.reach_m:
                 continue
             yield from self._drive(goal)
-            if self._away_m(here) >= MOVED_M:
+            if self._here().distance_m(here) >= MOVED_M:
                 return
 
     def _on_spiral(self, turn: int) -> Point2D:
@@ -252,8 +252,6 @@ class Climb:
         if radius_m > self._seek.reach_m:
             raise Failed(f"{self._seek.quantity} rises nowhere within {self._seek.reach_m:g} m")
         return _off(self._place, radius_m, turn * GOLDEN_RAD)
-
-    # -- driving and sensing --------------------------------------------------------------------------------
 
     def _drive(self, goal: Point2D) -> Drive:
         """Go there, sensing on the path; False if that is not possible."""
@@ -286,7 +284,7 @@ class Climb:
         for reading in self._errand.told():
             sensed_ns = measured_at_ns(reading)
             is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(RECEIVED_S)
-            if is_meant and reading.place is not None and _apart_m(reading.place, here) < self._seek.reach_m:
+            if is_meant and reading.place is not None and reading.place.distance_m(here) < self._seek.reach_m:
                 self.heard += 1
                 self._field.hear(reading.mote, reading.place, reading.value, to_seconds(sensed_ns))
 
@@ -301,13 +299,6 @@ class Climb:
         pose = self._travel.pose()
         return Point2D(pose.x_m, pose.y_m)
 
-    def _away_m(self, place: Point2D) -> float:
-        return _apart_m(self._here(), place)
-
 
 def _off(place: Point2D, distance_m: float, yaw_rad: float) -> Point2D:
     return Point2D(place.x_m + distance_m * math.cos(yaw_rad), place.y_m + distance_m * math.sin(yaw_rad))
-
-
-def _apart_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

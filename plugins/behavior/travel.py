@@ -256,7 +256,7 @@ class Travel:
             return None
         path = self._plan(self._meet(self.pose()), found, is_narrow=True)
         near_m = 2.0 * self.view().geometry.resolution_m
-        if path is None or math.hypot(path[-1].x_m - found.x_m, path[-1].y_m - found.y_m) > near_m:
+        if path is None or path[-1].distance_m(found) > near_m:
             return None
         return found
 

@@ -1,8 +1,8 @@
 """Camera: takes a picture on request; the manifest's `interface` selects the source."""
 
 import importlib
+import itertools
 import struct
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
@@ -44,69 +44,72 @@ class CameraInterface(Protocol):
         """
 
 
-class Backend(Protocol):
-    """An open camera."""
+class Backend:
+    """An open camera.
+
+    Args:
+        env: of the plugin.
+        parameters: the plugin's.
+
+    Raises:
+        HardwareAbsent: there is none; the text is the reason.
+
+    """
+
+    def __init__(self, env: Environment, parameters: "CameraDevice.Parameters") -> None:
+        self._env, self._parameters = env, parameters
 
     def take(self) -> bytes:
         """One picture as a PNG; CallError if there is none."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Release the camera."""
 
 
-class WireCamera:
+class WireCamera(Backend):
     """The simulator's camera: requests each picture from the arena, which draws it."""
-
-    def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
-        self._env = env
-        self._timeout_s = timeout_s
 
     def take(self) -> bytes:
         """The image that the arena draws for this robot."""
         try:
-            return self._env.wire.ask(ARENA_CAMERA, robot=self._env.robot, timeout_s=self._timeout_s)
+            return self._env.wire.ask(ARENA_CAMERA, robot=self._env.robot, timeout_s=self._parameters.timeout_s)
         except NobodyThere as error:
             raise CallError(ErrorCode.FAILED, f"no camera answers: {error}") from error
 
-    def close(self) -> None:
-        """Nothing is held."""
 
-
-class FileCamera:
+class FileCamera(Backend):
     """Pictures from the disk in a loop: for tests and playback."""
 
-    def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
+    def __init__(self, env: Environment, parameters: "CameraDevice.Parameters") -> None:
+        channel = parameters.channel
         path = Path(channel)
-        self._paths = sorted(path.glob("*.png")) if path.is_dir() else [path]
-        if not channel or not self._paths or not self._paths[0].is_file():
+        paths = sorted(path.glob("*.png")) if path.is_dir() else [path]
+        if not channel or not paths or not paths[0].is_file():
             raise HardwareAbsent(env.plugin, f"expected channel to be a PNG or a folder with some, got {channel!r}")
-        self._accepted = 0
+        self._paths = itertools.cycle(paths)
 
     def take(self) -> bytes:
         """The next picture."""
-        path = self._paths[self._accepted % len(self._paths)]
-        self._accepted += 1
+        path = next(self._paths)
         try:
             return path.read_bytes()
         except OSError as error:
             raise CallError(ErrorCode.FAILED, f"{path} cannot be read: {error}") from error
 
-    def close(self) -> None:
-        """Nothing is held."""
 
-
-class VideoCamera:
+class VideoCamera(Backend):
     """A video device by OpenCV, which is not installed with robrain: `pip install opencv-python-headless`."""
 
-    def __init__(self, env: Environment, channel: str, timeout_s: float) -> None:
+    def __init__(self, env: Environment, parameters: "CameraDevice.Parameters") -> None:
         try:
             self._cv2: Any = importlib.import_module("cv2")
         except ImportError as error:
             reason = "interface v4l needs OpenCV: pip install opencv-python-headless"
             raise HardwareAbsent(env.plugin, reason) from error
-        number = channel or "0"
+        number = parameters.channel or "0"
         if not number.isdecimal():
-            raise HardwareAbsent(env.plugin, f"expected channel to be the number of a video device, got {channel!r}")
+            raise HardwareAbsent(env.plugin, f"expected channel to be the number of a video device, got {number!r}")
         self._device = self._cv2.VideoCapture(int(number))
         if not self._device.isOpened():
             raise HardwareAbsent(env.plugin, f"no video device {number}")
@@ -126,23 +129,7 @@ class VideoCamera:
         self._device.release()
 
 
-BACKENDS: dict[str, Callable[[Environment, str, float], Backend]] = {
-    "zenoh": WireCamera,
-    "file": FileCamera,
-    "v4l": VideoCamera,
-}
-
-
-def open_backend(env: Environment, interface: str, channel: str, timeout_s: float) -> Backend:
-    """Open a camera.
-
-    Raises:
-        HardwareAbsent: there is none; the text is the reason.
-
-    """
-    if interface not in BACKENDS:
-        raise HardwareAbsent(env.plugin, f"expected interface to be one of {', '.join(BACKENDS)}, got {interface!r}")
-    return BACKENDS[interface](env, channel, timeout_s)
+BACKENDS: dict[str, type[Backend]] = {"zenoh": WireCamera, "file": FileCamera, "v4l": VideoCamera}
 
 
 PNG_HEAD = struct.Struct(">8s4x4sII")
@@ -180,8 +167,11 @@ class CameraDevice(Device):
         self._backend: Backend | None = None
 
     def activate(self) -> None:
-        wanted = self.parameters
-        self._backend = open_backend(self.env, wanted.interface, wanted.channel, wanted.timeout_s)
+        name = self.parameters.interface
+        if name not in BACKENDS:
+            known = ", ".join(BACKENDS)
+            raise HardwareAbsent(self.env.plugin, f"expected interface to be one of {known}, got {name!r}")
+        self._backend = BACKENDS[name](self.env, self.parameters)
 
     def deactivate(self) -> None:
         if self._backend is not None:

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import timedelta
 from enum import StrEnum
 from typing import Annotated, Literal, Protocol
@@ -12,7 +13,7 @@ from gpiod.line import Bias, Direction, Value
 from msgspec import Meta
 
 from robrain.agent.event import Event
-from robrain.agent.plugin import Device, external
+from robrain.agent.plugin import Device, external, unlocked
 from robrain.plugins.device.range_sensors import Bump, RangeRing, RangeSensorsInterface
 from robrain.protocol.model.checked import Checked
 
@@ -39,7 +40,7 @@ class GpioAbsent(OSError):
 
 
 class InputLines:
-    """Some lines of one chip.
+    """Some lines of one chip; may be used on any thread.
 
     Args:
         chip: path of its device file, such as `/dev/gpiochip0`.
@@ -69,41 +70,42 @@ class InputLines:
             debounce_period=timedelta(seconds=debounce_s),
         )
         self._request: gpiod.LineRequest | None = None
+        self._using = threading.RLock()
 
     @property
     def where(self) -> str:
         """Such as `lines 17, 27 of /dev/gpiochip0`."""
         return f"line{'s' if len(self._lines) > 1 else ''} {', '.join(map(str, self._lines))} of {self._chip}"
 
-    @property
-    def is_open(self) -> bool:
-        """Whether the lines are open."""
-        return self._request is not None
-
     def open(self) -> None:
         """Request the lines (GpioAbsent, naming them: there are none, or another program uses them)."""
-        try:
-            self._request = gpiod.request_lines(self._chip, {self._lines: self._settings}, consumer=self._consumer)
-        except (OSError, ValueError) as error:  # ValueError: the chip has no line of that name
-            raise GpioAbsent(f"cannot open {self.where}: {error}") from error
+        with self._using:
+            try:
+                self._request = gpiod.request_lines(self._chip, {self._lines: self._settings}, consumer=self._consumer)
+            except (OSError, ValueError) as error:  # ValueError: the chip has no line of that name
+                raise GpioAbsent(f"cannot open {self.where}: {error}") from error
 
     def read(self) -> list[bool]:
-        """Which lines are active (GpioAbsent, naming them)."""
-        if self._request is None:
-            raise GpioAbsent(f"{self.where} are not open")
-        try:
-            return [value is Value.ACTIVE for value in self._request.get_values()]
-        except (OSError, gpiod.RequestReleasedError) as error:
-            raise GpioAbsent(f"cannot read {self.where}: {error}") from error
+        """Which lines are active (GpioAbsent, naming them); lines that are not open are opened for that."""
+        with self._using:
+            if self._request is None:
+                self.open()
+                try:
+                    return self.read()
+                finally:
+                    self.close()
+            try:
+                return [value is Value.ACTIVE for value in self._request.get_values()]
+            except (OSError, gpiod.RequestReleasedError) as error:
+                raise GpioAbsent(f"cannot read {self.where}: {error}") from error
 
     def close(self) -> None:
         """Release the lines."""
-        if self._request is not None:
+        with self._using:
             request, self._request = self._request, None
-            try:
-                request.release()
-            except OSError:  # the chip has gone, and its lines with it
-                return
+            if request is not None:
+                with suppress(OSError):  # the chip has gone, and its lines with it
+                    request.release()
 
 
 CONTACTS_MAX = 24
@@ -204,49 +206,6 @@ class EmergencyStopInterface(Protocol):
 LINES_MAX = 4
 
 
-class StopButton:
-    """The contacts of one button. May be asked on any thread, also while the device does not run.
-
-    Args:
-        lines: true for each contact that is open.
-
-    """
-
-    def __init__(self, lines: InputLines) -> None:
-        self._lines = lines
-        self._using = threading.Lock()
-
-    def open(self) -> None:
-        """Keep the lines open (GpioAbsent if that fails)."""
-        with self._using:
-            self._lines.open()
-
-    def close(self) -> None:
-        """Release them."""
-        with self._using:
-            self._lines.close()
-
-    def read(self) -> str:
-        """Reason why the robot has to stand; empty if all contacts are closed (GpioAbsent if they are unreadable)."""
-        with self._using:
-            was_open = self._lines.is_open
-            if not was_open:
-                self._lines.open()
-            try:
-                is_open = any(self._lines.read())
-            finally:
-                if not was_open:
-                    self._lines.close()
-        return f"the emergency stop is pressed, or its cable is broken: {self._lines.where}" if is_open else ""
-
-    def why_not_resume(self) -> str:
-        """As `read`; lines that cannot be read are a reason as well."""
-        try:
-            return self.read()
-        except GpioAbsent as error:
-            return f"the emergency stop does not answer: {error}"
-
-
 class GpioEmergencyStop(Device):
     """Halts the robot while its button is pressed, its cable broken or its line lost."""
 
@@ -274,7 +233,7 @@ class GpioEmergencyStop(Device):
 
     def init(self) -> None:
         wanted, is_grounded = self.parameters, self.parameters.wired_to == "ground"
-        lines = InputLines(
+        self._lines = InputLines(
             wanted.chip,
             wanted.lines,
             (Pull.UP if is_grounded else Pull.DOWN) if wanted.own_pull else Pull.NONE,
@@ -282,13 +241,12 @@ class GpioEmergencyStop(Device):
             debounce_s=wanted.debounce_s,
             consumer="robrain emergency stop",
         )
-        self._button = StopButton(lines)
         self._reason = ""
 
     def activate(self) -> None:
-        self.env.guard_resume(self._button.why_not_resume)
+        self.env.guard_resume(self.why_pressed)
         try:
-            self._button.open()
+            self._lines.open()
             self._check()
         except GpioAbsent as error:
             self.env.halt_robot(str(error))
@@ -298,24 +256,37 @@ class GpioEmergencyStop(Device):
         try:
             self._check()
         except GpioAbsent as error:
-            self._tell(str(error))
+            self._report(str(error))
             raise
 
     def deactivate(self) -> None:
-        self._button.close()
+        self._lines.close()
 
     @external
+    @unlocked
     def why_pressed(self) -> str:
-        """Reason why the robot has to stand, in words; empty if the button is released."""
-        return self._button.why_not_resume()
+        """Reason why the robot has to stand, in words; empty if the button is released.
+
+        May be asked on any thread, also while the device does not run. Lines that cannot be read are a reason as well.
+        """
+        try:
+            return self._press()
+        except GpioAbsent as error:
+            return f"the emergency stop does not answer: {error}"
+
+    def _press(self) -> str:
+        """Reason why the robot has to stand; empty if all contacts are closed (GpioAbsent if they are unreadable)."""
+        if not any(self._lines.read()):
+            return ""
+        return f"the emergency stop is pressed, or its cable is broken: {self._lines.where}"
 
     def _check(self) -> None:
-        reason = self._button.read()
+        reason = self._press()
         # It steps, so the robot is not halted: the button was released and pressed again between two steps.
         if reason or self._reason:
-            self._tell(reason)
+            self._report(reason)
 
-    def _tell(self, reason: str) -> None:
+    def _report(self, reason: str) -> None:
         self._reason = reason
         self.changed.notify(ButtonChange(self.env.clock.now_ns(), reason))
         if reason:

@@ -1,11 +1,12 @@
-"""Inertial measurement units: their interface, codec, faults and mounting, which all of their devices share."""
+"""Inertial measurement units: their interface, faults and mounting, and the common part of their devices."""
 
 import math
 from typing import NamedTuple, Protocol
 
 import msgspec
 
-from robrain.agent.board import Board
+from robrain.agent.plugin import Device, external, unlocked
+from robrain.algorithms.localization.odometry import YawRate
 
 
 class ImuMotion(NamedTuple):
@@ -15,18 +16,6 @@ class ImuMotion(NamedTuple):
     """Turn rate about z."""
     x_m_s2: float | None = None
     y_m_s2: float | None = None
-
-
-class ImuCodec(Protocol):
-    """Finds the measurements in a stream of bytes; it keeps incomplete bytes, of bounded length."""
-
-    rejected: int
-    """Frames or lines with a wrong checksum, or that cannot be read."""
-    stray_bytes: int
-    """Bytes outside of any frame or line."""
-
-    def feed(self, data: bytes) -> list[ImuMotion]:
-        """The measurements that these bytes complete."""
 
 
 class ImuAbsent(OSError):
@@ -90,12 +79,33 @@ class Mounting:
         )
 
 
-def check_agreement(board: Board) -> None:
-    """Raise ImuContradicted if the odometry has found that the unit and the wheels contradict each other."""
-    ratio = board.gyro_contradiction
-    if ratio is None:
-        return
-    what = f"it turns {ratio:.2g} times as far as the wheels turn the robot"
-    if ratio < 0:
-        raise ImuContradicted(f"{what}: the unit is upside down, or counts to the right ([parameters.imu] upside_down)")
-    raise ImuContradicted(f"{what}: check the unit of its turn rate")
+class ImuDevice(Device):
+    """Common part of all units: leaves the turn rate to the odometry."""
+
+    interface = ImuInterface
+    period_s = 0.02
+    mounting: Mounting
+    _latest: ImuSample | None = None
+
+    def add(self, motion: ImuMotion, stamp_ns: int) -> None:
+        """Leave a measurement on the board, after the one before."""
+        before_ns = 0 if self._latest is None else self._latest.stamp_ns
+        self._latest = sample = self.mounting.sample(motion, max(before_ns + 1, stamp_ns))
+        self.env.board.yaw_rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
+
+    def check_agreement(self) -> None:
+        """Raise ImuContradicted if the odometry has found that the unit and the wheels contradict each other."""
+        ratio = self.env.board.gyro_contradiction
+        if ratio is None:
+            return
+        what = f"it turns {ratio:.2g} times as far as the wheels turn the robot"
+        if ratio < 0:
+            what = f"{what}: the unit is upside down, or counts to the right ([parameters.imu] upside_down)"
+            raise ImuContradicted(what)
+        raise ImuContradicted(f"{what}: check the unit of its turn rate")
+
+    @external
+    @unlocked
+    def latest(self) -> ImuSample | None:
+        """The last measurement; null before the first."""
+        return self._latest

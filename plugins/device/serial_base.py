@@ -11,10 +11,11 @@ from msgspec import Meta
 
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, WheelBase
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.frame_map import SIGNALS_MAX, Sign, SignalUnit
+from robrain.plugins.device.mocdevice.frame_map import SIGNALS_MAX, Sign, SignalUnit, each_of
 from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters, MotionFault
 from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, WheelDevice, WheelReport
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.serial.serial_line import SerialLine
@@ -112,20 +113,16 @@ class WheelLineCodec:
         ):
             if len(given) not in (1, number):
                 raise ValueError(f"lines.{what}: expected 1 or {number}, got {len(given)}")
-        units = words.units * commands if len(words.units) == 1 else words.units
-        self._signs = words.signs * wheels if len(words.signs) == 1 else words.signs
-        signs = given_signs * commands if len(given_signs) == 1 else given_signs
+        self._signs = each_of(words.signs, wheels)
         self._factors = [
-            sign * words.scale * unit.per_si(wheel_radius_m) for unit, sign in zip(units, signs, strict=True)
+            sign * words.scale * unit.per_si(wheel_radius_m)
+            for unit, sign in zip(each_of(words.units, commands), each_of(given_signs, commands), strict=True)
         ]
         try:
             self.command([0.0] * commands)
         except (IndexError, ValueError) as error:
             raise ValueError(f"lines.command: {error}, for {commands} values") from error
-        self._left = b""
-        self._skips = not words.poll
-        """Whether the bytes until the next ending are the rest of a line. It may be a line that was given up, or the
-        first line of a controller that sends by itself. Such a first line may have begun before the port was open."""
+        self._splitter = LineSplitter(LINE_BYTES_MAX, skips_first=not words.poll)
         self._modulus = 1 << words.count_bits
 
     def command(self, values: Sequence[float]) -> bytes:
@@ -144,17 +141,8 @@ class WheelLineCodec:
     def feed(self, data: bytes) -> list[tuple[int, ...]]:
         """As WheelCodec. Lines that are no report, such as `OK`, are passed over; those too long are rejected."""
         reports = []
-        *lines, self._left = (self._left + data).replace(b"\r", b"\n").split(b"\n")
-        if lines and self._skips:
-            del lines[0]
-            self._skips = False
-        if self._skips:
-            self._left = b""
-        elif len(self._left) > LINE_BYTES_MAX:
-            self._left, self._skips = b"", True
-            self.rejected += 1
-        for line in lines:
-            if len(line) > LINE_BYTES_MAX:
+        for line in self._splitter.feed(data.replace(b"\r", b"\n")):
+            if line is None:
                 self.rejected += 1
             elif found := self._report.fullmatch(line.strip()):
                 try:

@@ -5,6 +5,7 @@ Its turn rate goes to the odometry by the board, because devices do not call eac
 
 import math
 import struct
+from abc import ABC, abstractmethod
 from enum import StrEnum
 from typing import Annotated, Literal
 
@@ -12,20 +13,11 @@ import msgspec
 from msgspec import Meta
 
 from robrain.agent.errors import HardwareAbsent
-from robrain.agent.plugin import Device, external, unlocked
+from robrain.agent.plugin import external
 from robrain.agent.silence import Silence
-from robrain.algorithms.localization.odometry import YawRate
-from robrain.plugins.device.imu import (
-    RATE_MAX_RAD_S,
-    ImuAbsent,
-    ImuCodec,
-    ImuInterface,
-    ImuMotion,
-    ImuSample,
-    Mounting,
-    check_agreement,
-)
+from robrain.plugins.device.imu import RATE_MAX_RAD_S, ImuAbsent, ImuDevice, ImuMotion, Mounting
 from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.serial.serial_line import SerialLine
 
@@ -39,17 +31,30 @@ ANGULAR_VELOCITY_RAD_S = math.radians(2000) / 32768
 _VALUES = struct.Struct("<4h")
 
 
-class WitMotionCodec:
-    """See ImuCodec. An angular velocity is a measurement, with the acceleration that came last before it."""
+class ImuCodec(ABC):
+    """Finds the measurements in a stream of bytes; it keeps incomplete bytes, of bounded length."""
 
     def __init__(self) -> None:
-        self.rejected = self.stray_bytes = 0
-        self._left = b""
+        self.rejected = 0
+        """Frames or lines with a wrong checksum, or that cannot be read."""
+        self.stray_bytes = 0
+        """Bytes outside of any frame or line."""
+
+    @abstractmethod
+    def feed(self, data: bytes) -> list[ImuMotion]:
+        """The measurements that these bytes complete."""
+
+
+class WitMotionCodec(ImuCodec):
+    """An angular velocity is a measurement, with the acceleration that came last before it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._rest = b""
         self._acceleration: tuple[float, float] | None = None
 
     def feed(self, data: bytes) -> list[ImuMotion]:
-        """As ImuCodec."""
-        data, at, found = self._left + data, 0, []
+        data, at, found = self._rest + data, 0, []
         while len(data) - at >= FRAME_BYTES:
             frame = data[at : at + FRAME_BYTES]
             if frame[0] != HEADER or not FIRST_KIND <= frame[1] <= LAST_KIND:
@@ -63,7 +68,7 @@ class WitMotionCodec:
                 at += FRAME_BYTES
                 if (motion := self._read(frame)) is not None:
                     found.append(motion)
-        self._left = data[at:]
+        self._rest = data[at:]
         return found
 
     def _read(self, frame: bytes) -> ImuMotion | None:
@@ -111,8 +116,8 @@ class LineFormat(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     checksum: LineChecksum = LineChecksum.NONE
 
 
-class ImuLineCodec:
-    """See ImuCodec.
+class ImuLineCodec(ImuCodec):
+    """Lines of text.
 
     Args:
         wanted: format of the lines.
@@ -120,29 +125,19 @@ class ImuLineCodec:
     """
 
     def __init__(self, wanted: LineFormat) -> None:
-        self.rejected = self.stray_bytes = 0
+        super().__init__()
         self._wanted = wanted
         self._prefix, self._separator = wanted.prefix.encode(), wanted.separator.encode()
-        self._left = b""
-        self._skips = True
-        """Until the next line begins: the first one may have begun before the port was open."""
+        self._splitter = LineSplitter(LINE_BYTES_MAX, skips_first=True)
 
     def feed(self, data: bytes) -> list[ImuMotion]:
-        """As ImuCodec."""
-        *lines, left = (self._left + data).split(b"\n")
         found = []
-        for line in lines:
-            if self._skips:
-                self.stray_bytes += len(line)
-                self._skips = False
-            elif len(line) > LINE_BYTES_MAX:
+        for line in self._splitter.feed(data):
+            if line is None:
                 self.rejected += 1
+                self.stray_bytes += LINE_BYTES_MAX
             elif (motion := self._read(line.strip())) is not None:
                 found.append(motion)
-        if len(left) > LINE_BYTES_MAX:
-            self.stray_bytes += len(left)
-            left, self._skips = b"", True
-        self._left = left
         return found
 
     def _read(self, line: bytes) -> ImuMotion | None:
@@ -196,7 +191,7 @@ class ImuCounters(msgspec.Struct, frozen=True):
     stray_bytes: int
 
 
-class SerialImu(Device):
+class SerialImu(ImuDevice):
     """Reads a unit's turn rate and acceleration, and leaves the turn rate to the odometry."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
@@ -220,17 +215,14 @@ class SerialImu(Device):
         start_s: Annotated[float, Meta(gt=0, lt=10000000.0)] = 3.0
         """How long it may be silent after its line was opened; many boards start again then."""
 
-    interface = ImuInterface
-    period_s = 0.02
     parameters: Parameters
 
     def init(self) -> None:
         wanted = self.parameters
         self._line: SerialLine | None = None
-        self._latest: ImuSample | None = None
-        self._codec: ImuCodec = self._new_codec()
+        self._codec = self._new_codec()
         self._period_ns = to_ns(1.0 / wanted.rate_hz)
-        self._mounting = Mounting(
+        self.mounting = Mounting(
             upside_down=wanted.upside_down, yaw_rad=wanted.mounted_yaw_rad, yaw_sign=wanted.yaw_sign
         )
         self._samples = self._beyond = 0
@@ -249,7 +241,7 @@ class SerialImu(Device):
     def step(self) -> None:
         if self._line is None:
             return
-        check_agreement(self.env.board)
+        self.check_agreement()
         try:
             data = self._line.read()
         except OSError as error:
@@ -258,7 +250,9 @@ class SerialImu(Device):
         motions = [motion for motion in self._codec.feed(data) if self._is_possible(motion)]
         if motions:
             self._received_ns = now_ns
-            self._handle(motions, now_ns)
+            self._samples += len(motions)
+            for number, motion in enumerate(motions, 1 - len(motions)):
+                self.add(motion, now_ns + number * self._period_ns)
             return
         if self._received_ns == self._opened_ns and 0 <= now_ns - self._opened_ns < to_ns(self.parameters.start_s):
             return
@@ -276,12 +270,6 @@ class SerialImu(Device):
             self._line = None
 
     @external
-    @unlocked
-    def latest(self) -> ImuSample | None:
-        """The last measurement; null before the first."""
-        return self._latest
-
-    @external
     def counters(self) -> ImuCounters:
         """Measurements taken and rejected, and bytes that belong to none."""
         codec = self._codec
@@ -295,14 +283,3 @@ class SerialImu(Device):
         is_possible = abs(motion.yaw_rate_rad_s) <= RATE_MAX_RAD_S
         self._beyond += not is_possible
         return is_possible
-
-    def _handle(self, motions: list[ImuMotion], now_ns: int) -> None:
-        rates = self.env.board.yaw_rates
-        latest = self._latest
-        before_ns = 0 if latest is None else latest.stamp_ns
-        for number, motion in enumerate(motions, 1 - len(motions)):
-            stamp_ns = max(before_ns + 1, now_ns + number * self._period_ns)
-            self._latest = sample = self._mounting.sample(motion, stamp_ns)
-            rates.append(YawRate(stamp_ns, sample.yaw_rate_rad_s))
-            before_ns = stamp_ns
-        self._samples += len(motions)

@@ -76,7 +76,7 @@ class Home(Skill):
     @external
     def learn(self, charger: ChargerPlace) -> None:
         """Add a charger."""
-        is_new = all(math.hypot(charger.x_m - known.x_m, charger.y_m - known.y_m) >= SAME_M for known in self._chargers)
+        is_new = all(charger.place.distance_m(known.place) >= SAME_M for known in self._chargers)
         if is_new and len(self._chargers) < MAX_CHARGERS:
             self._chargers.append(charger)
             self._tell()

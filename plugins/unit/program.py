@@ -20,7 +20,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import IO, Literal, Protocol
@@ -34,6 +34,7 @@ from robrain.agent.plugin import Unit, external
 from robrain.protocol.backoff import backoff_s
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import ErrorCode
+from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegativeInt, Positive, PositiveInt
 from robrain.protocol.wire.endpoint import Drive
@@ -194,63 +195,20 @@ class LineProcess:
         if kept_back > 0:
             logger.warning("%s: %d more lines on stderr were not logged", self._plugin, kept_back)
 
-    def _lines(self, stream: IO[bytes]) -> "Lines":
-        return Lines(stream.fileno(), self._max_line_bytes, self._count_too_long)
+    def _lines(self, stream: IO[bytes]) -> Iterator[str]:
+        splitter = LineSplitter(self._max_line_bytes)
+        while received := os.read(stream.fileno(), max(self._max_line_bytes, 1)):
+            yield from self._whole(splitter.feed(received))
+        if splitter.has_begun:
+            yield from self._whole(splitter.feed(b"\n"))  # the last line need not end with a line's end
 
-    def _count_too_long(self) -> None:
-        self.left_out += 1
-        logger.warning("%s: ignored a line of more than %d bytes", self._plugin, self._max_line_bytes)
-
-
-class Lines:
-    """Iterates over the lines of a file descriptor; never holds more than one line of the greatest length.
-
-    Args:
-        number: the file descriptor.
-        max_bytes: of one line.
-        on_too_long: called for each longer line, which is skipped.
-
-    """
-
-    def __init__(self, number: int, max_bytes: int, on_too_long: Callable[[], None]) -> None:
-        self._number = number
-        self._max_bytes = max_bytes
-        self._on_too_long = on_too_long
-        self._waiting: deque[bytes] = deque()
-        self._begun = bytearray()
-        self._is_too_long = False
-
-    def __iter__(self) -> "Lines":
-        return self
-
-    def __next__(self) -> str:
-        while not self._waiting:
-            received = os.read(self._number, max(self._max_bytes, 1))
-            if not received:
-                if not self._begun:
-                    raise StopIteration
-                received = b"\n"  # the last line need not end with a line's end
-            self._handle(received)
-        return self._waiting.popleft().decode(errors="replace")
-
-    def _handle(self, received: bytes) -> None:
-        *whole, rest = received.split(b"\n")
-        for part in whole:
-            self._begin(part)
-            if not self._is_too_long:
-                self._waiting.append(bytes(self._begun).removesuffix(b"\r"))
-            self._begun.clear()
-            self._is_too_long = False
-        self._begin(rest)
-
-    def _begin(self, part: bytes) -> None:
-        if self._is_too_long:
-            return
-        self._begun += part
-        if len(self._begun) > self._max_bytes:
-            self._begun.clear()
-            self._is_too_long = True
-            self._on_too_long()
+    def _whole(self, lines: list[bytes | None]) -> Iterator[str]:
+        for line in lines:
+            if line is not None:
+                yield line.decode(errors="replace")
+            else:
+                self.left_out += 1
+                logger.warning("%s: ignored a line of more than %d bytes", self._plugin, self._max_line_bytes)
 
 
 class ProgramAbsent(HardwareAbsent):

@@ -18,6 +18,7 @@ from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Unit, external, unlocked
 from robrain.plugins.device.command import CommandInterface
 from robrain.protocol.errors import ErrorCode
+from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive, PositiveInt
 from robrain.protocol.safe_text import safe_text
@@ -43,48 +44,25 @@ class Conversation:
 
     def __init__(self, execute: Callable[[str], str]) -> None:
         self._execute = execute
-        self._begun = bytearray()
-        self._skipping = False
+        self._splitter = LineSplitter(MAX_LINE_BYTES)
 
     def take(self, received: bytes) -> Iterator[bytes]:
         """The answers to the lines that end in the received bytes."""
-        *ended, rest = received.split(b"\n")
-        for part in ended:
-            yield from self._line(part)
-        self._begin(rest)
-        if len(self._begun) > MAX_LINE_BYTES:
-            yield self._too_long()
+        for line in self._splitter.feed(received):
+            if line is None:
+                yield _error(f"the line is longer than {MAX_LINE_BYTES} bytes")
+                continue
+            try:
+                text = line.decode()
+            except UnicodeDecodeError as error:
+                yield _error(f"the line is not UTF-8 at byte {error.start}")
+                continue
+            yield as_line(self._execute(text))
 
     def end(self) -> Iterator[bytes]:
         """The answer to a last line that was not ended: it may have been cut, so it is not executed."""
-        if self._begun:
+        if self._splitter.has_begun:
             yield _error("the last line has no end, so it was not executed")
-
-    def _begin(self, part: bytes) -> None:
-        if not self._skipping:
-            self._begun += part
-
-    def _too_long(self) -> bytes:
-        self._begun.clear()
-        self._skipping = True
-        return _error(f"the line is longer than {MAX_LINE_BYTES} bytes")
-
-    def _line(self, part: bytes) -> Iterator[bytes]:
-        self._begin(part)
-        line = bytes(self._begun).removesuffix(b"\r")
-        was_skipping, self._skipping = self._skipping, False
-        self._begun.clear()
-        if was_skipping:
-            return
-        if len(line) > MAX_LINE_BYTES:
-            yield _error(f"the line is longer than {MAX_LINE_BYTES} bytes")
-            return
-        try:
-            text = line.decode()
-        except UnicodeDecodeError as error:
-            yield _error(f"the line is not UTF-8 at byte {error.start}")
-            return
-        yield as_line(self._execute(text))
 
 
 def as_line(answer: str) -> bytes:
@@ -99,7 +77,6 @@ def _error(message: str) -> bytes:
 
 MAX_PORT = 65535
 
-RECEIVED_BYTES = 4096
 FIRST_COMMAND_S = 1.0
 """Time without a command after which a client makes room for another when all places are taken."""
 REPORT_S = 10.0
@@ -252,7 +229,7 @@ class LineServer:
 
     def _receive(self, client: socket.socket) -> bytes:
         client.settimeout(self._idle_s)
-        return client.recv(RECEIVED_BYTES)
+        return client.recv(MAX_LINE_BYTES)
 
     def _answer(self, client: socket.socket, answers: Iterable[bytes]) -> None:
         client.settimeout(SEND_TIMEOUT_S)

@@ -8,15 +8,8 @@ import can
 import msgspec
 from msgspec import Meta
 
-from robrain.agent.plugin import Device, external, unlocked
-from robrain.plugins.device.bm2.interface import (
-    BadReading,
-    BatteryMeasurement,
-    Bm2Interface,
-    Reading,
-    counted,
-    plausible,
-)
+from robrain.agent.plugin import external
+from robrain.plugins.device.bm2.interface import BadReading, BatteryDevice, Reading, plausible
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
     OtherPart,
@@ -206,11 +199,7 @@ class BatteryFrames:
         return value if abs(stamp_ns - reported_ns) <= RECENT_NS else None
 
 
-GAP_S = 2.0
-"""A longer time between two frames is not counted."""
-
-
-class Bm2(Device):
+class Bm2(BatteryDevice):
     """Reads the battery manager's measurements and integrates charge and energy."""
 
     class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -223,15 +212,12 @@ class Bm2(Device):
         battery: BatteryMap = BatteryMap()
         """Frames and signals of the battery manager."""
 
-    interface = Bm2Interface
-    period_s = 0.2
     parameters: Parameters
 
     def init(self) -> None:
         self._bus: can.BusABC | None = None
         self._port: FramePort | None = None
         self._frames = BatteryFrames(self.parameters.battery)
-        self._latest: BatteryMeasurement | None = None
         self._rejected = 0
 
     def activate(self) -> None:
@@ -244,23 +230,17 @@ class Bm2(Device):
             return
         for frame in self._port.read_frames():
             try:
-                values = self._frames.read(frame)
+                reading = self._frames.read(frame)
             except BadFrame:
                 self._rejected += 1
                 continue
-            if values is not None:
-                self._latest = counted(self._latest, frame.stamp_ns, *values, gap_s=GAP_S)
+            if reading is not None:
+                self.count(reading, frame.stamp_ns)
 
     def deactivate(self) -> None:
         if self._bus is not None:
             self._bus.shutdown()
             self._bus = self._port = None
-
-    @external
-    @unlocked
-    def latest(self) -> BatteryMeasurement | None:
-        """The last measurement; null before the first."""
-        return self._latest
 
     @external
     def rejected(self) -> int:

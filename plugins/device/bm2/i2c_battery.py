@@ -10,7 +10,6 @@ from smbus2 import SMBus
 from robrain.agent.plugin import external
 from robrain.plugins.device.bm2.interface import ASSUMED_C, BadReading, Reading, plausible
 from robrain.plugins.device.bm2.polled_battery import PolledBattery
-from robrain.protocol.model.checked import Checked
 
 CONFIGURATION, SHUNT, BUS = 0x00, 0x01, 0x02
 """Numbers of the registers; each holds 16 bits, the higher byte first."""
@@ -41,15 +40,59 @@ REGISTERS = {
 }
 
 
-class InaBattery(PolledBattery):
+class I2cBattery(PolledBattery):
+    """A battery on an I2C bus."""
+
+    class Parameters(PolledBattery.Parameters, frozen=True, forbid_unknown_fields=True):
+        """Where it is."""
+
+        bus: Annotated[int, Meta(ge=0, le=255)] = 1
+        """Number of the I2C bus: 1 for /dev/i2c-1."""
+        address: Annotated[int, Meta(ge=0x08, le=0x77)] = 0x0B
+
+    parameters: Parameters
+    name = "battery"
+    _smbus: SMBus | None = None
+
+    def init(self) -> None:
+        super().init()
+        wanted = self.parameters
+        self.where = f"the {self.name} at /dev/i2c-{wanted.bus}, address 0x{wanted.address:02x}"
+
+    def open(self) -> None:
+        self._smbus = SMBus(self.parameters.bus)
+        try:
+            self.configure(self._smbus)
+        except OSError:
+            self.close()
+            raise
+
+    def configure(self, smbus: SMBus) -> None:
+        """Prepare the readings, after the bus was opened."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        if self._smbus is not None:
+            self._smbus.close()
+            self._smbus = None
+
+    def word(self, register: int) -> int:
+        """Contents of a register; SMBus sends the lower byte first."""
+        assert self._smbus is not None
+        return int(self._smbus.read_word_data(self.parameters.address, register)) & 0xFFFF
+
+
+def _signed(word: int) -> int:
+    return word - 0x10000 if word & 0x8000 else word
+
+
+class InaBattery(I2cBattery):
     """Reads voltage and current from an INA219 or INA226."""
 
-    class Parameters(PolledBattery.Parameters, Checked, frozen=True, forbid_unknown_fields=True):
+    class Parameters(I2cBattery.Parameters, frozen=True, forbid_unknown_fields=True):
         """Where it is, and its shunt."""
 
         chip: Chip = Chip.INA219
-        bus: Annotated[int, Meta(ge=0, le=255)] = 1
-        """Number of the I2C bus: 1 for /dev/i2c-1."""
         address: Annotated[int, Meta(ge=0x40, le=0x4F)] = 0x40
         shunt_ohm: Annotated[float, Meta(gt=0, lt=1000.0)] = 0.1
         """Of the resistor that the current flows through; 0.1 on the usual boards."""
@@ -61,49 +104,31 @@ class InaBattery(PolledBattery):
     parameters: Parameters
 
     def init(self) -> None:
+        self._registers, self.name = REGISTERS[self.parameters.chip], str(self.parameters.chip)
         super().init()
-        self._smbus: SMBus | None = None
-        wanted = self.parameters
-        self._registers = REGISTERS[wanted.chip]
-        self.where = f"the {wanted.chip} at /dev/i2c-{wanted.bus}, address 0x{wanted.address:02x}"
 
-    def open(self) -> None:
-        self._smbus = SMBus(self.parameters.bus)
-        try:
-            self._configure()
-        except OSError:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        if self._smbus is not None:
-            self._smbus.close()
-            self._smbus = None
+    def configure(self, smbus: SMBus) -> None:
+        smbus.write_word_data(self.parameters.address, CONFIGURATION, _swapped(self._registers.configuration))
 
     def read(self) -> Reading:
-        if self._word(CONFIGURATION) != self._registers.configuration:  # it had no power meanwhile
-            self._configure()
+        if self._swapped_word(CONFIGURATION) != self._registers.configuration:  # it had no power meanwhile
+            assert self._smbus is not None
+            self.configure(self._smbus)
             raise BadReading("the chip has restarted, and averages less than it was set to")
         registers, wanted = self._registers, self.parameters
-        shunt = self._word(SHUNT)
-        signed = shunt - 0x10000 if shunt & 0x8000 else shunt
+        signed = _signed(self._swapped_word(SHUNT))
         if signed in (-0x8000, 0x7FFF):
             raise BadReading("the current is beyond what the shunt can measure")
-        voltage_v = (self._word(BUS) >> registers.bus_shift) * registers.bus_v
+        voltage_v = (self._swapped_word(BUS) >> registers.bus_shift) * registers.bus_v
         current_a = wanted.current_sign * signed * registers.shunt_v / wanted.shunt_ohm
         return plausible(voltage_v, current_a, assumed_c=wanted.temperature_c)
 
-    def _configure(self) -> None:
-        assert self._smbus is not None
-        self._smbus.write_word_data(self.parameters.address, CONFIGURATION, _swapped(self._registers.configuration))
-
-    def _word(self, register: int) -> int:
-        assert self._smbus is not None
-        return _swapped(self._smbus.read_word_data(self.parameters.address, register) & 0xFFFF)
+    def _swapped_word(self, register: int) -> int:
+        return _swapped(self.word(register))
 
 
 def _swapped(word: int) -> int:
-    """The other order of two bytes: SMBus sends the lower one first."""
+    """The other order of two bytes: the chips send the higher one first."""
     return (word & 0xFF) << 8 | word >> 8
 
 
@@ -135,56 +160,38 @@ class SmartBatteryStatus(msgspec.Struct, frozen=True):
     """Of its last command; 0 for none."""
 
 
-class SmartBattery(PolledBattery):
+class SmartBattery(I2cBattery):
     """Reads a smart battery, which measures its state of charge itself."""
 
-    class Parameters(PolledBattery.Parameters, msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    class Parameters(I2cBattery.Parameters, frozen=True, forbid_unknown_fields=True):
         """Where it is."""
 
-        bus: Annotated[int, Meta(ge=0, le=255)] = 1
-        """Number of the I2C bus: 1 for /dev/i2c-1."""
-        address: Annotated[int, Meta(ge=0x08, le=0x77)] = 0x0B
         pec: bool = False
         """Whether packets carry a checksum (packet error checking), if the battery and the bus's driver can."""
 
     parameters: Parameters
 
-    def init(self) -> None:
-        super().init()
-        self._smbus: SMBus | None = None
-        self._status: SmartBatteryStatus | None = None
-        wanted = self.parameters
-        self.where = f"the smart battery at /dev/i2c-{wanted.bus}, address 0x{wanted.address:02x}"
+    name = "smart battery"
+    _status: SmartBatteryStatus | None = None
 
-    def open(self) -> None:
-        self._smbus = SMBus(self.parameters.bus)
-        try:
-            self._smbus.pec = int(self.parameters.pec)
-            specification = self._word(SPECIFICATION)
-        except OSError:
-            self.close()
-            raise
+    def configure(self, smbus: SMBus) -> None:
+        smbus.pec = int(self.parameters.pec)
+        specification = self.word(SPECIFICATION)
         self._volts = 1e-3 * 10.0 ** (specification >> 8 & 0xF)
         self._amperes = 1e-3 * 10.0 ** (specification >> 12 & 0xF)
 
-    def close(self) -> None:
-        if self._smbus is not None:
-            self._smbus.close()
-            self._smbus = None
-
     def read(self) -> Reading:
-        status = self._word(STATUS)
+        status = self.word(STATUS)
         self._status = SmartBatteryStatus(
             tuple(name for bit, name in STATUS_BITS.items() if status & bit),
-            self._word(REMAINING),
+            self.word(REMAINING),
             status & ERROR_MASK,
         )
-        voltage, current, temperature = self._word(VOLTAGE), self._word(CURRENT), self._word(TEMPERATURE)
-        percent, error_percent = self._word(RELATIVE_SOC), self._word(MAX_ERROR)
-        signed = current - 0x10000 if current & 0x8000 else current
+        voltage, current, temperature = self.word(VOLTAGE), self.word(CURRENT), self.word(TEMPERATURE)
+        percent, error_percent = self.word(RELATIVE_SOC), self.word(MAX_ERROR)
         return plausible(
             voltage * self._volts,
-            -signed * self._amperes,  # the battery's is positive while charging
+            -_signed(current) * self._amperes,  # the battery's is positive while charging
             0.1 * temperature + ABSOLUTE_ZERO_C,
             percent / 100 if error_percent <= 100 else None,
             soc_sd=max(SOC_SD_LEAST, error_percent / 200),  # the error counts as two standard deviations
@@ -194,7 +201,3 @@ class SmartBattery(PolledBattery):
     def status(self) -> SmartBatteryStatus | None:
         """Alarms, remaining capacity and error code of the last reading; null before the first."""
         return self._status
-
-    def _word(self, register: int) -> int:
-        assert self._smbus is not None
-        return self._smbus.read_word_data(self.parameters.address, register) & 0xFFFF

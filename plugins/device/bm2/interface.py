@@ -1,9 +1,10 @@
-"""Interface of the battery manager."""
+"""Interface of the battery manager, and the common part of its devices."""
 
 from typing import NamedTuple, Protocol
 
 import msgspec
 
+from robrain.agent.plugin import Device, external, unlocked
 from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.protocol.clock import NS_PER_S
 
@@ -102,25 +103,31 @@ def plausible(
     return Reading(voltage_v, drawn_a, temperature_c if has_temperature else assumed_c, report)  # type: ignore[arg-type]
 
 
-def counted(
-    before: BatteryMeasurement | None,
-    stamp_ns: int,
-    voltage_v: float,
-    current_a: float,
-    temperature_c: float,
-    report: BatteryReport | msgspec.UnsetType = msgspec.UNSET,
-    *,
-    gap_s: float,
-) -> BatteryMeasurement:
-    """A measurement with the charge drawn until then: it is the mean of the time since the one before.
+class BatteryDevice(Device):
+    """Common part of all batteries: integrates charge and energy."""
 
-    A time longer than `gap_s` is not counted, because the charge drawn meanwhile is unknown.
-    """
-    charge_c, energy_j, from_ns = 0.0, 0.0, stamp_ns
-    if before is not None:
-        elapsed_s = (stamp_ns - before.stamp_ns) / NS_PER_S
-        counted_s = elapsed_s if 0 < elapsed_s <= gap_s else 0.0
-        charge_c = before.charge_c + current_a * counted_s
-        energy_j = before.energy_j + voltage_v * current_a * counted_s
-        from_ns = before.counted_from_ns
-    return BatteryMeasurement(stamp_ns, voltage_v, current_a, temperature_c, charge_c, energy_j, from_ns, report)
+    interface = Bm2Interface
+    period_s = 0.2
+    gap_s = 2.0
+    """A longer time between two measurements is not counted, because the charge drawn meanwhile is unknown."""
+    _latest: BatteryMeasurement | None = None
+
+    def count(self, reading: Reading, stamp_ns: int) -> None:
+        """Add a measurement: it is the mean of the time since the one before."""
+        voltage_v, current_a, temperature_c, report = reading
+        before, charge_c, energy_j, from_ns = self._latest, 0.0, 0.0, stamp_ns
+        if before is not None:
+            elapsed_s = (stamp_ns - before.stamp_ns) / NS_PER_S
+            counted_s = elapsed_s if 0 < elapsed_s <= self.gap_s else 0.0
+            charge_c = before.charge_c + current_a * counted_s
+            energy_j = before.energy_j + voltage_v * current_a * counted_s
+            from_ns = before.counted_from_ns
+        self._latest = BatteryMeasurement(
+            stamp_ns, voltage_v, current_a, temperature_c, charge_c, energy_j, from_ns, report
+        )
+
+    @external
+    @unlocked
+    def latest(self) -> BatteryMeasurement | None:
+        """The last measurement; null before the first."""
+        return self._latest

@@ -12,22 +12,12 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.agent.plugin import Device, external, unlocked
+from robrain.agent.plugin import external
 from robrain.agent.silence import Silence
-from robrain.plugins.device.bm2.interface import (
-    BadReading,
-    BatteryMeasurement,
-    Bm2Interface,
-    Reading,
-    counted,
-    plausible,
-)
+from robrain.plugins.device.bm2.interface import BadReading, BatteryDevice, Reading, plausible
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative
-
-GAP_S = 2.0
-"""A longer time between two readings is not counted."""
 
 
 class BatteryAbsent(OSError):
@@ -45,7 +35,7 @@ class ReadCounters(msgspec.Struct, frozen=True):
     last_error: str
 
 
-class PolledBattery(Device):
+class PolledBattery(BatteryDevice):
     """Reads a battery periodically; subclasses open and read it."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
@@ -54,8 +44,6 @@ class PolledBattery(Device):
         silent_s: Annotated[float, Meta(gt=0, lt=3600.0)] = 5.0
         """Time without a reading after which the battery counts as gone."""
 
-    interface = Bm2Interface
-    period_s = 0.2
     parameters: Parameters
 
     where = "the battery"
@@ -74,7 +62,6 @@ class PolledBattery(Device):
         raise NotImplementedError
 
     def init(self) -> None:
-        self._latest: BatteryMeasurement | None = None
         self._is_open = False
         self._readings = self._rejected = self._failed = 0
         self._last_error = ""
@@ -95,16 +82,13 @@ class PolledBattery(Device):
             self._read_once(now_ns)
         except (OSError, BadReading) as error:
             self._record_failure(error)
-            self._check(now_ns)
+            silent_ns = self._silence.since(self._received_ns, now_ns)
+            if silent_ns > self._silence.limit_ns:
+                what = f"nothing read for {silent_ns / NS_PER_S:.1f} s from {self.where}: {self._last_error}"
+                raise BatteryAbsent(what) from error
 
     def deactivate(self) -> None:
         self._close()
-
-    @external
-    @unlocked
-    def latest(self) -> BatteryMeasurement | None:
-        """The last measurement; null before the first."""
-        return self._latest
 
     @external
     def counters(self) -> ReadCounters:
@@ -118,7 +102,7 @@ class PolledBattery(Device):
         reading = self.read()
         self._readings += 1
         self._received_ns = now_ns
-        self._latest = counted(self._latest, now_ns, *reading, gap_s=GAP_S)
+        self.count(reading, now_ns)
 
     def _record_failure(self, error: OSError | BadReading) -> None:
         self._last_error = getattr(error, "strerror", None) or str(error) or type(error).__name__
@@ -133,12 +117,6 @@ class PolledBattery(Device):
             self._is_open = False
             self.close()
 
-    def _check(self, now_ns: int) -> None:
-        silent_ns = self._silence.since(self._received_ns, now_ns)
-        if silent_ns > self._silence.limit_ns:
-            silent_s = silent_ns / NS_PER_S
-            raise BatteryAbsent(f"nothing read for {silent_s:.1f} s from {self.where}: {self._last_error}")
-
 
 VALUE_BYTES_MAX = 64
 """Longer values than this are none."""
@@ -152,7 +130,7 @@ CHARGING, DISCHARGING, IDLE = "Charging", "Discharging", ("Full", "Not charging"
 class PowerSupply(PolledBattery):
     """Reads a battery of the kernel's power supply class."""
 
-    class Parameters(PolledBattery.Parameters, Checked, frozen=True, forbid_unknown_fields=True):
+    class Parameters(PolledBattery.Parameters, frozen=True, forbid_unknown_fields=True):
         """The battery, and assumed values of unmeasured quantities."""
 
         name: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.:-]*$|^$")] = ""

@@ -16,10 +16,8 @@ FRAME_PERIOD_NS = to_ns(0.02)
 """Period at which the controller sends frames."""
 OTHER_CLOCK_NS = NS_PER_S
 """A first stamp that differs more from the robot's time is by another clock."""
-WINDOW_FRAMES = 256
-"""Frames of a window. The minimum offset is that of the current window and the one before it: 5 to 10 s."""
-
-
+WINDOW = 256
+"""Messages of a window; of the controller's frames 5 s."""
 RESTART_FRAMES = MODULUS // 2
 """Delay, in frames, after which the clock starts again, because the 8-bit counter may have wrapped."""
 
@@ -31,6 +29,28 @@ class StampedAt(StrEnum):
     """Time at which the controller sent the frame, by the robot's clock."""
     ARRIVAL = "arrival"
     """Time at which the robot's computer received the frame."""
+
+
+class LeastDelay:
+    """The least of the recent delays: that of the current window of messages and the one before it."""
+
+    def __init__(self) -> None:
+        self.ns = 0
+        self._count = self._least_ns = self._before_ns = 0
+
+    def restart(self, delay_ns: int) -> None:
+        """Forget the earlier delays; this one is the first."""
+        self._count, self.ns = 0, delay_ns
+        self._least_ns = self._before_ns = delay_ns
+
+    def observe(self, delay_ns: int) -> int:
+        """Add the delay of the next message; returns the least."""
+        if self._count == WINDOW:
+            self._count, self._before_ns, self._least_ns = 0, self._least_ns, delay_ns
+        self._count += 1
+        self._least_ns = min(self._least_ns, delay_ns)
+        self.ns = min(self._least_ns, self._before_ns)
+        return self.ns
 
 
 class FrameClock:
@@ -53,8 +73,7 @@ class FrameClock:
         self._has_stamps = False
         self._counter: int | None = None
         self._frame_ns = self._stamp_ns = 0
-        self._frames = 0
-        self._least_ns = self._least_before_ns = 0
+        self._delay = LeastDelay()
 
     def note(self, counter: int | None, stamp_ns: int, now_ns: int) -> int:
         """Take the next frame; returns its time of measurement in frame time.
@@ -78,20 +97,11 @@ class FrameClock:
         frame_ns = self._frame_ns + step * self._period_ns
         if step > LONGEST_GAP or stamp_ns - frame_ns - self.offset_ns > self._restart_ns:
             frame_ns = max(stamp_ns - self.offset_ns, self._frame_ns)
-            self._frames = 0
-            self._least_ns = self._least_before_ns = stamp_ns - frame_ns
+            self._delay.restart(stamp_ns - frame_ns)
         self._frame_ns = frame_ns
-        self._observe(stamp_ns - frame_ns)
+        self.offset_ns = self._delay.observe(stamp_ns - frame_ns)
         return frame_ns
 
     def restart_stamp(self) -> None:
         """Use the next frame's stamp as its time of measurement: the controller has restarted."""
         self._counter = None
-
-    def _observe(self, offset_ns: int) -> None:
-        if self._frames == WINDOW_FRAMES:
-            self._frames = 0
-            self._least_before_ns, self._least_ns = self._least_ns, offset_ns
-        self._frames += 1
-        self._least_ns = min(self._least_ns, offset_ns)
-        self.offset_ns = min(self._least_ns, self._least_before_ns)

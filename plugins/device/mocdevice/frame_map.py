@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from enum import StrEnum
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import cantools
 import msgspec
@@ -25,6 +25,9 @@ Sign = Literal[1, -1]
 SignalName = Annotated[str, Meta(min_length=1, max_length=128)]
 FrameOrNone = Annotated[str, Meta(max_length=128)]
 Signals = Annotated[tuple[SignalName, ...], Meta(min_length=1, max_length=SIGNALS_MAX)]
+
+
+T = TypeVar("T")
 
 
 class SignalUnit(StrEnum):
@@ -47,6 +50,11 @@ class SignalUnit(StrEnum):
             SignalUnit.M_S: wheel_radius_m,
             SignalUnit.DEG: math.degrees(1.0),
         }.get(self, 1.0)
+
+
+def each_of(values: tuple[T, ...], number: int) -> tuple[T, ...]:
+    """A value for each of this number of signals, from one for all or one for each."""
+    return values * number if len(values) == 1 else values
 
 
 class Counted(StrEnum):

@@ -19,6 +19,7 @@ from robrain.plugins.device.mocdevice.frame_map import (
     FrameSignals,
     OtherPart,
     SignalFrame,
+    each_of,
     read_dbc,
     signal_frames,
 )
@@ -85,7 +86,9 @@ class WheelFrames:
             for one in frames:
                 factors = [
                     sign * unit.per_si(wheel_radius_m) ** exponent
-                    for unit, sign in zip(_each(one.units, one), _each(one.signs, one), strict=True)
+                    for unit, sign in zip(
+                        each_of(one.units, len(one.signals)), each_of(one.signs, len(one.signals)), strict=True
+                    )
                 ]
                 for part in codecs(what, one.frame, one.signals):
                     parts.append(WheelFrame(part, tuple(factors[: len(part.signals)])))
@@ -136,10 +139,6 @@ def _check_holds(what: str, codec: Codec, values: Sequence[float]) -> None:
         codec.encode(0, *values)
     except (OverflowError, ValueError) as error:
         raise ValueError(f"frames.{what}: {error}") from error
-
-
-def _each(values: tuple[Any, ...], frame: FrameSignals) -> tuple[Any, ...]:
-    return values * len(frame.signals) if len(values) == 1 else values
 
 
 def _modulus(encoders: Sequence[WheelFrame]) -> int:

@@ -89,7 +89,7 @@ HISTORY_FRAMES = 256
 """Number of frames kept, five seconds: scans and frames may wait while the computer is busy."""
 RECENT_FRAMES = 32
 JUMP_SLACK = 2.0
-"""Wheels that seem to have turned this many times as far as they can have not: the counter has."""
+"""A base that seems to have moved this many times as far as it can has not: its counts or odometry have jumped."""
 
 STANDING = Twist2D()
 
@@ -104,7 +104,19 @@ class Counting(NamedTuple):
     rad_per_tick: float
 
 
-class WheelOdometry(PoseTrack):
+class BaseOdometry(PoseTrack):
+    """Pose and velocity of a base by its own measurements: T_odom_robot."""
+
+    velocity = STANDING
+
+    def _record(self, stamp_ns: int) -> None:
+        """Keep the pose as that of this time; later ones, as after a clock was set back, are forgotten."""
+        while self._history and self._history[-1][0] >= stamp_ns:
+            self._history.pop()
+        self._history.append((stamp_ns, self.pose))
+
+
+class WheelOdometry(BaseOdometry):
     """Adds up encoder counts to T_odom_robot.
 
     Args:
@@ -129,7 +141,6 @@ class WheelOdometry(PoseTrack):
     ) -> None:
         super().__init__(pose, HISTORY_FRAMES)
         self.ticks = ticks
-        self.velocity = STANDING
         self.turned_rad = 0.0
         """Turn by the wheels alone, in the last frame."""
         self.jumps = 0
@@ -144,8 +155,7 @@ class WheelOdometry(PoseTrack):
     def take(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
         """Take the counts of one frame; returns False if they have jumped.
 
-        `stamp_ns` is the time of measurement, `missing` the number of frames lost before this one. Earlier frames with
-        a later stamp, as after a clock was set back, are forgotten.
+        `stamp_ns` is the time of measurement, `missing` the number of frames lost before this one.
         """
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
@@ -176,9 +186,7 @@ class WheelOdometry(PoseTrack):
                         displacement.left_m_s / elapsed_s,
                         displacement.yaw_rad_s / elapsed_s,
                     )
-        while self._history and self._history[-1][0] >= stamp_ns:
-            self._history.pop()
-        self._history.append((stamp_ns, self.pose))
+        self._record(stamp_ns)
         return not has_jumped
 
     def _begins_at_0(self, ticks: Ticks, most: int) -> bool:
@@ -230,7 +238,99 @@ class OpenLink(NamedTuple):
     """Longest silence of a controller that starts when its line is opened."""
 
 
-class WheelDevice(Device):
+class BaseDevice(Device):
+    """Common part of all bases: their odometry, and silence as a fault."""
+
+    period_s = 0.06  # and at each request of the odometry
+    condition = Event[DriveCondition](outside=True)
+    reports = "encoder frame"
+    """Name of one report of the base, for faults."""
+    _odometry: BaseOdometry
+    _pending: object = ()
+    """True if reports wait."""
+    _offset_ns = 0
+    """The robot's time less that of the odometry."""
+    _received_ns: int | None = None
+
+    def begin(self, silent_s: float, start_s: float = 0.0) -> None:
+        """Count the silence from now on; a controller that starts when its line is opened may be silent for longer."""
+        self._is_again = self.env.board.T_odom_robot is not None
+        """The base has reported before: this is a restart, or a reload."""
+        self._received_ns = None
+        self._silent_ns, self._start_ns = to_ns(silent_s), to_ns(start_s)
+        self._since_ns = self.env.clock.now_ns()
+        self._silence, self._first = Silence(self._silent_ns), FirstWord(self._since_ns)
+
+    def silence_reason(self) -> str:
+        """Reason why no report is accepted."""
+        raise NotImplementedError
+
+    def _catch_up(self) -> None:
+        """Read the arrived reports; the device's own step raises a fault of the bus, never a caller's call."""
+        raise NotImplementedError
+
+    @external
+    def is_fresh(self) -> bool:
+        """Whether the base reports its odometry."""
+        return self.pose_if_fresh()[1]
+
+    def pose(self) -> Pose2D:
+        """T_odom_robot by the odometry."""
+        if self._pending:
+            self._catch_up()
+        return self._odometry.pose
+
+    def pose_if_fresh(self) -> tuple[Pose2D, bool]:
+        """`pose` and `is_fresh` in one call, for users that poll many times a second."""
+        if self._pending:
+            self._catch_up()
+        received_ns = self._received_ns
+        is_fresh = received_ns is not None and self.env.clock.now_ns() - received_ns <= self._silent_ns
+        return self._odometry.pose, is_fresh
+
+    def pose_at(self, stamp_ns: int) -> Pose2D:
+        """T_odom_robot at a time within the last five seconds, between the reports before and after it."""
+        if self._pending:
+            self._catch_up()
+        return self._odometry.pose_at(stamp_ns - self._offset_ns)
+
+    def odometry_until_ns(self) -> int:
+        """Time of measurement of the newest odometry; 0 before the first."""
+        if self._pending:
+            self._catch_up()
+        until_ns = self._odometry.until_ns
+        return until_ns + self._offset_ns if until_ns is not None else 0
+
+    def velocity(self) -> Twist2D:
+        """Velocity in the body frame."""
+        if self._pending:
+            self._catch_up()
+        return self._odometry.velocity
+
+    def radius_m(self) -> float:
+        """Radius of the round footprint."""
+        radius_m: float = self.parameters.radius_m
+        return radius_m
+
+    def _check_silence(self) -> None:
+        since_ns, now_ns = self._received_ns, self.env.clock.now_ns()
+        if since_ns is None:
+            if not self._is_again:  # no message yet: it may still be starting; the driver waits for it
+                if self._first.is_missing(now_ns):
+                    logger.warning("%s: no %s yet: %s", self.env.robot, self.reports, self.silence_reason())
+                return
+            if 0 <= now_ns - self._since_ns < self._start_ns:
+                return
+            since_ns = self._since_ns
+        if now_ns - since_ns <= self._silence.begins_ns:
+            return
+        silent_ns = self._silence.since(since_ns, now_ns)
+        if silent_ns > self._silent_ns:
+            what = f"no {self.reports} for {silent_ns / NS_PER_S:.2f} s"
+            raise BusFault(self.env.plugin, f"{what}: {self.silence_reason()}")
+
+
+class WheelDevice(BaseDevice):
     """Turns velocities into wheel commands and wheel counts into odometry; subclasses open the link."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
@@ -246,16 +346,12 @@ class WheelDevice(Device):
         """Time without counts after which the controller counts as gone; those of the Robertino come every 20 ms."""
 
     interface = WheelsInterface
-    period_s = 0.06  # and at each request of the odometry
     parameters: Parameters
-    condition = Event[DriveCondition](outside=True)
+    _odometry: WheelOdometry
 
     def init(self) -> None:
         self._link: WheelLink | None = None
-        self._pending: Sized = ()
-        """Empty if no reports wait."""
         self._believed = self._rejected = 0
-        self._gyro, self._has_gyro, self._comparisons = GyroYaw(), False, 0
 
     def open_link(self) -> "OpenLink":
         """Open the connection to the controller (HardwareAbsent, or ValueError naming a wrong parameter)."""
@@ -263,10 +359,8 @@ class WheelDevice(Device):
 
     def activate(self) -> None:
         board, wanted = self.env.board, self.parameters
-        self._silent_ns = to_ns(wanted.silent_s)
-        self._is_again = board.T_odom_robot is not None
-        """The controller has reported before: this is a restart, or a reload."""
         opened = self.open_link()
+        self.begin(wanted.silent_s, opened.start_s)
         self._counting = opened.counting
         self._where, self._period_ns = opened.where, to_ns(opened.period_s)
         ticks = board.wheel_ticks
@@ -284,22 +378,25 @@ class WheelDevice(Device):
         self._frame_clock = FrameClock(opened.stamped_at, self._period_ns)
         self._acknowledged_ns: int | None = None
         self._statuses = self._measured_ns = 0
-        self._received_ns: int | None = None
-        self._since_ns, self._start_ns = self.env.clock.now_ns(), to_ns(opened.start_s)
-        self._silence = Silence(self._silent_ns)
-        self._first = FirstWord(self._since_ns)
         self._link = opened.link
         self._pending = opened.link.pending
 
     def step(self) -> None:
-        if self._link is None:
+        link = self._link
+        if link is None:
             return
         try:
             self._catch_up()
-            self._check(self._link)
+            if link.broken is not None:
+                raise link.broken
+            if link.statuses != self._statuses:
+                self._statuses = link.statuses
+                if link.has_failed:
+                    self._record_failure(link)
+            self._check_silence()
             if self.env.board.wants_odometry:
                 self.period_s = FAST_PERIOD_S
-                self.env.board.odometry = self._odometry.recent(self._frame_clock.offset_ns)
+                self.env.board.odometry = self._odometry.recent(self._offset_ns)
         except MotionFault as fault:
             self.condition.notify(DriveCondition(False, str(fault)))
             raise
@@ -350,50 +447,6 @@ class WheelDevice(Device):
             self._link.stop()
 
     @external
-    def is_fresh(self) -> bool:
-        """Whether the wheel encoders send data."""
-        if self._pending:
-            self._catch_up()
-        return self._received_ns is not None and self.env.clock.now_ns() - self._received_ns <= self._silent_ns
-
-    def pose(self) -> Pose2D:
-        """T_odom_robot from the wheel encoders."""
-        if self._pending:
-            self._catch_up()
-        return self._odometry.pose
-
-    def pose_if_fresh(self) -> tuple[Pose2D, bool]:
-        """`pose` and `is_fresh` in one call, for users that poll many times a second."""
-        if self._pending:
-            self._catch_up()
-        received_ns = self._received_ns
-        is_fresh = received_ns is not None and self.env.clock.now_ns() - received_ns <= self._silent_ns
-        return self._odometry.pose, is_fresh
-
-    def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last five seconds, between the encoder frames before and after it."""
-        if self._pending:
-            self._catch_up()
-        return self._odometry.pose_at(stamp_ns - self._frame_clock.offset_ns)
-
-    def odometry_until_ns(self) -> int:
-        """Time of measurement of the newest wheel counts; 0 before the first."""
-        if self._pending:
-            self._catch_up()
-        until_ns = self._odometry.until_ns
-        return until_ns + self._frame_clock.offset_ns if until_ns is not None else 0
-
-    def velocity(self) -> Twist2D:
-        """Velocity in the body frame, from the encoders."""
-        if self._pending:
-            self._catch_up()
-        return self._odometry.velocity
-
-    def radius_m(self) -> float:
-        """Radius of the round footprint."""
-        return self.parameters.radius_m
-
-    @external
     def is_holonomic(self) -> bool:
         """Whether the base can drive sideways."""
         return self.parameters.base.is_holonomic
@@ -425,38 +478,13 @@ class WheelDevice(Device):
         return self._gyro.bias_rad_s if self._gyro.is_used else None
 
     def _catch_up(self) -> None:
-        """Read the arrived reports.
+        if self._link is not None:
+            for report in self._link.take():
+                self._record(report)
 
-        The device's own step raises a fault of the bus, never a caller's call.
-        """
-        link = self._link
-        if link is None:
-            return
-        for report in link.take():
-            self._record(report)
-
-    def _check(self, link: WheelLink) -> None:
-        if link.broken is not None:
-            raise link.broken
-        if link.statuses != self._statuses:
-            self._statuses = link.statuses
-            if link.has_failed:
-                self._record_failure(link)
-        since_ns, now_ns = self._received_ns, self.env.clock.now_ns()
-        if since_ns is None:
-            if not self._is_again:  # no message yet: it may still be starting; the driver waits for it
-                if self._first.is_missing(now_ns):
-                    logger.warning("%s: no encoder frame yet: %s", self.env.robot, link.refusal or self._where)
-                return
-            if 0 <= now_ns - self._since_ns < self._start_ns:
-                return
-            since_ns = self._since_ns
-        if now_ns - since_ns <= self._silence.begins_ns:
-            return
-        silent_ns = self._silence.since(since_ns, now_ns)
-        if silent_ns > self._silent_ns:
-            silent_s = silent_ns / NS_PER_S
-            raise BusFault(self.env.plugin, f"no encoder frame for {silent_s:.2f} s: {link.refusal or self._where}")
+    def silence_reason(self) -> str:
+        """The messages that are no report, or that nothing arrives."""
+        return (self._link.refusal if self._link is not None else "") or self._where
 
     def _record_failure(self, link: WheelLink) -> None:
         now_ns = self.env.clock.now_ns()
@@ -477,12 +505,13 @@ class WheelDevice(Device):
         else:
             self._rejected += 1
             self._frame_clock.restart_stamp()
+        self._offset_ns = self._frame_clock.offset_ns
         if self._received_ns is None and self._is_again:
             self.condition.notify(DriveCondition(True, "the motor controller speaks again"))
         self._received_ns = now_ns
         board = self.env.board
         if board.yaw_rates or self._has_gyro:
-            self._correct_yaw(report.counts, before, measured_ns + self._frame_clock.offset_ns)
+            self._correct_yaw(report.counts, before, measured_ns + self._offset_ns)
         board.T_odom_robot, board.wheel_ticks = self._odometry.pose, report.counts
 
     def _correct_yaw(self, counts: Ticks, before: Ticks | None, stamp_ns: int) -> None:

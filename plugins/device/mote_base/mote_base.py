@@ -3,7 +3,7 @@
 import socket
 from collections import deque
 from collections.abc import Callable
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 import msgspec
 import serial
@@ -33,33 +33,54 @@ class LineAbsent(OSError):
     """
 
 
-class PacketLink(Protocol):
-    """Carries whole packets. It never waits: it is called in the device's step."""
+class PacketLink:
+    """Carries whole packets. It never waits: it is called in the device's step.
+
+    Args:
+        where: name of the line, for reasons.
+        backoff: when to open a lost line again.
+
+    """
+
+    def __init__(self, where: str, backoff: Backoff) -> None:
+        self.down_reason = ""
+        """Reason why the line is lost; empty while it is open."""
+        self._where, self._backoff = where, backoff
 
     @property
     def dropped(self) -> int:
         """Packets that came while too many waited already."""
+        return 0
 
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets that have arrived; the call also tries to reopen a lost line."""
+        raise NotImplementedError
 
     def send(self, packet: bytes, now_ns: int) -> None:
         """Send a packet; one that the line cannot accept is counted."""
-
-    def why_down(self) -> str:
-        """Reason why the line is lost; empty while it is open."""
+        raise NotImplementedError
 
     def counters(self) -> dict[str, int]:
         """Counters of this kind of line."""
+        return {}
 
     def close(self) -> None:
         """Close the line."""
+
+    def _lose(self, reason: object, now_ns: int) -> None:
+        self.close()
+        self.down_reason = f"{self._where}: {reason}"
+        if self._is_due(now_ns):
+            self._backoff.fail(to_seconds(now_ns))
+
+    def _is_due(self, now_ns: int) -> bool:
+        return self._backoff.is_due(to_seconds(now_ns))
 
 
 SERIAL_CHUNK_BYTES = 16_384
 
 
-class SerialLineLink:
+class SerialLineLink(PacketLink):
     """A base station's serial line.
 
     Args:
@@ -76,11 +97,8 @@ class SerialLineLink:
     """
 
     def __init__(self, device: str, baud: int, *, ack_timeout_ns: int, resends: int, backoff: Backoff) -> None:
-        self.dropped = 0
-        self._device = device
+        super().__init__(device, backoff)
         self._baud = baud
-        self._backoff = backoff
-        self._down_reason = ""
         self._reopened = 0
         self._left = b""
         self._link = SerialLink(ack_timeout_ns=ack_timeout_ns, resends=resends)
@@ -89,7 +107,7 @@ class SerialLineLink:
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step; the call also repeats unacknowledged packets."""
         if self._port is None:
-            if self._backoff.is_due(to_seconds(now_ns)):
+            if self._is_due(now_ns):
                 self._open_again(now_ns)
             return []
         try:
@@ -107,10 +125,6 @@ class SerialLineLink:
                 self._write(now_ns)
             except OSError as error:
                 self._lose(error, now_ns)
-
-    def why_down(self) -> str:
-        """Reason why the line is not open."""
-        return self._down_reason
 
     def counters(self) -> dict[str, int]:
         """Counters of the line and the packets."""
@@ -134,7 +148,7 @@ class SerialLineLink:
             self._port = None
 
     def _open(self) -> serial.Serial:
-        return serial.Serial(self._device, self._baud, timeout=0, write_timeout=0)
+        return serial.Serial(self._where, self._baud, timeout=0, write_timeout=0)
 
     def _open_again(self, now_ns: int) -> None:
         try:
@@ -142,7 +156,7 @@ class SerialLineLink:
         except (OSError, ValueError):
             self._backoff.fail(to_seconds(now_ns))
             return
-        self._down_reason, self._left = "", b""
+        self.down_reason, self._left = "", b""
         self._reopened += 1
         self._backoff.succeed()
 
@@ -152,13 +166,8 @@ class SerialLineLink:
         if self._left:
             self._left = self._left[write_at_once(self._port, self._left) :]
 
-    def _lose(self, error: OSError, now_ns: int) -> None:
-        self.close()
-        self._down_reason = f"{self._device}: {error}"
-        self._backoff.fail(to_seconds(now_ns))
 
-
-class SimulatedAirLink:
+class SimulatedAirLink(PacketLink):
     """A robot's place in the simulated air; it ends with the endpoint.
 
     Args:
@@ -169,7 +178,10 @@ class SimulatedAirLink:
 
     """
 
-    def __init__(self, wire: Endpoint, robot: str, capacity: int, wake: Callable[[], None] | None = None) -> None:
+    def __init__(
+        self, wire: Endpoint, robot: str, capacity: int, backoff: Backoff, wake: Callable[[], None] | None = None
+    ) -> None:
+        super().__init__("the simulated air", backoff)
         self._inbox = Inbox(capacity)
         self._inbox.on_arrival = wake
         self._publisher = wire.publisher(ARENA_RADIO_TX, robot=robot)
@@ -188,24 +200,13 @@ class SimulatedAirLink:
         """Put a packet on the air."""
         self._publisher.put_bytes(packet)
 
-    def why_down(self) -> str:
-        """The simulated air is always there."""
-        return ""
-
-    def counters(self) -> dict[str, int]:
-        """No counters of the line."""
-        return {}
-
-    def close(self) -> None:
-        """The endpoint's owner closes it."""
-
 
 CHUNK_BYTES = 65_536
 MAX_UNSENT_BYTES = 4096
 """About a hundred packets; further ones are not sent while these wait."""
 
 
-class SfLink:
+class SfLink(PacketLink):
     """A client of a Serial Forwarder.
 
     Args:
@@ -222,11 +223,9 @@ class SfLink:
     """
 
     def __init__(self, host: str, port: int, *, capacity: int, backoff: Backoff, timeout_s: float) -> None:
-        self.dropped = 0
-        self._unsent = self._reconnects = 0
+        super().__init__(f"{host}:{port}", backoff)
+        self._dropped = self._unsent = self._reconnects = 0
         self._capacity = capacity
-        self._backoff = backoff
-        self._down_reason = ""
         self._to_send = b""
         self._decoder = PacketDecoder()
         self._early: list[bytes] = []
@@ -245,10 +244,15 @@ class SfLink:
             self._socket.close()
             raise
 
+    @property
+    def dropped(self) -> int:
+        """Packets that came while too many waited already."""
+        return self._dropped
+
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step; the call also tries to reopen a lost connection when it is due."""
         if self._socket is None:
-            if self._backoff.is_due(to_seconds(now_ns)):
+            if self._is_due(now_ns):
                 self._connect(now_ns)
             return []
         packets = deque(self._early, maxlen=self._capacity)
@@ -261,24 +265,24 @@ class SfLink:
                 if not data:
                     raise ConnectionError("the Serial Forwarder hung up")
                 came = self._decoder.feed(data)
-                self.dropped += max(0, len(packets) + len(came) - self._capacity)
+                self._dropped += max(0, len(packets) + len(came) - self._capacity)
                 packets += came
         except BlockingIOError:
             pass
         except (OSError, BadGreeting) as error:
-            self._lose(str(error), now_ns)
-        if self._down_reason and self._socket is not None:
+            self._lose(error, now_ns)
+        if self.down_reason and self._socket is not None:
             if self._decoder.has_greeted:
-                self._down_reason = ""
+                self.down_reason = ""
                 self._reconnects += 1
                 self._backoff.succeed()
-            elif self._backoff.is_due(to_seconds(now_ns)):
+            elif self._is_due(now_ns):
                 self._lose("nobody greets", now_ns)
         return list(packets)
 
     def send(self, packet: bytes, now_ns: int) -> None:
         """Send a packet to the forwarder; without a connection it is counted as not sent."""
-        if self._socket is None or self._down_reason or len(self._to_send) > MAX_UNSENT_BYTES:
+        if self._socket is None or self.down_reason or len(self._to_send) > MAX_UNSENT_BYTES:
             self._unsent += 1
             return
         self._to_send += encode(packet)
@@ -287,11 +291,7 @@ class SfLink:
         except BlockingIOError:
             pass
         except OSError as error:
-            self._lose(str(error), now_ns)
-
-    def why_down(self) -> str:
-        """Reason why there is no connection."""
-        return self._down_reason
+            self._lose(error, now_ns)
 
     def counters(self) -> dict[str, int]:
         """Packets that could not be sent, and connections after the first."""
@@ -299,6 +299,7 @@ class SfLink:
 
     def close(self) -> None:
         """Close the connection."""
+        self._to_send = b""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -316,13 +317,6 @@ class SfLink:
         assert self._socket is not None
         while self._to_send:
             self._to_send = self._to_send[self._socket.send(self._to_send) :]
-
-    def _lose(self, reason: str, now_ns: int) -> None:
-        self.close()
-        self._down_reason = f"{self._address[0]}:{self._address[1]}: {reason}"
-        self._to_send = b""
-        if self._backoff.is_due(to_seconds(now_ns)):
-            self._backoff.fail(to_seconds(now_ns))
 
 
 POLL_S = 0.05
@@ -444,12 +438,7 @@ class MoteBase(Device):
         self._down_ns = 0
 
     def activate(self) -> None:
-        openers: dict[str, Callable[[], PacketLink]] = {
-            "zenoh": self._open_zenoh,
-            "sf": self._open_sf,
-            "serial": self._open_serial,
-        }
-        self._link = openers[self.parameters.interface]()
+        self._link = self._open_link()
         self.period_s = CHECK_S if self.parameters.interface == "zenoh" else POLL_S
         self._dropped_before = 0
 
@@ -460,7 +449,7 @@ class MoteBase(Device):
         packets = self._link.receive(now_ns)
         if packets or self._guard.since_ns is not None:
             self._handle(packets, self._link.dropped, now_ns)
-        self._report_line(self._link.why_down(), now_ns)
+        self._report_line(self._link.down_reason, now_ns)
 
     def deactivate(self) -> None:
         if self._link is not None:
@@ -489,7 +478,7 @@ class MoteBase(Device):
             floods=self._floods,
             sent=self._sent,
             flooding=self._guard.since_ns is not None,
-            why_down=link.why_down() if link is not None else "",
+            why_down=link.down_reason if link is not None else "",
             line=link.counters() if link is not None else {},
         )
 
@@ -501,7 +490,7 @@ class MoteBase(Device):
         now_ns = self.env.clock.now_ns()
         return LineHealth(
             is_up=False,
-            why_down=(self._link.why_down() if self._link is not None else "") or self._reported_down,
+            why_down=(self._link.down_reason if self._link is not None else "") or self._reported_down,
             down_s=(now_ns - self._down_ns) / NS_PER_S,
             tries=self._backoff.failures,
             next_try_s=self._backoff.wait_s(to_seconds(now_ns)),
@@ -546,33 +535,22 @@ class MoteBase(Device):
             self._reported_down, self._down_ns = why_down, now_ns
             self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
 
-    def _open_zenoh(self) -> PacketLink:
-        return SimulatedAirLink(self.env.wire, self.env.robot, self.parameters.inbox_packets, self.env.hurry)
-
-    def _open_sf(self) -> PacketLink:
-        wanted = self.parameters
+    def _open_link(self) -> PacketLink:
+        wanted, backoff = self.parameters, self._backoff
+        if wanted.interface == "zenoh":
+            wire, robot = self.env.wire, self.env.robot
+            return SimulatedAirLink(wire, robot, wanted.inbox_packets, backoff, self.env.hurry)
+        is_serial = wanted.interface == "serial"
+        what = f"base station at {wanted.device}" if is_serial else f"Serial Forwarder at {wanted.host}:{wanted.port}"
         try:
-            return SfLink(
-                wanted.host,
-                wanted.port,
-                capacity=wanted.inbox_packets,
-                backoff=self._backoff,
-                timeout_s=wanted.connect_timeout_s,
-            )
+            if is_serial:
+                ack_timeout_ns = to_ns(wanted.ack_timeout_s)
+                return SerialLineLink(
+                    wanted.device, wanted.baud, ack_timeout_ns=ack_timeout_ns, resends=wanted.resends, backoff=backoff
+                )
+            capacity, timeout_s = wanted.inbox_packets, wanted.connect_timeout_s
+            return SfLink(wanted.host, wanted.port, capacity=capacity, backoff=backoff, timeout_s=timeout_s)
         except (OSError, BadGreeting) as error:
-            raise LineAbsent(f"no Serial Forwarder at {wanted.host}:{wanted.port}: {error}") from error
-
-    def _open_serial(self) -> PacketLink:
-        wanted = self.parameters
-        try:
-            return SerialLineLink(
-                wanted.device,
-                wanted.baud,
-                ack_timeout_ns=to_ns(wanted.ack_timeout_s),
-                resends=wanted.resends,
-                backoff=self._backoff,
-            )
-        except OSError as error:
-            raise LineAbsent(f"no base station at {wanted.device}: {error}") from error
+            raise LineAbsent(f"no {what}: {error}") from error
         except ValueError as error:  # a line that is never as fast as that
-            raise HardwareAbsent(self.env.plugin, f"no base station at {wanted.device}: {error}") from error
+            raise HardwareAbsent(self.env.plugin, f"no {what}: {error}") from error

@@ -5,22 +5,18 @@ zero is published all the time, so that no other node drives it. This is done on
 stops a robot whose plugin hangs. A robot whose agent has died stops by its own watchdog.
 """
 
-import logging
 import math
 import time
 from collections.abc import Callable
 from threading import Lock
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 from geometry_msgs.msg import Twist, TwistStamped
 from msgspec import Meta
 from nav_msgs.msg import Odometry
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile
 
-from robrain.agent.event import Event
-from robrain.agent.plugin import Device, external
-from robrain.agent.silence import FirstWord, Silence
-from robrain.algorithms.localization.odometry import PoseTrack
+from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import (
     BusFault,
     ControllerStatus,
@@ -28,21 +24,17 @@ from robrain.plugins.device.mocdevice.interface import (
     DriveCondition,
     MocDeviceInterface,
 )
-from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, Ros2Publisher, check_topics, open_link
-from robrain.plugins.device.ros2.odometry_message import OdometryReading, read_odometry
-from robrain.plugins.device.ros2.topic_device import CheckedTopic
+from robrain.plugins.device.mocdevice.wheel_device import JUMP_SLACK, STANDING, BaseDevice, BaseOdometry
+from robrain.plugins.device.ros2.link import Ros2Parameters, Ros2Publisher, check_topics
+from robrain.plugins.device.ros2.topic_device import BadMessage, TopicDevice, stamp_ns_of
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.protocol.model.ranges import Positive
-
-logger = logging.getLogger(__name__)
-
 
 HOLD_NS = to_ns(0.2)
 ZEROS = 10
 TICK_S = 0.05
 """Period of `tick`."""
-STANDING = Twist2D()
 
 
 class CommandGate:
@@ -117,15 +109,50 @@ class CommandGate:
 
 HISTORY_NS = 5 * NS_PER_S
 HISTORY_MESSAGES = 2048
-JUMP_SLACK = 2.0
-"""A base that seems to have moved this many times as fast as it can has not: its odometry has jumped."""
 JUMP_M, JUMP_RAD = 0.05, 0.1
 """A smaller change is no jump."""
 BLIND_S = 1.0
 """Longest time that a base may have moved without a message from it: its watchdog then stops it."""
 
 
-class ReportedPath(PoseTrack):
+PLACE_MAX_M = 1e5
+"""Largest distance of a robot from its start."""
+SPEED_MAX = 100.0
+"""Metres or radians per second that no base can make."""
+NORM_SLACK = 0.05
+"""How far the length of an orientation's quaternion may be from 1."""
+
+
+class OdometryReading(NamedTuple):
+    """Odometry as the robot reported it."""
+
+    pose: Pose2D
+    """Of the body in the robot's own odometry frame."""
+    velocity: Twist2D
+
+
+def read_odometry(message: Any) -> tuple[int, OdometryReading]:
+    """Stamp and planar part of a nav_msgs/Odometry (BadMessage); its velocity is that in the body frame."""
+    place, velocity = message.pose.pose.position, message.twist.twist
+    if not (abs(place.x) <= PLACE_MAX_M and abs(place.y) <= PLACE_MAX_M):  # also False for NaN
+        raise BadMessage(f"expected a place within {PLACE_MAX_M:g} m, got {place.x:g}, {place.y:g}")
+    twist = Twist2D(velocity.linear.x, velocity.linear.y, velocity.angular.z)
+    if not all(abs(each) <= SPEED_MAX for each in (twist.forward_m_s, twist.left_m_s, twist.yaw_rad_s)):
+        raise BadMessage(f"expected speeds up to {SPEED_MAX:g}, got {twist}")
+    pose = Pose2D(place.x, place.y, _yaw_rad(message.pose.pose.orientation))
+    return stamp_ns_of(message), OdometryReading(pose, twist)
+
+
+def _yaw_rad(orientation: Any) -> float:
+    """Yaw of an orientation, by which the body's x axis points, seen from above (BadMessage)."""
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(norm - 1.0) <= NORM_SLACK:
+        raise BadMessage(f"expected a quaternion of length 1, got {x:g}, {y:g}, {z:g}, {w:g}")
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+class ReportedPath(BaseOdometry):
     """Follows the odometry of a base; the frame odom begins at the robot's first message.
 
     Args:
@@ -140,7 +167,6 @@ class ReportedPath(PoseTrack):
         self, speed_m_s: float, turn_rate_rad_s: float, pose: Pose2D, before: tuple[Pose2D, int] | None
     ) -> None:
         super().__init__(pose, HISTORY_MESSAGES)
-        self.velocity = STANDING
         self.before = before
         self._speed_m_s, self._turn_rate_rad_s = speed_m_s, turn_rate_rad_s
 
@@ -163,12 +189,9 @@ class ReportedPath(PoseTrack):
             else:
                 self.pose = self.pose.compose(displacement)
         self.velocity = STANDING if has_jumped else reported.velocity
-        history = self._history
-        while history and history[-1][0] >= measured_ns:  # a clock was set back
-            history.pop()
-        history.append((measured_ns, self.pose))
-        while history[0][0] < measured_ns - HISTORY_NS:
-            history.popleft()
+        self._record(measured_ns)
+        while self._history[0][0] < measured_ns - HISTORY_NS:
+            self._history.popleft()
         return not has_jumped
 
     def _is_jump(self, displacement: Pose2D, measured_ns: int) -> bool:
@@ -183,7 +206,7 @@ COMMAND_QOS = QoSProfile(depth=1)
 """Reliable, the newest only: a subscription of any reliability receives it."""
 
 
-class Ros2Base(Device):
+class Ros2Base(TopicDevice, BaseDevice):
     """Drives a ROS 2 robot by `cmd_vel`, and follows its odometry."""
 
     class Parameters(Ros2Parameters, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -217,62 +240,52 @@ class Ros2Base(Device):
                 raise ValueError("expected turn_radius_min_m = 0 for a holonomic base")
 
     interface = MocDeviceInterface
-    period_s = 0.06  # and at each request of the odometry
+    reports = "odometry"
     parameters: Parameters
-    condition = Event[DriveCondition](outside=True)
+    _odometry: ReportedPath
 
     def init(self) -> None:
-        self._link: Ros2Link | None = None
-        self._odometry: CheckedTopic[OdometryReading] | None = None
         self._publisher: Ros2Publisher | None = None
         self._gate: CommandGate | None = None
         self._believed = self._jumps = 0
 
     def activate(self) -> None:
         board, wanted = self.env.board, self.parameters
-        self._silent_ns = to_ns(wanted.silent_s)
-        self._silence = Silence(self._silent_ns)
-        self._first = FirstWord(self.env.clock.now_ns())
-        self._is_again = board.T_odom_robot is not None
-        """The robot has reported odometry before: this is a restart, or a reload."""
+        self.begin(wanted.silent_s)
         start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
-        self._path = ReportedPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
-        self._received_ns: int | None = None
-        self._since_ns = self.env.clock.now_ns()
-        link = self._link = open_link(self.env, wanted)
+        self._odometry = ReportedPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
+        link = self.subscribe(Odometry, wanted.odom, read_odometry, _ignore)
+        self._pending = self._topic
         if self._is_again and link.is_gone(wanted.topic(wanted.odom)):
-            raise BusFault(self.env.plugin, self._silence_text("no odometry"))
+            raise BusFault(self.env.plugin, f"no odometry: {self.silence_reason()}")
         self._publisher = link.publisher(
             TwistStamped if wanted.stamped else Twist, wanted.topic(wanted.cmd_vel), COMMAND_QOS
         )
         self._gate = CommandGate(self._publish, time.monotonic_ns)
         self._end_ticks = link.every(TICK_S, self._gate.tick)
-        topic, qos = wanted.topic(wanted.odom), qos_profile_sensor_data
-        self._odometry = CheckedTopic(link, Odometry, topic, qos, read_odometry, _ignore)
 
     def step(self) -> None:
         if self._gate is None:
             return
         self._gate.release()
-        self._catch_up()
         try:
-            self._check()
+            self._catch_up()
+            if self._link is not None and self._link.failure:
+                raise BusFault(self.env.plugin, self._link.failure)
+            self._check_silence()
         except BusFault as fault:
             self.condition.notify(DriveCondition(False, str(fault)))
             raise
 
     def deactivate(self) -> None:
-        link, self._link = self._link, None
         if self._gate is not None:
             self._gate.close()
             self._end_ticks()
             self._gate = None
-        for held in (self._publisher, self._odometry):
-            if held is not None:
-                held.close()
-        self._publisher = None
-        if link is not None:
-            link.release()
+        if self._publisher is not None:
+            self._publisher.close()
+            self._publisher = None
+        super().deactivate()
 
     def emergency_halt(self) -> None:
         if (gate := self._gate) is not None:
@@ -297,41 +310,6 @@ class Ros2Base(Device):
             self._gate.stop()
 
     @external
-    def is_fresh(self) -> bool:
-        """Whether the robot reports its odometry."""
-        self._catch_up()
-        return self._received_ns is not None and self.env.clock.now_ns() - self._received_ns <= self._silent_ns
-
-    def pose(self) -> Pose2D:
-        """T_odom_robot by the robot's odometry."""
-        self._catch_up()
-        return self._path.pose
-
-    def pose_if_fresh(self) -> tuple[Pose2D, bool]:
-        """`pose` and `is_fresh` in one call."""
-        is_fresh = self.is_fresh()
-        return self._path.pose, is_fresh
-
-    def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last five seconds."""
-        self._catch_up()
-        return self._path.pose_at(stamp_ns)
-
-    def odometry_until_ns(self) -> int:
-        """Time of measurement of the newest odometry; 0 before the first."""
-        self._catch_up()
-        return self._path.until_ns or 0
-
-    def velocity(self) -> Twist2D:
-        """Velocity in the body frame, as the robot reports it."""
-        self._catch_up()
-        return self._path.velocity
-
-    def radius_m(self) -> float:
-        """Radius of the round footprint."""
-        return self.parameters.radius_m
-
-    @external
     def is_holonomic(self) -> bool:
         """Whether the base can drive sideways."""
         return self.parameters.holonomic
@@ -345,10 +323,10 @@ class Ros2Base(Device):
     def counters(self) -> Counters:
         """Messages believed, rejected and lost; `foreign` counts other publishers of the velocities."""
         self._catch_up()
-        link, received, wanted = self._link, self._odometry, self.parameters
-        foreign = max(link.publishers(wanted.topic(wanted.cmd_vel)) - 1, 0) if link is not None else 0
-        rejected, dropped = (received.rejected, received.dropped) if received is not None else (0, 0)
-        return Counters(self._believed, rejected, foreign, dropped, self._jumps)
+        link, topic = self._link, self.parameters.topic(self.parameters.cmd_vel)
+        foreign = max(link.publishers(topic) - 1, 0) if link is not None else 0
+        dropped = self._topic.dropped if self._topic is not None else 0
+        return Counters(self._believed, self.rejected(), foreign, dropped, self._jumps)
 
     def status(self) -> ControllerStatus | None:
         """None: a ROS 2 robot has no status of that kind."""
@@ -357,16 +335,16 @@ class Ros2Base(Device):
     @external
     def trouble(self) -> str:
         """Reason why the robot cannot drive, in words; empty if none is known."""
-        link, publisher, wanted = self._link, self._publisher, self.parameters
-        if link is None or publisher is None:
+        publisher, wanted = self._publisher, self.parameters
+        if publisher is None:
             return "the device is not active"
         found = []
         if not self.is_fresh():
-            found.append(self._silence_text("no odometry"))
+            found.append(f"no odometry: {self.silence_reason()}")
         if not publisher.listeners():
             found.append(f"nothing listens to {wanted.topic(wanted.cmd_vel)}")
-        if self._odometry is not None and self._odometry.why_rejected:
-            found.append(f"the last odometry that was rejected: {self._odometry.why_rejected}")
+        if why_rejected := self.why_rejected():
+            found.append(f"the last odometry that was rejected: {why_rejected}")
         return "; ".join(found)
 
     def _publish(self, twist: Twist2D) -> None:
@@ -384,43 +362,15 @@ class Ros2Base(Device):
         publisher.publish(message)
 
     def _catch_up(self) -> None:
-        received = self._odometry
-        if not received:  # nothing has come
-            return
-        for reported, measured_ns, number in received.take():
-            if not self._path.take(reported, measured_ns, number):
+        for reported, measured_ns, number in self._topic.take() if self._topic is not None else ():
+            if not self._odometry.take(reported, measured_ns, number):
                 self._jumps += 1
             self._believed += 1
             if self._received_ns is None and self._is_again:
                 self.condition.notify(DriveCondition(True, "the robot reports its odometry again"))
             self._received_ns = self.env.clock.now_ns()
             board = self.env.board
-            board.T_odom_robot, board.published_odometry = self._path.pose, self._path.before
-
-    def _check(self) -> None:
-        link, since_ns = self._link, self._received_ns
-        if link is not None and link.failure:
-            raise BusFault(self.env.plugin, link.failure)
-        now_ns = self.env.clock.now_ns()
-        if since_ns is None:
-            if not self._is_again:  # no message yet: it may still be starting; the driver waits for it
-                if self._first.is_missing(now_ns):
-                    logger.warning("%s: %s", self.env.robot, self._silence_text("no odometry yet"))
-                return
-            since_ns = self._since_ns
-        if now_ns - since_ns <= self._silence.begins_ns:
-            return
-        silent_ns = self._silence.since(since_ns, now_ns)
-        if silent_ns > self._silent_ns:
-            raise BusFault(self.env.plugin, self._silence_text(f"no odometry for {silent_ns / NS_PER_S:.2f} s"))
-
-    def _silence_text(self, what: str) -> str:
-        link, wanted = self._link, self.parameters
-        topic = wanted.topic(wanted.odom)
-        if link is None or not link.publishers(topic):
-            domain = f" in ROS domain {link.domain_id}" if link is not None else ""
-            return f"{what}: {topic} has no publisher{domain}"
-        return f"{what}: {self._odometry.silence_reason}" if self._odometry is not None else what
+            board.T_odom_robot, board.published_odometry = self._odometry.pose, self._odometry.before
 
 
 def _ignore() -> None:

@@ -3,12 +3,11 @@
 from typing import Annotated
 
 from msgspec import Meta
-from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan as LaserScanMessage
 
-from robrain.plugins.device.ros2.link import Ros2Parameters, check_topics, open_link
+from robrain.plugins.device.ros2.link import Ros2Parameters, check_topics
 from robrain.plugins.device.ros2.scan_reader import ScanReader
-from robrain.plugins.device.ros2.topic_device import CheckedTopic, TopicDevice
+from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, LidarFault, Mount
 from robrain.protocol.model.ranges import NotNegative, Positive
@@ -44,27 +43,17 @@ class Ros2Scan(TopicDevice, LidarDevice):
     def begin(self) -> None:
         wanted = self.parameters
         reader = ScanReader(wanted.mount, wanted.beams, wanted.range_max_m)
-        link, topic = open_link(self.env, wanted), wanted.topic(wanted.scan)
-        self._link = link
-        if self.env.board.has_scanned and link.is_gone(topic):
+        link = self.subscribe(LaserScanMessage, wanted.scan, reader.read)
+        if self.env.board.has_scanned and link.is_gone(wanted.topic(wanted.scan)):
             raise LidarFault(self.env.plugin, f"no turn of the lidar{self.where()}")
-        qos = qos_profile_sensor_data
-        self._topic = CheckedTopic(link, LaserScanMessage, topic, qos, reader.read, self.env.hurry)
 
     def read_turns(self, now_ns: int) -> None:
-        link, topic = self._link, self._topic
-        if link is None or topic is None:
-            return
-        if link.failure:
-            self.fail(link.failure)
-        for turn, measured_ns, _ in topic.take():
+        if self._link is not None and self._link.failure:
+            self.fail(self._link.failure)
+        for turn, measured_ns, _ in self.received():
             scan = LaserScan(measured_ns, turn.angles_rad, turn.ranges_m, turn.range_max_m)
             self.note(scan, [round(MM_PER_M * range_m) for range_m in turn.ranges_m], now_ns)
 
     def where(self) -> str:
-        topic, link = self.parameters.topic(self.parameters.scan), self._link
-        if link is None:
-            return ""
-        if not link.publishers(topic):
-            return f": {topic} has no publisher in ROS domain {link.domain_id}"
-        return f": {self._topic.silence_reason}" if self._topic is not None else ""
+        reason = self.silence_reason()
+        return f": {reason}" if reason else ""

@@ -1,14 +1,14 @@
 """Reads a LaserScan of ROS 2. Apart from the device: its arrays need numpy, which a plain install lacks."""
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.plugins.device.ros2.odometry_message import Header
+from robrain.plugins.device.ros2.topic_device import BadMessage, stamp_ns_of
 from robrain.plugins.device.scan.lidar_device import Mount
-from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import to_ns
 
 BEAMS_MAX = 100_000
 RANGE_MAX_M = 1000.0
@@ -25,28 +25,9 @@ SCAN_TIME_MAX_S = 2.0
 Floats = NDArray[np.float64]
 
 
-class BadScan(ValueError):
-    """A turn that is not believed; the text is the reason."""
-
-
-class ScanMessage(Protocol):
-    """sensor_msgs/LaserScan."""
-
-    header: Header
-    angle_min: float
-    angle_max: float
-    angle_increment: float
-    time_increment: float
-    range_min: float
-    range_max: float
-    ranges: "Floats | list[float]"
-
-
 class ScanReading(NamedTuple):
     """A turn in the robot's frame."""
 
-    stamp_ns: int
-    """Middle of the turn, by the publisher's clock; 0 if the message has no stamp."""
     angles_rad: tuple[float, ...]
     ranges_m: tuple[float, ...]
     """From the robot's centre; `range_max_m` where nothing was hit."""
@@ -70,8 +51,13 @@ class ScanReader:
         self._angles_rad: Floats = np.zeros(0)
         """Of the message's beams, in the robot's frame."""
 
-    def read(self, message: ScanMessage) -> ScanReading:
-        """The turn in a message (BadScan)."""
+    def read(self, message: Any) -> tuple[int, ScanReading]:
+        """Time of the middle of the turn (0 if the message has none), and the turn in a sensor_msgs/LaserScan.
+
+        Raises:
+            BadMessage: a turn that is not believed.
+
+        """
         ranges_m = np.array(message.ranges, dtype=np.float64)
         self._check(message, len(ranges_m))
         is_limited = message.range_max <= RANGE_MAX_M
@@ -85,29 +71,30 @@ class ScanReader:
         valid = (is_hit | is_free) & ~self._hidden(ranges_m, is_hit)
         if np.count_nonzero(valid) < max(VALID_SHARE * len(ranges_m), 1.0):
             what = f"expected ranges from {message.range_min:g} m, and beyond the robot itself"
-            raise BadScan(f"{what}, got {len(ranges_m)} of which none is valid")
+            raise BadMessage(f"{what}, got {len(ranges_m)} of which none is valid")
         angles_rad, ranges_m, is_hit = self._angles_rad[valid], ranges_m[valid], is_hit[valid]
         if self._beams:
             # From its centre the robot sees less far in the direction away from the lidar.
             far_m -= math.hypot(self._mount.x_m, self._mount.y_m)
             if far_m <= 0.0:
-                raise BadScan(f"expected a reach beyond the robot's centre, got range_max {message.range_max:g}")
+                raise BadMessage(f"expected a reach beyond the robot's centre, got range_max {message.range_max:g}")
             angles_rad, ranges_m = self._resample(angles_rad, ranges_m, is_hit, far_m)
-        return ScanReading(_middle_ns(message, len(valid)), tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), far_m)
+        turn = ScanReading(tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), far_m)
+        return _middle_ns(message, len(valid)), turn
 
-    def _check(self, message: ScanMessage, beams: int) -> None:
+    def _check(self, message: Any, beams: int) -> None:
         first_rad, step_rad = message.angle_min, message.angle_increment
         if not 1 <= beams <= BEAMS_MAX:
-            raise BadScan(f"expected 1 to {BEAMS_MAX} ranges, got {beams}")
+            raise BadMessage(f"expected 1 to {BEAMS_MAX} ranges, got {beams}")
         if not (abs(first_rad) <= TURN_RAD + TURN_SLACK_RAD and 0.0 < abs(step_rad) <= TURN_RAD):
-            raise BadScan(f"expected beams within a turn, got angle_min {first_rad:g}, angle_increment {step_rad:g}")
+            raise BadMessage(f"expected beams within a turn, got angle_min {first_rad:g}, angle_increment {step_rad:g}")
         if abs(step_rad) * (beams - 1) > TURN_RAD + TURN_SLACK_RAD:
-            raise BadScan(f"expected beams within a turn, got {beams} with angle_increment {step_rad:g}")
+            raise BadMessage(f"expected beams within a turn, got {beams} with angle_increment {step_rad:g}")
         span_rad = message.angle_max - first_rad
         if not abs(span_rad - step_rad * (beams - 1)) <= 1.5 * abs(step_rad):
-            raise BadScan(f"expected {span_rad / step_rad + 1:.0f} ranges by the angles, got {beams}")
+            raise BadMessage(f"expected {span_rad / step_rad + 1:.0f} ranges by the angles, got {beams}")
         if not 0.0 <= message.range_min < message.range_max:
-            raise BadScan(f"expected range_min < range_max, got {message.range_min:g} and {message.range_max:g}")
+            raise BadMessage(f"expected range_min < range_max, got {message.range_min:g} and {message.range_max:g}")
         if (fan := (beams, first_rad, step_rad)) != self._fan:
             self._fan = fan
             sign = -1.0 if self._mount.upside_down else 1.0
@@ -143,9 +130,9 @@ class ScanReader:
         return angles[was_seen], nearest_m[was_seen]
 
 
-def _middle_ns(message: ScanMessage, beams: int) -> int:
+def _middle_ns(message: Any, beams: int) -> int:
     """Time of the beam in the middle; the stamp is that of the first one."""
-    stamp_ns = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
+    stamp_ns = stamp_ns_of(message)
     duration_s = message.time_increment * (beams - 1)
     if stamp_ns <= 0 or not 0.0 <= duration_s <= SCAN_TIME_MAX_S:
         return max(stamp_ns, 0)

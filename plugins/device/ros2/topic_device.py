@@ -1,30 +1,38 @@
-"""Common part of devices that subscribe to one ROS 2 topic: they unsubscribe at a stop and count rejected messages."""
+"""Common part of devices that subscribe to one ROS 2 topic: its messages, their times and the rejected ones."""
 
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from rclpy.qos import qos_profile_sensor_data
 
 from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Device, external
-from robrain.plugins.device.ros2.link import Ros2Link
+from robrain.plugins.device.mocdevice.frame_clock import LeastDelay
+from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, open_link
 from robrain.protocol.clock import NS_PER_S, to_ns
 
 LATENCY_MAX_NS = to_ns(0.5)
 """Messages that all come later after their stamps are stamped by another clock."""
 AHEAD_MAX_NS = to_ns(0.005)
 """Likewise those with stamps this far in the future; synchronised clocks differ by less."""
-WINDOW = 256
-"""Messages of a window; the least delay is that of the current window and the one before."""
 RESTART_NS = 3 * NS_PER_S
 """Increase of the delay that is no delay: the other clock has been set, or its process started again."""
+
+
+class BadMessage(ValueError):
+    """A message that is not believed; the text is the reason."""
+
+
+def stamp_ns_of(message: Any) -> int:
+    """The stamp of a message with a header, by its publisher's clock; 0 if it has none."""
+    return int(message.header.stamp.sec) * NS_PER_S + int(message.header.stamp.nanosec)
 
 
 class StampClock:
     """Converts the stamps of one publisher."""
 
     def __init__(self) -> None:
-        self._count = 0
-        self._least_ns: int | None = None
-        self._before_ns: int | None = None
+        self._delay: LeastDelay | None = None
 
     def measured_ns(self, stamp_ns: int, arrived_ns: int) -> int:
         """The time of measurement, robot's clock, never after arrival.
@@ -37,36 +45,16 @@ class StampClock:
         if stamp_ns <= 0:
             return arrived_ns
         delay_ns = arrived_ns - stamp_ns
-        offset_ns = self._observe(delay_ns)
+        if self._delay is None or delay_ns - self._delay.ns > RESTART_NS:
+            self._delay = LeastDelay()
+            self._delay.restart(delay_ns)
+        offset_ns = self._delay.observe(delay_ns)
         if -AHEAD_MAX_NS <= offset_ns <= LATENCY_MAX_NS:
             return min(stamp_ns, arrived_ns)
         return min(stamp_ns + offset_ns, arrived_ns)
 
-    def _observe(self, delay_ns: int) -> int:
-        least_ns = self._least_ns
-        if least_ns is None or delay_ns - self._offset_ns(least_ns) > RESTART_NS:
-            self._count, self._before_ns = 0, None
-            least_ns = delay_ns
-        elif self._count == WINDOW:
-            self._count, self._before_ns = 0, least_ns
-            least_ns = delay_ns
-        self._count += 1
-        self._least_ns = min(least_ns, delay_ns)
-        return self._offset_ns(self._least_ns)
 
-    def _offset_ns(self, least_ns: int) -> int:
-        return least_ns if self._before_ns is None else min(least_ns, self._before_ns)
-
-
-class Stamped(Protocol):
-    """Value read from a message."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """By the publisher's clock."""
-
-
-T = TypeVar("T", bound=Stamped)
+T = TypeVar("T")
 
 
 class CheckedMessage(NamedTuple, Generic[T]):
@@ -86,8 +74,7 @@ class CheckedTopic(Generic[T]):
         link: the node; not released with the topic.
         kind: the message's class.
         topic: its full name.
-        qos: `rclpy.qos.QoSProfile`.
-        read: checks a message (ValueError if it cannot be).
+        read: stamp (0 if it has none) and value of a message (ValueError if it is not believed).
         on_arrival: called after each message, on the thread of the node.
 
     """
@@ -97,8 +84,7 @@ class CheckedTopic(Generic[T]):
         link: Ros2Link,
         kind: type[Any],
         topic: str,
-        qos: Any,
-        read: Callable[[Any], T],
+        read: Callable[[Any], tuple[int, T]],
         on_arrival: Callable[[], None],
     ) -> None:
         self.rejected = 0
@@ -106,8 +92,8 @@ class CheckedTopic(Generic[T]):
         """Of the last message that was rejected."""
         self._rejected_since = 0
         """Messages that were rejected since the last that was not."""
-        self._name, self._read, self._clock = topic, read, StampClock()
-        self._inbox = link.subscribe(kind, topic, qos, on_arrival)
+        self._link, self._name, self._read, self._clock = link, topic, read, StampClock()
+        self._inbox = link.subscribe(kind, topic, qos_profile_sensor_data, on_arrival)
 
     @property
     def dropped(self) -> int:
@@ -117,6 +103,8 @@ class CheckedTopic(Generic[T]):
     @property
     def silence_reason(self) -> str:
         """Reason why no message is accepted: all are rejected, by which field and value, or none is sent."""
+        if not self._link.publishers(self._name):
+            return f"{self._name} has no publisher in ROS domain {self._link.domain_id}"
         if self._rejected_since:
             return f"{self._rejected_since} messages of {self._name} were rejected: {self.why_rejected}"
         return f"the publisher of {self._name} is silent"
@@ -130,14 +118,14 @@ class CheckedTopic(Generic[T]):
         accepted = []
         for arrived in self._inbox.drain():
             try:
-                value = self._read(arrived.message)
+                stamp_ns, value = self._read(arrived.message)
             except ValueError as error:
                 self.rejected += 1
                 self._rejected_since += 1
                 self.why_rejected = str(error)
                 continue
             self._rejected_since = 0
-            measured_ns = self._clock.measured_ns(value.stamp_ns, arrived.arrived_ns)
+            measured_ns = self._clock.measured_ns(stamp_ns, arrived.arrived_ns)
             accepted.append(CheckedMessage(value, measured_ns, arrived.number))
         return accepted
 
@@ -147,15 +135,37 @@ class CheckedTopic(Generic[T]):
 
 
 class TopicDevice(Device):
-    """Subscribes to one topic; `activate` of a device opens both."""
+    """Subscribes to one topic."""
 
+    parameters: Ros2Parameters
     _link: Ros2Link | None = None
     _topic: CheckedTopic[Any] | None = None
 
-    def check_node(self) -> None:
-        """Raise PluginError if the ROS 2 node has failed: a restart opens another."""
+    def subscribe(
+        self,
+        kind: type[Any],
+        topic: str,
+        read: Callable[[Any], tuple[int, Any]],
+        on_arrival: Callable[[], None] | None = None,
+    ) -> Ros2Link:
+        """Open the node, and subscribe to a topic of the robot; arguments as of `CheckedTopic`.
+
+        A message hurries the device unless there is an `on_arrival`.
+        """
+        link = self._link = open_link(self.env, self.parameters)
+        name = self.parameters.topic(topic)
+        self._topic = CheckedTopic(link, kind, name, read, on_arrival or self.env.hurry)
+        return link
+
+    def received(self) -> list[CheckedMessage[Any]]:
+        """Messages since the last call (PluginError if the ROS 2 node has failed: a restart opens another)."""
         if self._link is not None and self._link.failure:
             raise PluginError(self.env.plugin, self._link.failure)
+        return self._topic.take() if self._topic is not None else []
+
+    def silence_reason(self) -> str:
+        """Reason why no message is accepted."""
+        return self._topic.silence_reason if self._topic is not None else ""
 
     def deactivate(self) -> None:
         link, self._link = self._link, None

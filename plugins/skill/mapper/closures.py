@@ -44,22 +44,53 @@ INSIDE_M = 1.5
 """Least distance of the sensor from the edge of a submap's box, metres."""
 
 
-class ClosureSearch:
-    """Chooses submaps that cover the robot's place, one after the other.
+class ClosureFinder:
+    """Finds loop closures and adds them to the robot's part of the pose graph.
 
     Args:
         robot: name of this robot.
         graph: its part of the pose graph.
         atlas: all known submaps.
+        slack_m: offsets up to this distance count as zero.
 
     """
 
-    def __init__(self, robot: str, graph: SubmapGraph, atlas: SubmapAtlas) -> None:
+    def __init__(self, robot: str, graph: SubmapGraph, atlas: SubmapAtlas, slack_m: float) -> None:
+        self.closed = 0
+        """Number of scans that matched another submap."""
+        self.contradicted = 0
+        """Number of scans that contradicted a submap that covers the place."""
+        self.found: list[Closure] = []
+        """Closures with teammates' submaps that are still to be published."""
         self._robot = robot
         self._graph = graph
         self._atlas = atlas
+        self._slack_m = slack_m
         self._tried: dict[SubmapKey, Pose2D] = {}
         """Pose of the sensor when a submap was tried last, arena frame."""
+        self._variances: dict[SubmapKey, Variances] = {}
+        """Variances of the poses of teammates' submaps."""
+        self._at: Pose2D | None = None
+        self._checks: deque[SubmapKey | None] = deque(maxlen=CHECKS_MAX)
+        """Submaps that contradicted a scan; None for those that agreed."""
+
+    def restart(self) -> None:
+        """The robot may be anywhere now: earlier results are no evidence."""
+        self._tried.clear()
+        self._checks.clear()
+
+    def misplacement_reason(self) -> str:
+        """Why the robot cannot be where it believes to be; empty while it may be.
+
+        One teammate that is wrong contradicts all others, so submaps of two robots have to contradict this one.
+        """
+        contradicting = [key for key in self._checks if key is not None]
+        submaps = set(contradicting)
+        robots = {robot for robot, _ in submaps}
+        if len(contradicting) < CONTRADICTIONS_MIN or len(submaps) < SUBMAPS_MIN or len(robots) < ROBOTS_MIN:
+            return ""
+        self._checks.clear()
+        return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
 
     def candidate(self, sensor: Pose2D) -> SubmapKey | None:
         """The submap to try next from this pose of the sensor, arena frame; None if there is none."""
@@ -86,70 +117,6 @@ class ClosureSearch:
                 del self._tried[next(iter(self._tried))]
         return best
 
-    def forget(self) -> None:
-        """Forget all attempts, because the robot may be anywhere now."""
-        self._tried.clear()
-
-    def _recent(self) -> set[SubmapKey]:
-        """The current submap and the one before: localisation matches scans against them already."""
-        return {(self._robot, number) for number in list(self._graph.own)[-2:]}
-
-    def _is_inside(self, key: SubmapKey, place: Pose2D) -> bool:
-        submap, geometry = self._atlas.submaps[key], self._atlas.grid.geometry
-        inside = INSIDE_M / geometry.resolution_m
-        row, column = geometry.cell_of(place.x_m, place.y_m)
-        height, width = submap.evidence.shape
-        at_row, at_column = row - submap.row, column - submap.column
-        return bool(inside <= at_row <= height - inside and inside <= at_column <= width - inside)
-
-
-class ClosureFinder:
-    """Finds loop closures and adds them to the robot's part of the pose graph.
-
-    Args:
-        robot: name of this robot.
-        graph: its part of the pose graph.
-        atlas: all known submaps.
-        slack_m: offsets up to this distance count as zero.
-
-    """
-
-    def __init__(self, robot: str, graph: SubmapGraph, atlas: SubmapAtlas, slack_m: float) -> None:
-        self.search = ClosureSearch(robot, graph, atlas)
-        self.closed = 0
-        """Number of scans that matched another submap."""
-        self.contradicted = 0
-        """Number of scans that contradicted a submap that covers the place."""
-        self.found: list[Closure] = []
-        """Closures with teammates' submaps that are still to be published."""
-        self._robot = robot
-        self._graph = graph
-        self._atlas = atlas
-        self._slack_m = slack_m
-        self._variances: dict[SubmapKey, Variances] = {}
-        """Variances of the poses of teammates' submaps."""
-        self._at: Pose2D | None = None
-        self._checks: deque[SubmapKey | None] = deque(maxlen=CHECKS_MAX)
-        """Submaps that contradicted a scan; None for those that agreed."""
-
-    def begin_anew(self) -> None:
-        """The robot may be anywhere now: earlier results are no evidence."""
-        self.search.forget()
-        self._checks.clear()
-
-    def misplacement_reason(self) -> str:
-        """Why the robot cannot be where it believes to be; empty while it may be.
-
-        One teammate that is wrong contradicts all others, so submaps of two robots have to contradict this one.
-        """
-        contradicting = [key for key in self._checks if key is not None]
-        submaps = set(contradicting)
-        robots = {robot for robot, _ in submaps}
-        if len(contradicting) < CONTRADICTIONS_MIN or len(submaps) < SUBMAPS_MIN or len(robots) < ROBOTS_MIN:
-            return ""
-        self._checks.clear()
-        return f"{len(submaps)} submaps of {len(robots)} robots contradict what the lidar sees"
-
     def look(
         self, number: int, local: Pose2D, sensor: Pose2D, points: Callable[[], Floats], covariance: tuple[float, ...]
     ) -> bool:
@@ -168,7 +135,7 @@ class ClosureFinder:
         """
         if self._at is not None and self._at.distance_m(sensor) < PATH_M:
             return False
-        key = self.search.candidate(sensor)
+        key = self.candidate(sensor)
         if key is None:
             return False
         self._at = sensor
@@ -247,6 +214,18 @@ class ClosureFinder:
             x_m2, y_m2, yaw_rad2 = own.covariance.diagonal().tolist()
             return x_m2, y_m2, yaw_rad2
         return self._variances.get(key, UNSAID)
+
+    def _recent(self) -> set[SubmapKey]:
+        """The current submap and the one before: localisation matches scans against them already."""
+        return {(self._robot, number) for number in list(self._graph.own)[-2:]}
+
+    def _is_inside(self, key: SubmapKey, place: Pose2D) -> bool:
+        submap, geometry = self._atlas.submaps[key], self._atlas.grid.geometry
+        inside = INSIDE_M / geometry.resolution_m
+        row, column = geometry.cell_of(place.x_m, place.y_m)
+        height, width = submap.evidence.shape
+        at_row, at_column = row - submap.row, column - submap.column
+        return bool(inside <= at_row <= height - inside and inside <= at_column <= width - inside)
 
     def _is_near(self, place: Pose2D) -> bool:
         """Whether a pose in a submap's frame is in or near the team's grid, as the cells of submaps are."""

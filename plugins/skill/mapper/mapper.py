@@ -241,7 +241,7 @@ class Mapper(Skill):
             self._own.begin_trajectory(local_pose.trajectory)
             if local_pose.lost:
                 self._own.T_arena_local = IDENTITY
-            self._desk.begin_anew()
+            self._desk.restart()
             self._frames.begin(map_stamp_ms(scan.stamp_ns), local_pose.lost)
         local = local_pose.T_local_odom.compose(self._driver.pose_at(scan.stamp_ns))
         self._own_map.robot_places = reported = self._others()

@@ -98,9 +98,9 @@ class Path:
     def remaining_m(self, pose: Pose2D) -> float:
         """Length of the remaining path."""
         before = self._points[0]
-        left_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
+        left_m = pose.distance_m(before)
         for point in self._points:
-            left_m += math.hypot(point.x_m - before.x_m, point.y_m - before.y_m)
+            left_m += point.distance_m(before)
             before = point
         return left_m
 

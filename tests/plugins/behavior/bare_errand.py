@@ -2,9 +2,10 @@
 
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 from robrain.plugins.behavior.budget import Docks
+from robrain.plugins.behavior.errand import Errand
 from robrain.plugins.behavior.travel import TravelState
 from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
@@ -91,6 +92,12 @@ class BareErrand:
 
     def stand(self, _trouble: str) -> Any:
         yield
+
+    def settle(self) -> Any:
+        return Errand.settle(cast(Errand, self))
+
+    def _now_ns(self) -> int:
+        return self.clock.now_ns()
 
     def wait(self, seconds: float) -> None:
         self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))

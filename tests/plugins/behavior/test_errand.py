@@ -66,17 +66,6 @@ def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
     assert len(told) == 1  # that was no way to learn from
 
 
-def test_a_task_that_is_taken_back_on_the_way_teaches_nothing(errands):
-    run = errands("visit")
-    told = []
-    run.hosts["r1"].manager.get("energy").live_plugin().outcome = lambda work, cost_j: told.append(work)
-    run.offer(Task(id="v", kind="visit", place=FAR))
-    run.run(2.0)
-    run.withdraw("v")
-    run.run(2.0)
-    assert told == []
-
-
 @pytest.mark.parametrize(
     "task",
     [Task(id="t", kind="visit", place=FAR, priority=7.0), Task(id="t", kind="explore", place=UNSEEN, priority=7.0)],
@@ -87,14 +76,6 @@ def test_the_priority_of_a_task_is_that_of_its_right_of_way(errands, task):
     assert run.offer(task).accepted
     run.run(0.5)
     assert paths.drain()[-1].message.claim.priority == 7
-
-
-@pytest.mark.slow
-def test_the_energy_of_a_task_is_that_which_the_battery_gave(errands):
-    run = errands("visit")
-    before_j = run.arena.truth.robots[0].energy_j
-    status = run.finish(Task(id="v", kind="visit", place=FAR, service_s=10.0))
-    assert status.result["energy_j"] == pytest.approx(run.arena.truth.robots[0].energy_j - before_j, rel=0.1)
 
 
 def test_the_wheels_turn_at_once_and_the_path_is_told(errands):
@@ -115,12 +96,6 @@ def test_a_task_that_must_not_begin_yet_waits_at_its_place(errands):
     begin_ns = 20_000_000_000
     run.finish(Task(id="v", kind="visit", place=Point2D(2.5, 1.0), earliest_ns=begin_ns))
     assert begin_ns <= run.clock.now_ns() < begin_ns + 1_500_000_000
-
-
-def test_a_visit_to_where_the_robot_is_takes_no_way(errands):
-    run = errands("visit")
-    status = run.finish(Task(id="v", kind="visit", place=START_PLACE, service_s=1.0))
-    assert (status.state, status.result["path_length_m"]) == (TaskState.DONE, 0.0)
 
 
 def test_a_place_that_cannot_be_reached_is_refused(errands):
@@ -238,12 +213,6 @@ def test_the_way_home_counts_and_a_charger_nearby_makes_it_short(errands):
     assert needed_j[0] > needed_j[1] * 1.3
 
 
-def test_a_robot_that_does_not_know_its_battery_takes_nothing_on(errands):
-    run = errands("visit")
-    usable(run, 0.0)
-    assert run.offer(Task(id="v", kind="visit", place=START_PLACE)).reason.usable_j == 0.0
-
-
 def test_a_task_that_turns_out_dearer_is_given_back_and_the_robot_is_sent_home(errands):
     run = errands("visit")
     asked: list[str] = []
@@ -288,13 +257,3 @@ def test_of_two_visits_the_later_one_is_done(errands):
     status = run.finish(Task(id="second", kind="visit", place=Point2D(2.5, 1.0)))
     assert (status.id, status.state) == ("second", TaskState.DONE)
     assert run.pose().distance_m(Point2D(2.5, 1.0)) < 0.15
-
-
-@pytest.mark.slow
-def test_a_second_visit_that_is_refused_leaves_the_first_as_it_is(errands):
-    run = errands("visit")
-    run.offer(Task(id="first", kind="visit", place=FAR))
-    run.run(1.0)
-    assert not run.offer(Task(id="second", kind="visit", place=WALLED)).accepted
-    run.run(20.0)
-    assert (run.status().id, run.status().state) == ("first", TaskState.DONE)

@@ -39,18 +39,6 @@ def test_an_inspection_publishes_a_picture_of_what_was_to_be_seen(errands):
     assert status.result["yaw_rad"] == pytest.approx(toward_rad, abs=0.1)
 
 
-@pytest.mark.slow
-def test_keys_of_pictures_are_used_in_turn(errands):
-    run = errands("inspect")
-    images = run.inbox(ROBOT_IMAGE, robot="r1")
-    for number in range(18):
-        run.finish(Task(id=f"i{number}", kind="inspect", place=Point2D(1.5, 1.5)))
-    keys = [key for _, key, _ in images.drain_raw()]
-    assert len(keys) == 18
-    assert len(set(keys)) == 16
-    assert keys[16:] == keys[:2]
-
-
 def test_without_a_picture_an_inspection_has_failed_with_why(errands):
     run = errands("inspect")
     camera = run.hosts["r1"].manager.get("camera").live_plugin()
@@ -130,16 +118,6 @@ def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
     assert status.result["share_linked"] > 0.5
     link = {heard["robot"]: heard for heard in run.call("snw_exploration", "robots")}["r2"]
     assert link["rssi_dbm"] > bound_dbm - 6.0
-
-
-@pytest.mark.slow
-def test_a_relay_to_a_robot_that_nobody_hears_stands_and_tells_so(errands):
-    run = errands("relay")
-    status = run.finish(
-        Task(id="r", kind="relay", place=Point2D(2.6, 3.2), parameters={"robot": "r9", "duration_s": 8.0})
-    )
-    assert (status.state, status.result["share_linked"], status.result["packets"]) == (TaskState.DONE, 0.0, 0)
-    assert status.result["moved_m"] < 0.3
 
 
 def test_no_robot_is_a_relay_to_itself(errands):

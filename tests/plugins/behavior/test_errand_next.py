@@ -78,14 +78,6 @@ def test_an_errand_goes_on_as_soon_as_the_wheels_stand(errands):
     assert to_seconds(run.clock.now_ns() - stopped_ns) <= 0.02
 
 
-def test_the_next_task_may_be_of_another_kind(errands):
-    run = errands("visit", "inspect")
-    run.offer(Task(id="a", kind="visit", place=NEAR))
-    run.offer(Task(id="b", kind="inspect", place=FAR), after="a")
-    until_ended(run, "b")
-    assert run.status().state is TaskState.DONE
-
-
 def test_a_next_task_that_cannot_be_reached_is_given_back_with_why(errands):
     run = errands("visit")
     run.offer(Task(id="a", kind="visit", place=NEAR))
@@ -115,12 +107,3 @@ def test_a_robot_tells_in_how_long_it_will_be_done(errands):
         remaining_s = to_seconds(done_ns - state.stamp_ns)
         within_s = 0.6 if remaining_s < 3.5 else 6.0  # at the place it is the clock's, on the way an estimate
         assert state.task.remaining_s == pytest.approx(remaining_s, abs=within_s)
-
-
-def test_nobody_knows_how_long_charging_takes(errands):
-    run = errands("recharge")
-    run.offer(Task(id="c", kind="recharge", place=Point2D(0.8, 0.8)))
-    run.run(1.0)
-    standing = run.hosts["r1"].desk.standing(run.clock.now_ns())
-    assert standing.task is not None
-    assert standing.task.remaining_s is None

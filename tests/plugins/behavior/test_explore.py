@@ -3,13 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from robrain.agent.plugin import PluginState
 from robrain.algorithms.navigation.frontier import find_frontiers, frontier_mask
-from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
 
@@ -65,19 +63,6 @@ def test_an_offer_is_accepted_driven_to_and_done(explorer):
     assert one.truth().collisions == 0
 
 
-@pytest.mark.slow
-def test_a_robot_that_is_done_stands_and_is_idle(explorer):
-    one, host = explorer
-    one.offer(frontiers(host)[0])
-    one.run_until(lambda: status(host).state.ended, 60.0)
-    assert one.call("explore", "goal") is None
-    assert host.board.behavior == "idle"
-    one.run(20.0)  # it may roll on to where it was bound, for the next offer comes before the wheels stop
-    before = one.truth().pose
-    one.run(2.0)
-    assert one.truth().pose == before
-
-
 @pytest.mark.parametrize("goal", [Point2D(9.0, 0.5), Point2D(-30.0, 2.0), Point2D(4.0, 3.99 + 2.0)])
 def test_an_unreachable_goal_is_refused_with_the_reason(explorer, goal):
     one, host = explorer
@@ -99,20 +84,6 @@ def test_after_a_refusal_the_robot_goes_on_with_what_it_was_at(explorer):
     assert one.call("explore", "goal") == {"x_m": goal.x_m, "y_m": goal.y_m}
     one.run_until(lambda: status(host).state.ended, 60.0)
     assert (status(host).id, status(host).state) == ("good", TaskState.DONE)
-
-
-@pytest.mark.parametrize("x_m", ["1e300", "-1e7", "NaN"])
-def test_a_goal_with_absurd_numbers_is_refused_and_the_robot_goes_on(explorer, x_m):
-    one, host = explorer
-    goal = frontiers(host)[0]
-    one.offer(goal, task="good", epoch=1)
-    said = '{"task":{"type":"explore","id":"far","goal":{"x_m":%s,"y_m":0}},"epoch":2,"lease_s":1.5}'
-    with pytest.raises(CallError, match="expected a TaskOffer") as refused:
-        one.wire.ask(ROBOT_OFFER, (said % x_m).encode(), robot="r1")
-    assert refused.value.code is ErrorCode.BAD_ARGUMENTS
-    one.run(0.3)
-    assert status(host).id == "good"
-    assert host.manager.get("explore").state is PluginState.ACTIVE
 
 
 def test_a_frontier_that_walls_hide_is_done_without_going_there(explorer):
@@ -239,29 +210,6 @@ def test_an_offer_takes_the_place_of_what_the_robot_chose_for_itself(explorer):
     assert host.board.behavior == "explore"
     assert one.call("explore", "goal") == {"x_m": goal.x_m, "y_m": goal.y_m}
     assert status(host).state is TaskState.RUNNING
-
-
-def test_when_the_lease_runs_out_the_robot_lets_go_and_stands(explorer):
-    one, host = explorer
-    one.coordinator_speaks = False
-    assert one.offer(frontiers(host)[0], lease_s=1.0).accepted
-    one.run(0.9)
-    assert status(host).state is TaskState.RUNNING
-    one.run(0.3)
-    assert status(host).state is TaskState.CANCELLED
-    assert "lease" in status(host).why
-    assert one.call("explore", "goal") is None
-    one.run(0.8)
-    before = one.truth().pose
-    one.run(0.4)
-    assert one.truth().pose == before
-
-
-def test_a_coordinator_that_speaks_renews_the_lease(explorer):
-    one, host = explorer
-    assert one.offer(frontiers(host)[0], lease_s=1.0).accepted
-    one.run(2.0)
-    assert status(host).state is not TaskState.CANCELLED
 
 
 def test_a_halted_robot_gives_its_task_back_refuses_offers_and_works_again_when_resumed(explorer):

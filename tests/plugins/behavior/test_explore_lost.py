@@ -74,18 +74,6 @@ def test_a_place_that_it_chose_in_a_frame_that_it_has_left_is_no_goal_any_more(l
     assert host.board.behavior == "explore alone", "it goes on in the new one"
 
 
-def test_one_that_has_been_found_waits_for_the_coordinator(lost):
-    one, host = lost
-    one.run(3.0)
-    host.manager.get("mapper").live_plugin()._frames.follow(FrameMove(ARENA, IDENTITY))
-    one.run(1.0)
-    assert host.board.lost == ""
-    assert host.board.frame == ARENA
-    one.run(4.0)
-    assert host.board.behavior == "idle"
-    assert explore(host).goal() is None
-
-
 @pytest.mark.parametrize("charging", [True, False])
 def test_one_that_charges_stays(lost, charging):
     one, host = lost

@@ -72,36 +72,6 @@ def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
 
 
 @pytest.mark.slow
-def test_a_robot_with_little_left_goes_to_charge_by_itself_and_is_free_afterwards(errands):
-    run = errands(parameters=KNOWN)
-    run.finish(Task(id="v", kind="visit", place=FAR))
-    usable(run, 600.0)
-    run.run(4.0)
-    assert behavior(run) == "recharge"
-    answer = run.offer(Task(id="v2", kind="visit", place=Point2D(2.0, 2.0)))
-    assert not answer.accepted
-    assert answer.why.startswith("r1 goes home: the way home needs ")
-    usable(run, None)
-    run.run(60.0)
-    assert behavior(run) == "idle"
-    assert docked(run)
-    assert run.offer(Task(id="v3", kind="visit", place=Point2D(2.0, 2.0))).accepted
-
-
-def test_a_task_that_is_running_is_given_back_when_the_way_home_can_just_be_paid(errands):
-    run = errands("explore", parameters=KNOWN)
-    run.offer(Task(id="x", kind="explore", place=Point2D(5.6, 2.0)))
-    run.run(0.5)
-    usable(run, 1.0)
-    run.run(2.5)
-    assert run.status().state is TaskState.FAILED
-    assert run.status().why.startswith("the way home needs ")
-    assert run.status().why.endswith("J of 1 J usable")
-    run.run(1.0)
-    assert behavior(run) == "recharge"
-
-
-@pytest.mark.slow
 def test_who_fails_for_want_of_energy_goes_home_at_once(errands):
     run = errands(parameters=KNOWN)
     told = run.inbox(ROBOT_EVENT, plugin="home")

@@ -110,22 +110,6 @@ def test_charging_costs_docking_and_its_end_is_not_foreseen():
     assert (robot.it.why_not(None), robot.it.why_go_home(None)) == (None, "")
 
 
-@pytest.mark.parametrize(
-    ("parameters", "expected"),
-    [
-        ({"reserve_s": 0.0}, "expected reserve_s > 0"),
-        ({"no_power_s": 0.0}, "expected no_power_s > 0"),
-        ({"until_soc": 0.0}, "expected until_soc [<>]"),
-        ({"until_soc": 1.01}, "expected until_soc [<>]"),
-        ({"arrived_m": 0.0}, "expected arrived_m > 0"),
-    ],
-)
-def test_parameters_of_charging_are_possible(parameters, expected):
-    with pytest.raises(ValueError, match=expected):
-        RechargeBehavior.Parameters(**parameters)
-    RechargeBehavior.Parameters(until_soc=1.0)
-
-
 # -- the whole --------------------------------------------------------------------------------------------------
 
 OTHER = ChargerPlace(8.0, 0.0)
@@ -192,11 +176,3 @@ def test_robot_that_made_room_comes_back_and_ends_with_what_came_of_it_then():
     goals = [goal for goal, _ in robot.errand.set_out]
     assert (goals[0], goals[-1]) == (CHARGER.place, OTHER.place)
     assert robot.it._charged_j == 0.0
-
-
-def test_charger_that_cannot_be_reached_is_not_docked_at():
-    robot = BareRecharge(CHARGER)
-    robot.errand.no_way_to = [CHARGER.place]
-    robot.it.charge_at = None  # is not to be called
-    with pytest.raises(Failed, match="no way there"):
-        run(robot.it.play(TASK, WANTED))

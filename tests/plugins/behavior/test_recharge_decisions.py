@@ -179,13 +179,6 @@ def test_robot_that_is_asked_while_it_is_at_a_task_goes_when_that_has_been_given
     assert robot.it.run.own == "recharge"
 
 
-def test_other_behavior_that_is_firm_keeps_the_robot():
-    robot = BareRecharge(CHARGER)
-    robot.tasks.occupy("search", firm="looks for itself")
-    robot.it._ask("home")
-    assert robot.it.run is None
-
-
 def test_halted_robot_does_not_want_home_any_more():
     robot = BareRecharge(CHARGER)
     robot.work_at_a_task()

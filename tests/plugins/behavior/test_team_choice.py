@@ -46,7 +46,7 @@ def mate(
 
 
 def choice(name: str, x_m: float, *mates: Mate, goal: Point2D | None = None) -> Point2D | None:
-    return chooser(name).choose(Point2D(x_m, 2.7), RADIUS_M, goal, mates, 0)
+    return chooser(name).choose_own(Point2D(x_m, 2.7), RADIUS_M, goal, mates, 0)
 
 
 def is_at(place: Point2D | None, end: Point2D) -> bool:
@@ -77,26 +77,26 @@ def test_a_mate_that_is_an_obstacle_takes_nothing(behavior: str) -> None:
 
 def test_where_the_robot_failed_it_goes_again_only_later() -> None:
     one = chooser("r1")
-    first = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
+    first = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
     assert first is not None
-    one.record_failure(first, 0)
-    other = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(1.0))
+    one.record_failure("r1", first, 0)
+    other = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(1.0))
     assert is_at(other, EAST)
-    assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(20.0)) == first
+    assert one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(20.0)) == first
 
 
 def test_what_stayed_unknown_although_the_robot_was_there_is_looked_at_once_more_and_then_left_alone() -> None:
     one = chooser("r1")
     for at_s, end in ((0.0, WEST), (0.0, EAST), (3.0, WEST), (6.0, EAST)):
-        found = one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s))
+        found = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s))
         assert is_at(found, end)
         one.record_visit(found)
     for at_s in (9.0, 12.0, 60.0):
-        assert one.choose(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s)) is None
+        assert one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s)) is None
 
 
 def test_without_a_map_there_is_nothing_to_choose() -> None:
-    assert TeamChoice("r1", Board(), joint, 0.1).choose(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
+    assert TeamChoice("r1", Board(), joint, 0.1).choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
 
 
 RESERVE = 0.1
@@ -128,5 +128,5 @@ def robot_that_reaches(far_m: float, charger: Point2D | None, dearer: float = 20
 def test_robot_goes_to_no_frontier_from_which_its_energy_does_not_last_to_a_charger(
     far_m: float, charger: Point2D | None, end: Point2D | None
 ) -> None:
-    chosen = robot_that_reaches(far_m, charger).choose(Point2D(5.5, 2.7), RADIUS_M, None, (), 0)
+    chosen = robot_that_reaches(far_m, charger).choose_own(Point2D(5.5, 2.7), RADIUS_M, None, (), 0)
     assert chosen is None if end is None else is_at(chosen, end)

@@ -2,7 +2,6 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.protocol.errors import CallError
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -13,12 +12,6 @@ from tests.plugins.behavior.errands import Build, open_errands
 @pytest.fixture
 def errands() -> Iterator[Build]:
     yield from open_errands("wander")
-
-
-def test_a_robot_does_not_wander_before_it_is_told_to(errands):
-    run = errands()
-    run.run(5.0)
-    assert run.way_m() == 0.0
 
 
 @pytest.mark.slow
@@ -81,9 +74,3 @@ def test_a_halt_ends_wandering(errands):
     run.run(3.0)
     assert run.pose() == here
     assert run.call("wander", "start") is True
-
-
-@pytest.mark.parametrize("duration_s", [0.0, -5.0, 1e400])
-def test_a_duration_that_is_none_is_refused(errands, duration_s):
-    with pytest.raises((CallError, ValueError)):
-        errands().call("wander", "start", duration_s)

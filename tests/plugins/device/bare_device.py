@@ -6,9 +6,11 @@ from typing import Any
 import can
 
 from robrain.agent.board import Board
+from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event, Mailbox
 from robrain.protocol.can.frames import codec
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.serial.serial_line import PortLine
 
 
 class BareBus:
@@ -62,6 +64,12 @@ class BareDevice:
         self.opened.append((interface, channel, options))
         self.buses.append(BareBus())
         return self.bus
+
+    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> PortLine:
+        try:
+            return PortLine(port, baud, has_dtr=has_dtr)
+        except OSError as error:
+            raise HardwareAbsent(self.plugin, str(error)) from error
 
     def told(self, event: Event[Any]) -> list[Any]:
         """A list to which each step appends an event's values."""

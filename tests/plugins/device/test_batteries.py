@@ -11,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robrain.agent.authoring.testing import PluginBench
 from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2 import i2c_battery
 from robrain.plugins.device.bm2.i2c_battery import Chip, InaBattery, SmartBattery, SmartBatteryStatus
@@ -75,11 +74,6 @@ def test_a_smart_battery_tells_its_measurements_and_its_charge(device: Any, chip
     assert found.report == BatteryReport(soc=0.63, soc_sd=0.04)
 
 
-def test_a_smart_battery_that_is_charged_has_a_current_below_nothing(device: Any, chip: SmartBatteryChip) -> None:
-    chip.current_a = -2.5
-    assert latest(device(SmartBattery)).current_a == pytest.approx(-2.5)
-
-
 def test_scales_of_a_large_battery_are_read_from_it(device: Any, bus: I2cBus) -> None:
     bus.chips[ADDRESS] = chip = SmartBatteryChip(voltage_scale=1, current_scale=1)
     chip.voltage_v, chip.current_a = 96.0, 45.0
@@ -94,14 +88,6 @@ def test_alarms_of_a_smart_battery_are_told_by_name(device: Any, chip: SmartBatt
     assert one.it.status() == SmartBatteryStatus(("over temperature", "remaining capacity low"), 123, 7)
 
 
-def test_charge_and_energy_are_added_up_between_readings(device: Any, chip: SmartBatteryChip) -> None:
-    one = device(SmartBattery)
-    chip.voltage_v, chip.current_a = 10.0, 2.0
-    for _ in range(5):
-        found = latest(one)
-    assert (found.charge_c, found.energy_j) == (pytest.approx(2.0), pytest.approx(20.0))
-
-
 def test_noise_is_noticed_where_packets_have_a_checksum(device: Any, bus: I2cBus, chip: SmartBatteryChip) -> None:
     one = device(SmartBattery, pec=True)
     before = latest(one)
@@ -113,18 +99,6 @@ def test_noise_is_noticed_where_packets_have_a_checksum(device: Any, bus: I2cBus
         before = one.it.latest()
     counters = one.it.counters()
     assert (counters.failed, counters.last_error) == (16, "Bad message")
-
-
-def test_a_charge_of_more_than_all_costs_the_charge_alone_where_they_have_none(
-    device: Any, bus: I2cBus, chip: SmartBatteryChip
-) -> None:
-    one = device(SmartBattery)
-    chip.soc = 1.28
-    found = latest(one)
-    assert (found.voltage_v > 0.0, found.report.soc) == (True, None)
-    chip.soc = 0.7
-    assert latest(one).report.soc == 0.7
-    assert one.it.counters().rejected == 0
 
 
 NAN = math.nan
@@ -332,22 +306,3 @@ def test_a_name_that_leaves_the_folder_is_refused(name: str) -> None:
 
 
 # -- on a robot -------------------------------------------------------------------------------------------------
-
-
-def test_a_robot_whose_battery_is_pulled_out_says_so_and_has_it_back_within_two_seconds(
-    bus: I2cBus, chip: SmartBatteryChip
-) -> None:
-    with PluginBench(load=["battery"], roles={"bm2": "smart_battery"}, parameters={"bm2": {"silent_s": 1.0}}) as bench:
-        bench.run(1.0)
-        assert bench.call("battery", "state")["soc"] == pytest.approx(0.8, abs=0.01)
-        del bus.chips[ADDRESS]
-        bench.run(60.0)
-        info = bench.info("bm2")
-        assert info.state == "faulted"
-        assert "BatteryAbsent" in info.why
-        assert "the smart battery at /dev/i2c-1, address 0x0b: Remote I/O error" in info.why
-        chip.soc = 0.75
-        bus.chips[ADDRESS] = chip
-        bench.run(2.0)
-        assert (bench.info("bm2").state, bench.info("battery").state) == ("active", "active")
-        assert bench.call("bm2", "latest")["report"]["soc"] == 0.75

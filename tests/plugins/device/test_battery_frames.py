@@ -97,12 +97,6 @@ def test_a_battery_without_a_current_says_that_it_is_guessed(tmp_path: Path) -> 
     assert found.report == BatteryReport(has_current=False)
 
 
-def test_charge_beyond_all_is_none(tmp_path: Path) -> None:
-    pack = Pack(tmp_path)
-    pack.hear("Pack2", soc=110, kelvin=300)
-    assert pack.hear("Pack1", voltage=24_000).report.soc is None
-
-
 def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> None:
     frame = BatteryFrame(frame="Pack2", signals={"kelvin": PackValue.TEMPERATURE_K, "soc": PackValue.VOLTAGE_V})
     pack = Pack(tmp_path, frames=(frame,), checksum=Checksum.SUM8)

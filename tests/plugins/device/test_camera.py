@@ -43,16 +43,6 @@ def test_pictures_of_a_folder_come_in_order_and_from_the_beginning(tmp_path):
         assert [bench.call("camera", "look")["width"] for _ in range(3)] == [5, 6, 5]
 
 
-def test_one_file_is_the_picture_whenever_it_is_asked_for(tmp_path):
-    path = tmp_path / "one.png"
-    path.write_bytes(png(7))
-    with PluginBench(load=["camera"], parameters={"camera": {"interface": "file", "channel": str(path)}}) as bench:
-        assert [bench.call("camera", "look")["width"] for _ in range(2)] == [7, 7]
-        path.unlink()
-        with pytest.raises(CallError, match="cannot be read"):
-            bench.call("camera", "look")
-
-
 @pytest.mark.parametrize(
     ("parameters", "why"),
     [

@@ -1,8 +1,5 @@
 """The same device on other buses than the simulator's: `interface`, `channel` and `options` of the manifest differ."""
 
-import subprocess
-import sys
-import textwrap
 import time
 
 import can
@@ -14,27 +11,9 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Twist2D
 from robrain.sim.firmware.motor_controller import MotorController, MotorState
 from robrain.sim.robot.wheels import Wheels, WheelSpec
-from tests.waiting import PATIENCE_S
 
 TICK_S = 0.02
-MULTICAST = "239.74.163.2"
 """The group of python-can's documentation for IPv4; `hop_limit = 0` keeps it on this computer."""
-
-FIRMWARE = """
-    import sys, time
-    import can
-    from robrain.algorithms.navigation.wheel_bases import OmniBase
-    from robrain.sim.firmware.motor_controller import MotorController
-
-    bus = can.Bus(interface="udp_multicast", channel=sys.argv[1], port=int(sys.argv[2]), hop_limit=0, fd=False)
-    controller = MotorController(bus, OmniBase(), 0.02)
-    turns_rad = [0.0, 0.0, 0.0]
-    while True:
-        controller.receive()
-        turns_rad = [turn + 0.02 * speed for turn, speed in zip(turns_rad, controller.wheel_speeds_rad_s)]
-        controller.report(turns_rad)
-        time.sleep(0.02)
-"""
 
 
 def bench_on(**parameters):
@@ -65,36 +44,6 @@ def test_on_a_virtual_bus_the_robot_drives_as_it_is_told():
             "errors": 0,
         }
     board.shutdown()
-
-
-@pytest.fixture
-def firmware():
-    """A motor controller in a process of its own on a UDP multicast bus; the port of the bus."""
-    port = 40_000 + (time.time_ns() // 1000) % 20_000
-    code = textwrap.dedent(FIRMWARE)
-    with subprocess.Popen([sys.executable, "-c", code, MULTICAST, str(port)], stderr=subprocess.PIPE) as process:
-        yield port
-        process.kill()
-        process.wait()
-
-
-@pytest.mark.slow
-def test_over_udp_multicast_the_robot_drives_a_controller_in_another_process(firmware):
-    pytest.importorskip("msgpack", reason="python-can's udp_multicast packs frames with it")
-    options = {"port": firmware, "hop_limit": 0, "fd": False}
-    with bench_on(interface="udp_multicast", channel=MULTICAST, options=options, silent_s=30.0) as bench:
-        device = bench.plugin("mocdevice")
-        deadline_s = time.monotonic() + PATIENCE_S
-        while device.pose().x_m < 0.1 and time.monotonic() < deadline_s:
-            device.drive(Twist2D(0.25, 0.0, 0.0))
-            bench.run(TICK_S)
-            time.sleep(TICK_S)  # the other process lives by the wall clock
-        assert device.pose().x_m >= 0.1
-        assert abs(device.pose().y_m) < 0.01
-        assert bench.call("mocdevice", "status")["state"] == MotorState.RUNNING
-        counters = bench.call("mocdevice", "counters")
-        # Such a bus gives every frame back to its sender: the device knows its own again.
-        assert (counters["foreign"], counters["rejected"]) == (0, 0)
 
 
 def test_on_socketcan_the_robot_drives_where_the_kernel_has_a_virtual_can():

@@ -5,7 +5,7 @@ import pytest
 from robrain.plugins.device.mocdevice.frame_clock import (
     FRAME_PERIOD_NS,
     RESTART_FRAMES,
-    WINDOW_FRAMES,
+    WINDOW,
     FrameClock,
     StampedAt,
 )
@@ -55,10 +55,10 @@ def test_first_frames_that_were_late_are_set_right_by_a_later_one_that_is_not():
 def test_controller_whose_clock_is_slow_is_followed_within_two_windows():
     clock = FrameClock(StampedAt.ARRIVAL)
     slow_ns = 4000  # 0.2 ms a second
-    for number in range(20 * WINDOW_FRAMES):
+    for number in range(20 * WINDOW):
         lag_ns = number * slow_ns
         behind_ns = sent_ns(number) + lag_ns - hear(clock, number, lag_ns)
-        assert 0 <= behind_ns <= 2 * WINDOW_FRAMES * slow_ns
+        assert 0 <= behind_ns <= 2 * WINDOW * slow_ns
 
 
 @pytest.mark.parametrize("counter", [1, 200])

@@ -101,25 +101,6 @@ def test_parameters_of_bumpers_are_checked(changes: Any, why: str) -> None:
         msgspec.convert({"contacts": [{"line": -1, "direction_rad": 0.0}]}, GpioBumpers.Parameters)
 
 
-def test_a_robot_whose_bumpers_are_pulled_out_says_so_and_has_them_back_within_two_seconds(chip: GpioChip) -> None:
-    parameters = {"range_sensors": {"contacts": [{"line": FRONT, "direction_rad": 0.0}]}}
-    roles = {"range_sensors": "gpio_bumpers"}
-    with PluginBench(load=["range_sensors"], roles=roles, parameters=parameters) as bench:
-        events = Inbox()
-        bench.wire.subscribe(events, ROBOT_EVENT, plugin="range_sensors")
-        bench.run(0.5)
-        chip.is_there = False
-        bench.run(30.0)
-        assert bench.info("range_sensors").state == "faulted"
-        assert "GpioAbsent" in bench.info("range_sensors").why
-        chip.is_there = True
-        chip.levels[FRONT] = False
-        bench.run(2.0)
-        assert bench.info("range_sensors").state == "active"
-        assert bench.call("range_sensors", "pressed_rad") == [0.0]
-        assert events.has_some
-
-
 # -- the emergency stop -----------------------------------------------------------------------------------------
 
 

@@ -15,7 +15,6 @@ from robrain.plugins.device.imu import ImuAbsent, ImuContradicted, ImuMotion
 from robrain.plugins.device.serial_imu import (
     ANGULAR_VELOCITY_RAD_S,
     FRAME_BYTES,
-    LINE_BYTES_MAX,
     ImuLineCodec,
     ImuProtocol,
     LineChecksum,
@@ -26,7 +25,7 @@ from robrain.plugins.device.serial_imu import (
 )
 from robrain.sim.firmware.wit_imu import wit_frame
 from robrain.sim.peripherals.line_plug import SerialPlug
-from tests.plugins.device.serial_device import SerialDevice
+from tests.plugins.device.bare_device import BareDevice
 from tests.waiting import PATIENCE_S
 
 TURN = wit_frame(0x52, 11, 22, 1638, 2500)
@@ -109,15 +108,6 @@ def test_lines_with_a_wrong_checksum_are_rejected() -> None:
     assert codec.rejected >= len(spoiled) - 3
 
 
-def test_a_line_without_an_end_is_not_kept_for_ever() -> None:
-    codec = ImuLineCodec(LineFormat())
-    assert codec.feed(b"\n") == []
-    for _ in range(100):
-        codec.feed(b"1" * LINE_BYTES_MAX)
-    assert codec.feed(b"1\n0.5\n") == [ImuMotion(0.5)]
-    assert codec.stray_bytes > 99 * LINE_BYTES_MAX
-
-
 # -- the device -------------------------------------------------------------------------------------------------
 
 
@@ -126,7 +116,7 @@ class Unit:
 
     def __init__(self, folder: Path, **parameters: Any) -> None:
         self.plug = SerialPlug(folder / "ttyUSB0")
-        self.device = SerialDevice(SerialImu, port=str(self.plug.path), **parameters)
+        self.device = BareDevice(SerialImu, port=str(self.plug.path), **parameters)
 
     def say(self, data: bytes, after_s: float = 0.02) -> Any:
         """Have bytes arrive, and the device step."""

@@ -3,7 +3,6 @@
 import pytest
 
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.can.bus_state import BusState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.sim.firmware.bus_line import LineFault
@@ -68,14 +67,6 @@ def test_a_bus_that_comes_back_is_used_again_and_the_odometry_goes_on(robot):
     assert robot.truth().pose.x_m == pytest.approx(x_m + 0.5, abs=0.05)
 
 
-def test_while_the_bus_is_cut_the_device_tries_again_with_growing_pauses(robot):
-    robot.arena.break_can("r1", LineFault.CUT)
-    robot.run(10.0)
-    # Each try takes 0.42 s; between them lie 0.5, 1, 2 and 4 s.
-    assert len(conditions(robot)) == 5
-    assert robot.infos()["mocdevice"].restarts == 4
-
-
 def test_a_shorted_bus_is_bus_off_at_once(robot):
     robot.arena.break_can("r1", LineFault.SHORTED)
     robot.run(0.04)
@@ -86,29 +77,6 @@ def test_a_shorted_bus_is_bus_off_at_once(robot):
     robot.run(4.0)
     assert state(robot)[0] == state(robot, "driver")[0] == "active"
     assert robot.call("driver", "controller_status")["transmit_errors"] == 0
-
-
-def test_after_a_cut_the_controller_reports_that_it_was_error_passive(robot):
-    robot.arena.break_can("r1", LineFault.CUT)
-    robot.run(0.2)  # too short for a fault
-    robot.arena.break_can("r1", LineFault.NONE)
-    robot.run(0.3)
-    assert state(robot)[0] == "active"
-    assert robot.call("driver", "controller_status")["bus_state"] == BusState.PASSIVE
-    robot.run(5.0)
-    status = robot.call("driver", "controller_status")
-    assert (status["bus_state"], status["transmit_errors"]) == (BusState.ACTIVE, 0)
-
-
-def test_frames_that_a_short_cut_swallowed_are_counted_as_lost(robot):
-    robot.arena.break_can("r1", LineFault.CUT)
-    robot.run(0.1)
-    robot.arena.break_can("r1", LineFault.NONE)
-    robot.run(0.5)
-    assert robot.call("driver", "bus_counters")["lost"] == 5
-    assert robot.call("driver", "controller_status")["lost_commands"] in (1, 2)
-    pose = robot.call("driver", "pose")
-    assert pose["x_m"] == pytest.approx(robot.truth().pose.x_m - START.x_m, abs=0.01)
 
 
 def test_a_power_stage_that_has_failed_is_a_fault_until_it_is_well_again(robot):

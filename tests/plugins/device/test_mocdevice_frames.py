@@ -110,13 +110,6 @@ def test_bus_is_opened_as_the_parameters_say():
     assert one.opened == [("slcan", "tty", {"bitrate": 500})]
 
 
-@pytest.mark.parametrize("name", ["radius_m", "silent_s"])
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
-def test_radius_and_patience_are_above_nothing(name, value):
-    with pytest.raises(ValueError, match=f"expected {name} > 0"):
-        MocDevice.Parameters(**{name: value})
-
-
 # -- a bus that takes no frames ---------------------------------------------------------------------------------
 
 
@@ -139,13 +132,6 @@ def test_bus_that_cannot_be_read_is_a_fault_and_told(device, error):
     with pytest.raises(BusFault, match="the CAN bus cannot be read: "):
         device.step()
     assert [one.ok for one in conditions] == [False]
-
-
-def test_device_that_is_opened_again_has_forgotten_what_was_broken(device):
-    device.bus.fails = OSError("gone")
-    device.it.stop()
-    device.it.activate()
-    device.step()
 
 
 # -- silence ----------------------------------------------------------------------------------------------------
@@ -208,15 +194,6 @@ def test_after_a_restart_nothing_is_driven_before_the_controller_speaks_but_a_st
     encoders(again, 2)
     again.step()
     assert conditions == [DriveCondition(True, "the motor controller speaks again")]
-
-
-def test_at_the_first_start_the_first_frame_is_no_news(device):
-    conditions = device.told(device.it.condition)
-    device.it.drive(Twist2D(0.1))
-    assert [name for name, _ in device.sent()] == ["WheelCommand"]
-    encoders(device)
-    device.step()
-    assert conditions == []
 
 
 # -- frames -----------------------------------------------------------------------------------------------------
@@ -324,12 +301,6 @@ def test_odometry_goes_on_where_it_was_and_is_left_on_the_board(again):
     assert again.it.radius_m() == 0.2
 
 
-def test_odometry_begins_at_the_origin_with_the_first_counts(device):
-    encoders(device, 1, (500, 600, 700))
-    device.step()
-    assert (device.it.pose(), device.board.wheel_ticks) == (Pose2D(0.0, 0.0, 0.0), (500, 600, 700))
-
-
 def test_velocity_is_that_over_the_frames_that_came_and_those_that_are_missing(device):
     encoders(device, 1)
     encoders(device, 4, (30, 30, 30))
@@ -356,15 +327,6 @@ def test_late_frames_that_say_when_they_were_sent_were_measured_then(device, lat
     for number, stamp_ns in enumerate(sent_ns):
         assert device.it.pose_at(stamp_ns).yaw_rad == pytest.approx(turn_rad * number / (len(sent_ns) - 1), abs=1e-9)
     assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
-
-
-def test_burst_on_an_interface_that_stamps_on_arrival_is_spread_by_the_frames_counter():
-    device = BareDevice(MocDevice, interface="socketcan")
-    device.it.activate()
-    sent_ns = hear_late(device, 0.3, stamps_arrival=True)
-    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
-    turn_rad = device.it.pose().yaw_rad
-    assert device.it.pose_at(sent_ns[8]).yaw_rad == pytest.approx(turn_rad * 8 / (len(sent_ns) - 1), abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -102,22 +102,6 @@ def test_a_flood_that_does_not_end_is_a_fault_that_the_state_names_until_it_is_o
 @pytest.mark.parametrize(
     ("parameters", "sentence"),
     [
-        ({"interface": "smoke"}, "unknown value 'smoke'"),
-        ({"flood_packets_s": 0}, "expected flood_packets_s >= 1, got 0"),
-        ({"address": 0xFFFF}, "expected address <= 65534, got 65535"),
-        ({"reconnect_longest_s": 0.1}, "expected reconnect_longest_s >= reconnect_first_s"),
-        ({"resends": -1}, "expected resends >= 0"),
-    ],
-)
-def test_a_manifest_without_sense_is_told_in_words(stage, parameters, sentence):
-    one = stage()
-    one.host("snw_exploration", mote_base=parameters)
-    assert sentence in one.infos()["mote_base"].why
-
-
-@pytest.mark.parametrize(
-    ("parameters", "sentence"),
-    [
         ({"interface": "sf", "port": 1}, "no Serial Forwarder at 127.0.0.1:1"),
         ({"interface": "serial", "device": "/dev/nothing"}, "no base station at /dev/nothing"),
     ],
@@ -129,10 +113,3 @@ def test_a_base_station_that_is_not_there_is_told_and_the_robot_starts_without(s
     assert infos["mote_base"].state != "active"
     assert sentence in infos["mote_base"].why
     assert infos["driver"].state == "active"
-
-
-def test_a_payload_that_no_packet_holds_is_not_sent(stage):
-    one = stage()
-    host = one.host("snw_exploration")
-    with pytest.raises(ValueError, match="at most 28 bytes"):
-        host.manager.get("mote_base").live_plugin().send(3, 0x54, bytes(29))

@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.plugins.unit.snw_exploration.mote_record import SequenceWindow
-from robrain.protocol.tinyos.payloads import SEQUENCES, RequestPayload, SequenceRange
+from robrain.protocol.tinyos.payloads import SEQUENCES, SequenceRange
 
 
 def window(*sequences, oldest=None, size=64):
@@ -14,44 +14,11 @@ def window(*sequences, oldest=None, size=64):
     return one
 
 
-def test_nothing_is_missing_of_a_mote_that_was_never_heard():
-    one = SequenceWindow(64)
-    assert (one.missing, one.request(16), one.complete()) == (0, None, None)
-    assert one.lacks(RequestPayload(3, 0b111)) is False
-
-
-def test_what_is_missing_is_asked_for_oldest_first_out_of_so_many_in_a_row():
-    one = window(3, 10, oldest=0)
-    assert one.missing == 9
-    assert one.request(16).sequences() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
-    assert one.request(2).sequences() == [0, 1]
-    for sequence in (0, 1, 2):
-        one.add(sequence, is_live=False)
-    assert one.request(4).sequences() == [4, 5, 6, 7]
-
-
-def test_what_the_mote_has_no_more_is_not_missing():
-    one = window(3, 10, oldest=0)
-    one.mote_holds_from(8)
-    assert (one.missing, one.request(16).sequences()) == (2, [8, 9])
-
-
 def test_the_first_in_a_row_are_complete():
     one = window(5, 6, 7, 10, oldest=5)
     assert one.complete() == (SequenceRange(5, 7), 3)
     one.mote_holds_from(8)
     assert one.complete() is None
-
-
-def test_only_the_last_ones_are_followed():
-    one = window(0, 1000, oldest=0, size=64)
-    assert one.missing == 63
-    assert one.request(1000).sequences() == list(range(937, 969))
-
-
-def test_what_is_remembered_does_not_grow_with_the_age_of_a_mote():
-    one = window(*range(1000), size=64)
-    assert one._have.bit_length() <= 64
 
 
 def test_a_live_reading_far_back_is_a_new_beginning_and_one_just_back_is_late():

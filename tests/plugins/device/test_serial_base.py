@@ -16,9 +16,8 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.algorithms.navigation.wheel_bases import Differential, WheelBase
 from robrain.plugins.device.mocdevice.frame_map import SignalUnit
 from robrain.plugins.device.mocdevice.interface import BusFault
-from robrain.plugins.device.serial_base import LINE_BYTES_MAX, LineWords, SerialBase, WheelLineCodec, WheelSerialLink
+from robrain.plugins.device.serial_base import LineWords, SerialBase, WheelLineCodec, WheelSerialLink
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.serial.serial_line import PortLine
 from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.plugins.device.bare_device import BareDevice
 
@@ -36,12 +35,6 @@ class Arduino(BareDevice):
         self.speeds = (0.0, 0.0)
         self.heard: list[bytes] = []
         super().__init__(SerialBase, port=str(self.plug.path), base=BASE, **({"lines": WORDS} | parameters))
-
-    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> PortLine:
-        try:
-            return PortLine(port, baud, has_dtr=has_dtr)
-        except OSError as error:
-            raise HardwareAbsent(self.plugin, str(error)) from error
 
     def turn(self, seconds: float) -> None:
         """Let the wheels turn, answer what was asked, and step the device, in steps of 20 ms."""
@@ -99,15 +92,6 @@ def test_it_is_driven_by_lines_and_its_counts_are_the_odometry(arduino: Arduino)
     arduino.turn(0.2)
     assert arduino.heard.count(b"m 0 0") == 1
     assert arduino.speeds == (0.0, 0.0)
-
-
-def test_a_turn_to_the_left_is_the_right_wheel_forwards(arduino: Arduino) -> None:
-    arduino.turn(0.2)
-    arduino.it.drive(Twist2D(0.0, 0.0, 1.0))
-    arduino.turn(1.0)
-    assert arduino.speeds == (-6.0, 6.0)
-    turned_rad = 2 * arduino.counts[1] / 600 * math.tau * 0.05 / 0.2
-    assert arduino.it.pose().yaw_rad == pytest.approx(turned_rad, abs=0.06)
 
 
 def test_noise_and_half_lines_cost_a_report_and_are_counted(arduino: Arduino) -> None:
@@ -250,15 +234,6 @@ def test_a_stop_behind_a_command_that_was_cut_off_is_sent_twice() -> None:
     assert line.sent[1:] == [b"m 0 0\rm 0 0\r", b"m 0 0\r"]
 
 
-@pytest.mark.parametrize("split", [1, 100, LINE_BYTES_MAX + 1, 290, 300])
-def test_the_rest_of_a_line_that_was_given_up_is_no_report_however_its_bytes_arrive(split: int) -> None:
-    codec = WheelLineCodec(WORDS, 2, 2, 0.05)
-    line = b"9" * 300 + b" 5\r\n"
-    assert codec.feed(line[:split]) + codec.feed(line[split:]) == []
-    assert codec.rejected == 1
-    assert codec.feed(b"10 20\r\n") == [(10, 20)]
-
-
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
@@ -294,4 +269,3 @@ def test_no_bytes_break_the_lines_or_fill_their_memory(chunks: list[bytes]) -> N
     for chunk in chunks:
         for counts in codec.feed(chunk):
             assert len(counts) == 2
-        assert len(codec._left) <= LINE_BYTES_MAX

@@ -10,17 +10,12 @@ import numpy as np
 import pytest
 
 from robrain.agent.errors import HardwareAbsent
-from robrain.agent.host.agent_host import stock_place
-from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.agent.lifecycle.plugin_folders import PluginFolders
-from robrain.agent.manifest import read_manifest
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarFault, Mount
 from robrain.plugins.device.scan.serial_lidar import POINTS_MAX, Ld19, Rplidar, SerialLidar
 from robrain.protocol.lidar.ld19 import encode_ld19
 from robrain.protocol.lidar.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, encode_rplidar
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.serial.serial_line import PortLine
 from tests.plugins.device.bare_device import BareDevice
 
 
@@ -43,12 +38,6 @@ class OnPty(BareDevice):
         os.close(self._master)
         os.close(self._slave)
         self.path.unlink()
-
-    def open_serial(self, port: str, baud: int, *, has_dtr: bool = True) -> PortLine:
-        try:
-            return PortLine(port, baud, has_dtr=has_dtr)
-        except OSError as error:
-            raise HardwareAbsent(self.plugin, str(error)) from error
 
     def send(self, data: bytes) -> None:
         os.write(self._master, data)
@@ -267,11 +256,3 @@ def test_turn_that_never_ends_is_bounded_and_what_is_beyond_is_counted(lidar: An
             one.it._add(piece._replace(ends_turn=False), one.clock.now_ns())
     assert sum(len(points) for _, points in one.it._seen) == POINTS_MAX
     assert one.it.dropped_points() == 60 * 240 - POINTS_MAX
-
-
-def test_both_take_the_place_of_scan_in_a_robots_file() -> None:
-    for name in ("ld19", "rplidar"):
-        table = RobotTable("r1", roles={"scan": name}, load=["driver"])
-        found = PluginFolders([stock_place()], RobotFile(robot=table).robot.roles).find()
-        manifest = read_manifest(found["scan"])
-        assert (manifest.path.stem, manifest.name) == (name, "scan")

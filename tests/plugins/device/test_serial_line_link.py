@@ -63,12 +63,12 @@ def test_line_that_was_pulled_out_is_opened_again_when_it_is_due(socket):
     link = line()
     socket.is_plugged = False
     assert link.receive(0) == []
-    assert (link.why_down(), socket.closed) == ("/dev/ttyUSB0: unplugged", 1)
+    assert (link.down_reason, socket.closed) == ("/dev/ttyUSB0: unplugged", 1)
     socket.is_plugged, socket.arriving = True, ARRIVING
     assert link.receive(NS_PER_S - 1) == []
     assert socket.opened == 1
     assert link.receive(NS_PER_S) == []  # opened, and read from the next step on
-    assert (link.why_down(), socket.opened, link.counters()["reopened"]) == ("", 2, 1)
+    assert (link.down_reason, socket.opened, link.counters()["reopened"]) == ("", 2, 1)
     assert link.receive(NS_PER_S + 1) == [PACKET]
 
 
@@ -82,14 +82,14 @@ def test_line_that_stays_away_is_tried_less_and_less_often(socket):
     tries = [second for second in range(1, 18) if attempts[second] > attempts[second - 1]]
     assert tries == [1, 3, 7, 11, 15]
     assert link.counters()["reopened"] == 0
-    assert link.why_down()
+    assert link.down_reason
 
 
 def test_line_that_is_lost_while_sending_is_told_and_sends_after_it_is_back(socket):
     link = line()
     socket.is_plugged = False
     link.send(PACKET, 0)
-    assert link.why_down() == "/dev/ttyUSB0: unplugged"
+    assert link.down_reason == "/dev/ttyUSB0: unplugged"
     link.send(PACKET, 0)  # waits; there is nothing to write to
     socket.is_plugged = True
     link.receive(NS_PER_S)

@@ -9,7 +9,7 @@ import can
 import msgspec
 import pytest
 
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential
+from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
     Counted,
@@ -25,9 +25,8 @@ from robrain.plugins.device.mocdevice.frame_map import (
 from robrain.plugins.device.mocdevice.interface import BusFault
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
-from robrain.protocol.model.geometry import Pose2D, Twist2D
+from robrain.protocol.model.geometry import Twist2D
 from robrain.sim.firmware.described_controller import TWO_WHEELS as FRAMES
-from robrain.sim.firmware.described_controller import frames_of
 from tests.plugins.device.bare_device import BareDevice
 
 BASE = Differential(wheel_radius_m=0.1, track_m=0.4, encoder_ticks_per_turn=1000)
@@ -104,31 +103,6 @@ def test_counts_of_both_frames_make_the_odometry_and_wrap_at_their_32_bits() -> 
     assert device.it.velocity().forward_m_s == pytest.approx(20 * math.tau / 1000 * 0.1 / 0.02)
     counters = device.it.counters()
     assert (counters.believed, counters.rejected, counters.foreign) == (51, 0, 0)
-
-
-def test_a_wheel_backwards_and_one_forwards_turns_the_robot_to_the_left() -> None:
-    device = two_wheels()
-    for step in range(51):
-        counts(device, -10 * step, 10 * step)
-    assert device.it.pose().yaw_rad == pytest.approx(2 * 500 * math.tau / 1000 * 0.1 / 0.4)
-
-
-def test_a_lost_frame_of_one_wheel_costs_nothing_but_a_report() -> None:
-    device = two_wheels()
-    for step in range(20):
-        counts(device, 10 * step, 10 * step)
-        if step == 9:
-            device.bus.arrived.clear()
-            device.wait(0.02)
-    message = read_dbc("two_wheels").get_message_by_name("RightEncoder")
-    data = message.encode({"right_counts": 200, "right_speed_rpm": 0.0})
-    lonely = can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=False)
-    lonely.timestamp = device.clock.now_ns() / 1e9
-    device.bus.arrived.append(lonely)
-    device.it.step()
-    counts(device, 210, 210)
-    assert device.it.pose().x_m == pytest.approx(210 * math.tau / 1000 * 0.1)
-    assert device.it.pose().yaw_rad == 0.0
 
 
 @pytest.mark.parametrize("values", [(32.1, 0.0), (0.0, -32.1), (math.nan, 0.0), (1.0,), (1.0, 1.0, 1.0)])
@@ -247,24 +221,6 @@ def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_spee
     assert device.it.counters().rejected == 0
 
 
-def test_frames_of_different_rounds_are_never_put_together(own: FrameMap) -> None:
-    Path(own.dbc).write_text(DBC + TWO_ENCODERS)
-    encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
-    changes = {"encoders": encoders, "measure": Counted.COUNTS, "checksum": Checksum.NONE}
-    device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
-    device.it.activate()
-    for number in range(14):
-        device.wait(0.02)
-        for identifier in (1011, 1012):
-            data = (60 * number).to_bytes(4, "little", signed=True) + bytes((number,))
-            frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
-            frame.timestamp = device.clock.now_ns() / 1e9
-            if (identifier, number) not in ((1012, 9), (1011, 10), (1012, 11)):
-                device.bus.arrived.append(frame)
-        device.it.step()
-        assert device.it.pose().yaw_rad == 0.0
-
-
 def signals(frame: str, *names: str) -> tuple[FrameSignals, ...]:
     return (FrameSignals(frame=frame, signals=names),)
 
@@ -321,18 +277,6 @@ def test_checksums_are_those_of_their_names() -> None:
         assert SignalFrame(message, ("latched",), "counter", kind).encode(5, 1)[-1] == expected
 
 
-@pytest.mark.parametrize("twist", [Twist2D(math.nan), Twist2D(math.inf), Twist2D(0.5, 0.0, math.nan)])
-def test_a_car_refuses_a_velocity_that_is_no_number(twist: Twist2D) -> None:
-    car = Ackermann(
-        wheel_radius_m=0.05, wheelbase_m=0.2, track_m=0.24, steering_max_rad=0.6, encoder_ticks_per_turn=4096
-    )
-    device = BareDevice(MocDevice, base=car, frames=frames_of(car))
-    device.it.activate()
-    with pytest.raises(ValueError, match="expected a finite velocity"):
-        device.it.drive(twist)
-    assert device.bus.sent == []
-
-
 MORE = """
 BO_ 1021 Real: 8 Motor
  SG_ left : 0|32@1- (1,0) [0|0] "rad/s" Host
@@ -369,20 +313,6 @@ def test_values_that_the_frames_cannot_hold_are_refused_at_the_start_by_key(own:
     with pytest.raises(ValueError, match=r"frames.commands, at wheel_speed_max_rad_s: Speeds"):
         BareDevice(MocDevice, base=large, frames=own, wheel_speed_max_rad_s=610.0).it.activate()
     BareDevice(MocDevice, base=large, frames=own, wheel_speed_max_rad_s=590.0).it.activate()  # 295 of 300 m/s
-
-
-def test_speeds_are_added_up_from_where_the_robot_was_when_the_device_starts_again(own: FrameMap) -> None:
-    device = BareDevice(MocDevice, base=BASE, frames=own)
-    device.board.T_odom_robot, device.board.wheel_ticks = Pose2D(3.0, 0.0, 0.0), (1_500_000, 1_500_000)
-    device.it.activate()
-    for number in range(3):
-        device.wait(0.02)
-        data = bytes((0, 0, 0, 0, number))
-        frame = can.Message(arbitration_id=1001, data=data + bytes((sum(data) & 0xFF,)), is_extended_id=False)
-        frame.timestamp = device.clock.now_ns() / 1e9
-        device.bus.arrived.append(frame)
-        device.it.step()
-    assert device.it.pose() == Pose2D(3.0, 0.0, 0.0)
 
 
 def test_a_bus_is_left_also_if_the_stop_cannot_be_sent() -> None:

@@ -78,54 +78,12 @@ def test_robot_that_stands_has_no_velocity():
     assert one.velocity == Twist2D()
 
 
-def test_pose_at_a_time_lies_between_the_frames_before_and_after_it():
-    one = fresh()
-    poses = []
-    for number in range(4):
-        one.take((10 * number,) * 3, to_ns(0.1 * number), 0)
-        poses.append(one.pose)
-    assert [one.pose_at(to_ns(0.1 * number)) for number in range(4)] == poses
-    for time_s, ticks in [(0.04, 4.0), (0.05, 5.0), (0.149, 14.9), (0.29, 29.0)]:
-        assert one.pose_at(to_ns(time_s)).yaw_rad == pytest.approx(yaw_rad(ticks))
-    assert one.pose_at(to_ns(-1.0)) == poses[0]
-    assert one.pose_at(to_ns(0.3)) == one.pose_at(to_ns(9.0)) == poses[3]
-
-
-def test_pose_between_two_frames_is_on_the_way_between_them():
-    one = fresh()
-    one.take((0, 0, 0), 0, 0)
-    one.take((300, 0, -300), to_ns(0.1), 0)
-    assert math.hypot(one.pose.x_m, one.pose.y_m) > 0.01
-    quarter = one.pose_at(to_ns(0.025))
-    assert (quarter.x_m, quarter.y_m) == (pytest.approx(one.pose.x_m / 4), pytest.approx(one.pose.y_m / 4))
-
-
-def test_yaw_between_two_frames_goes_the_short_way_round():
-    one = WheelOdometry(BASE, 32.0, Pose2D(0.0, 0.0, math.pi - 0.01), (0, 0, 0))
-    one.take((0, 0, 0), 0, 0)
-    one.take((100, 100, 100), to_ns(0.02), 0)
-    assert abs(yaw_rad(100)) > 0.01
-    assert one.pose_at(to_ns(0.01)).yaw_rad == pytest.approx(wrap_angle_rad(math.pi - 0.01 + yaw_rad(50)))
-
-
-def test_newest_counts_say_until_when_the_odometry_goes():
-    one = fresh()
-    assert one.until_ns is None
-    one.take((0, 0, 0), 70, 0)
-    one.take((1, 1, 1), 90, 0)
-    assert one.until_ns == 90
-
-
 def test_frames_that_claim_to_be_of_a_later_time_are_forgotten_when_the_clock_was_set_back():
     one = fresh()
     for number, stamp_ns in enumerate((1000, 2000, 3000, 1500)):
         one.take((number,) * 3, stamp_ns, 0)
     assert one.until_ns == 1500
     assert one.pose_at(1250).yaw_rad == pytest.approx(yaw_rad(1.5))
-
-
-def test_before_the_first_frame_the_pose_at_any_time_is_the_start():
-    assert fresh().pose_at(5) == START
 
 
 def test_five_seconds_of_frames_are_kept_and_no_more():

@@ -9,7 +9,6 @@ from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph, is_information
-from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import PATH_M, UNSAID, ClosureFinder
 from robrain.protocol.messages.maps.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
@@ -80,20 +79,6 @@ def test_a_closure_with_a_mate_is_told_to_it_in_both_frames() -> None:
     information = symmetric(closure.information)
     assert is_information(information)
     assert np.linalg.eigvalsh(information).min() > 100.0
-
-
-def test_a_mate_that_is_told_a_closure_moves_its_submap_by_it() -> None:
-    """What one robot finds and tells makes the other's map agree with it."""
-    finder = Scene(MATE)
-    assert finder.look(TRUE, beside(TRUE, 0.06, 0.05, 0.02))
-    mate = SubmapGraph("r2", GraphSpec())
-    mate.begin(7, IDENTITY, IDENTITY, 0, PRIOR)
-    atlas = SubmapAtlas(GEOMETRY)
-    atlas.submaps["r1", 3] = Submap(IDENTITY)
-    desk = ClosureFinder("r2", mate, atlas, 0.0)
-    desk.hear(Closures(robot="r1", closures=finder.desk.found))
-    moved = mate.solve(atlas.place_of, desk.variances_of)[7]
-    assert off(moved.compose(TRUE), beside(TRUE, 0.06, 0.05, 0.02)) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
 
 
 def test_a_closure_with_an_old_submap_of_its_own_is_told_to_nobody() -> None:
@@ -230,16 +215,6 @@ def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() 
     desk.receive_submap_poses(joined_message("r2", GEOMETRY, parts))
     assert desk.variances_of(("r3", 5)) == desk.variances_of(("r2", 6)) == UNSAID
     assert desk.variances_of(MATE) == (0.04, 0.04, 0.01)
-
-
-def test_memory_for_mates_submaps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closures, "OTHER_SUBMAPS_MAX", 2)
-    desk = Scene(("r2", 1), ("r2", 2)).desk
-    for number in (1, 2, 3):
-        desk.receive_submap_poses(told(number))
-    assert [desk.variances_of(("r2", number)) == UNSAID for number in (1, 2, 3)] == [False, False, True]
-    desk.receive_submap_poses(told(2, variances=(0.09, 0.02)))
-    assert desk.variances_of(("r2", 2)) == (0.09, 0.09, 0.02)
 
 
 @pytest.mark.parametrize(

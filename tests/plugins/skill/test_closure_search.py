@@ -7,7 +7,7 @@ from robrain.algorithms.slam.submap import SURFACE
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper import closures
-from robrain.plugins.skill.mapper.closures import ClosureSearch
+from robrain.plugins.skill.mapper.closures import ClosureFinder
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 
@@ -28,11 +28,11 @@ def atlas_of(*keys: SubmapKey, occupied: int = 60, T_arena_local: Pose2D = IDENT
     return atlas
 
 
-def searching(atlas: SubmapAtlas, own: Iterable[int] = ()) -> ClosureSearch:
+def searching(atlas: SubmapAtlas, own: Iterable[int] = ()) -> ClosureFinder:
     graph = SubmapGraph("r1", GraphSpec())
     for number in own:
         graph.begin(number, IDENTITY, IDENTITY, 0, np.eye(3))
-    return ClosureSearch("r1", graph, atlas)
+    return ClosureFinder("r1", graph, atlas, 0.0)
 
 
 def test_a_submap_that_is_not_finished_is_not_tried() -> None:
@@ -114,7 +114,7 @@ def test_of_submaps_that_were_tried_the_one_tried_farthest_away_is_next(first: S
 def test_a_robot_that_may_be_anywhere_tries_all_again() -> None:
     search = searching(atlas_of(MATE))
     assert search.candidate(MIDDLE) == MATE
-    search.forget()
+    search.restart()
     assert search.candidate(MIDDLE) == MATE
 
 

@@ -76,7 +76,7 @@ def test_that_its_own_submaps_agree_says_nothing_for_the_place_of_a_robot() -> N
     desk = desk_with((*TWO_ROBOTS, own))
     for turn in range(12):
         key = TWO_ROBOTS[turn // 2 % 3] if turn % 2 else own
-        desk.search.candidate = lambda _sensor, key=key: key
+        desk.candidate = lambda _sensor, key=key: key
         assert desk.misplacement_reason() == ""
         look(desk, turn, wrong=key != own)
     assert (desk.closed, desk.contradicted) == (6, 6)
@@ -87,6 +87,6 @@ def test_contradictions_of_before_the_robot_began_anew_do_not_count() -> None:
     desk = desk_with(TWO_ROBOTS)
     for turn in range(5):
         look(desk, turn)
-    desk.begin_anew()
+    desk.restart()
     look(desk, 5)
     assert desk.misplacement_reason() == ""

@@ -1,9 +1,6 @@
 import msgspec
 import pytest
 
-from robrain.algorithms.energy.battery_tracker import BatteryTracker, GaugeLimits, TrackedReading
-from robrain.algorithms.energy.soc_filter import PackModel
-from robrain.protocol.can.frames import codec
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ROBOT_STATE
@@ -59,33 +56,6 @@ def test_what_a_way_costs_is_learned_over_the_bus_and_told_in_the_state(robot):
     assert (told.mean_j, told.sigma_j) == pytest.approx((own["mean_j"], own["sigma_j"]))
 
 
-def test_the_plugins_give_the_same_over_the_bus_as_the_estimators_they_are_made_of(stage, room):
-    one = stage(room(10.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
-    one.host("energy")
-    bus, heard = one.bus(), []
-    one.run(1.0)
-    one.call("driver", "drive", 6.0)
-    one.run(30.0)
-    status = codec("BatteryStatus")
-    for frame in iter(lambda: bus.recv(timeout=0), None):
-        if frame.arbitration_id == status.arbitration_id:
-            signals = status.unpack(frame)
-            heard.append(TrackedReading(signals["voltage_v"], signals["current_a"], signals["temperature_c"]))
-    assert len(heard) == 155
-    tracker = BatteryTracker(PackModel(), GaugeLimits())
-    tracker.begin(heard[0])
-    for measured in heard[1:]:
-        tracker.follow(measured, 0.2 * measured.current_a, 0.2)
-    told = one.call("battery", "state")
-    assert told["soc"] == pytest.approx(tracker.filter.soc, abs=1e-5)
-    assert told["remaining_low_j"] == pytest.approx(tracker.filter.interval_j()[1], abs=0.1)
-
-
-def test_what_is_usable_is_the_low_end_of_what_the_battery_believes(robot):
-    robot.run(5.0)
-    assert robot.call("energy", "usable_j") == robot.call("battery", "state")["remaining_low_j"]
-
-
 @pytest.mark.slow
 def test_a_battery_that_lies_teaches_nothing_and_leaves_less_to_use(robot):
     shuttle(robot, 1)
@@ -105,8 +75,3 @@ def test_a_robot_without_a_battery_offers_nothing_to_use(stage):
     assert one.call("energy", "usable_j") == 0.0
     assert one.call("energy", "estimate", {"wait_s": 10.0})["mean_j"] == pytest.approx(80.0)
     assert states.drain()[-1].message.energy is None
-
-
-def test_an_operator_is_told_which_work_makes_no_sense(robot):
-    with pytest.raises(Exception, match="path_m"):
-        robot.call("energy", "estimate", {"path_m": -1.0})

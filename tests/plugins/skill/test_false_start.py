@@ -6,7 +6,7 @@ import pytest
 from robrain.algorithms.mapping.local_map import OwnMap
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import OCCUPIED
-from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_MAP
+from robrain.protocol.table.topics import ROBOT_EVENT
 
 START = Pose2D(1.0, 1.0, 0.0)
 BLOCKS = ((2.8, 2.2, 3.6, 2.8), (5.6, 2.1, 6.2, 3.4), (7.8, 0.0, 8.1, 1.6), (0.0, 3.6, 1.5, 3.8))
@@ -94,32 +94,6 @@ def test_a_robot_begun_anew_away_from_its_start_spoils_nobodys_map(restarted):
     assert (ghosts(again, plan), ghosts(mate, plan)) == ([], [])
 
 
-def test_a_robot_begun_anew_where_it_started_goes_on(stage, room):
-    plan = room(10.0, 5.0, *BLOCKS)
-    one = stage(plan, r1=START, r2=Pose2D(1.0, 2.5, 0.0))
-    first, mate = (one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2"))
-    one.run(2.0)
-    one.hosts.remove(first)
-    first.close()
-    events = one.inbox(ROBOT_EVENT, robot="r1", plugin="localisation", event="diverged")
-    again = one.host("mapper", "localisation")
-    one.run(6.0)
-    assert not events.drain()
-    assert again.board.lost == ""
-    assert (ghosts(again, plan), ghosts(mate, plan)) == ([], [])
-
-
-def test_a_robot_that_comes_where_nobody_has_been_believes_its_start(stage, room):
-    plan = room(10.0, 5.0, (4.8, 0.0, 5.0, 5.0))  # two rooms
-    one = stage(plan, r1=START, r2=Pose2D(8.0, 2.5, 1.0))
-    one.host("mapper", "localisation")
-    one.run(2.0)
-    late = one.host("mapper", "localisation", robot="r2")
-    one.run(6.0)
-    assert late.board.lost == ""
-    assert ghosts(late, plan) == []
-
-
 @pytest.mark.slow
 def test_a_robot_whose_start_is_not_known_is_lost_until_the_walls_on_its_teams_map_find_it(stage, room):
     plan = room(10.0, 5.0, *BLOCKS)
@@ -135,18 +109,3 @@ def test_a_robot_whose_start_is_not_known_is_lost_until_the_walls_on_its_teams_m
     assert late.board.shared(OwnMap).local_pose.trajectory == 1, "its map begins where it was found"
     assert late.board.pose.distance_m(one.truth("r2").pose) < 0.15
     assert ghosts(late, plan, body=one.truth("r1").pose) == []
-
-
-def test_a_robot_whose_start_is_not_known_and_that_has_no_team_maps_in_a_frame_of_its_own(stage, room):
-    plan = room(10.0, 5.0, *BLOCKS)
-    one = stage(plan, r1=START)
-    patches = one.inbox(ROBOT_MAP, robot="r1")
-    host = one.host("mapper", "localisation", localisation={"start_known": False})
-    one.run(4.0)
-    assert host.board.lost
-    frames = {received.message.frame for received in patches.drain()}
-    assert frames == {host.board.frame}
-    assert host.board.frame.robot == "r1"
-    # It lies there as it lies in the arena, but for where it starts.
-    assert ghosts(host, plan, moved=START.compose(host.board.pose.inverse())) == []
-    assert one.call("mapper", "known_area_m2") > 10.0

@@ -1,5 +1,3 @@
-import pytest
-
 from robrain.agent.authoring.testing import PluginBench
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
@@ -27,10 +25,3 @@ def test_the_start_is_known_once_the_robot_knows_where_it_is():
         assert bench.call("home", "start") is None
         bench.host.board.T_arena_odom = Pose2D(3.0, 4.0, 1.0)
         assert bench.plugin("home").start() == Point2D(3.0, 4.0)
-
-
-@pytest.mark.parametrize("charger", [{"x_m": float("inf"), "y_m": 0.0}, {"x_m": 1.0}, {"x_m": 1.0, "y_m": 0.0, "z": 1}])
-def test_a_charger_that_is_nowhere_is_refused(charger):
-    with PluginBench(load=["home"], parameters={"home": {"chargers": [charger]}}) as bench:
-        assert bench.info("home").state == "faulted"
-        assert "chargers" in bench.info("home").why

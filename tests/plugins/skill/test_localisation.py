@@ -35,25 +35,6 @@ def test_a_robot_that_has_not_moved_is_where_it_started(stage):
     assert state.radius_m == 0.2
 
 
-def test_odometry_is_added_in_the_direction_of_the_start(stage):
-    one = stage()
-    one.host("localisation", localisation={"x_m": 3.0, "y_m": -1.0, "yaw_rad": math.pi / 2})
-    states = one.inbox(ROBOT_STATE)
-    roll(one, one.bus(), Twist2D(1.0))
-    pose = states.drain()[-1].message.pose
-    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((3.0, 0.0, math.pi / 2), abs=0.005)
-
-
-def test_the_velocity_of_the_state_is_that_of_the_wheels(stage):
-    one = stage()
-    one.host("localisation")
-    states = one.inbox(ROBOT_STATE)
-    roll(one, one.bus(), Twist2D(0.6, 0.2, 0.4))
-    velocities = [received.message.velocity for received in states.drain()]
-    driving = velocities[len(velocities) // 2]
-    assert (driving.forward_m_s, driving.left_m_s, driving.yaw_rad_s) == pytest.approx((0.3, 0.1, 0.2), abs=0.03)
-
-
 def biased(one, bus, metres, *, each=None):
     """Encoder frames of a robot that drives straight, and whose third wheel counts 2 % too much."""
     turns = BASE.wheel_speeds_rad_s(Twist2D(0.01))

@@ -8,7 +8,7 @@ import pytest
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.wheel_bases import OmniBase
-from robrain.plugins.skill.localisation import PAUSE_M, PAUSE_RAD, Localisation
+from robrain.plugins.skill.localisation import PAUSE_M, PAUSE_RAD
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import IDENTITY, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
@@ -99,13 +99,6 @@ def test_a_robot_moves_with_the_frame_of_the_map_that_it_goes_by(stage):
     assert off(localisation.pose(), before) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
-def test_the_map_of_another_trajectory_moves_nobody(stage):
-    one, host, localisation = localised(stage, x_m=2.0)
-    host.board.shared(OwnMap).local_map = in_frame(MOVED, trajectory=1)
-    one.run(0.2)
-    assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
-
-
 def test_a_lost_robot_is_not_moved_by_the_map_from_before_it_was_lost(stage):
     one, host, localisation = localised(stage, start_known=False, x_m=2.0)
     host.board.shared(OwnMap).local_map = in_frame(MOVED)
@@ -189,13 +182,6 @@ def test_once_a_second_a_scan_is_held_against_the_teams_map(stage):
     steps = sorted({share for share in told if share > 0.0})
     assert steps[:3] == pytest.approx([0.1, 0.19, 0.271])
     assert len(steps) in {3, 4}
-
-
-@pytest.mark.parametrize("name", ["start_sigma_m", "start_sigma_rad", "scan_period_s", "scan_way_m"])
-def test_parameters_have_to_be_above_zero(name):
-    for value in (0.0, -1.0, math.nan):
-        with pytest.raises(ValueError, match=f"{name} > 0"):
-            Localisation.Parameters(**{name: value})
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.2])

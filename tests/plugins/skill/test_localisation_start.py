@@ -56,15 +56,6 @@ def test_a_robot_that_does_not_see_what_the_others_have_mapped_there_started_els
     assert all("on the map of the others" in each["why"] for each in said)
 
 
-def test_without_a_map_of_others_every_start_is_believed(stage):
-    one, host = started(stage)
-    standing(one, 0.3)
-    assert host.board.lost == ""
-    host.board.shared(OwnMap).map_of_others = OccupancyGrid(GEOMETRY)
-    standing(one, 0.3)
-    assert (host.board.lost, host.board.shared(OwnMap).false_start) == ("", False)
-
-
 def test_each_state_of_the_others_map_is_looked_at_once(stage):
     """What comes to stand in the way afterwards does not make the start a false one."""
     one, host = started(stage)
@@ -76,13 +67,6 @@ def test_each_state_of_the_others_map_is_looked_at_once(stage):
     standing(one, 0.3, NARROW_M)
     assert host.board.shared(OwnMap).false_start
     assert "on the map of the others" in host.board.lost
-
-
-def test_a_robot_that_was_told_that_it_starts_elsewhere_is_held_against_the_map_there(stage):
-    one, host = started(stage, x_m=1.0, y_m=-0.5, yaw_rad=0.3)
-    host.board.shared(OwnMap).map_of_others = room_of_others()
-    standing(one, 0.3)
-    assert host.board.shared(OwnMap).false_start, "what it sees is seen from the middle"
 
 
 @pytest.mark.parametrize(("beams", "is_told"), [(0, False), (1, True), (90, True)])

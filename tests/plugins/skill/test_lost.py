@@ -6,7 +6,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robrain.plugins.behavior.explore import CHECK_PERIOD_S
 from robrain.plugins.behavior.travel import SPEED_M_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.model.geometry import Point2D
@@ -134,24 +133,6 @@ def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_st
 
 
 @pytest.mark.slow
-def test_one_with_nothing_to_do_looks_for_itself_once_and_stands_when_it_is_found(errands):
-    run = errands("idle")
-    lose(run)
-    run.run(5.0)
-    assert run.hosts["r1"].board.behavior == "find itself"
-    assert run.offer(Task(id="v", kind="visit", place=FAR)).why == SAYS
-    run.run(10.0)
-    assert run.way_m() > 1.5
-    find(run)
-    run.run(3.0)
-    assert run.hosts["r1"].board.behavior == "idle"
-    way_m = run.way_m()
-    run.run(5.0)
-    assert run.way_m() == way_m
-    assert run.finish(Task(id="v", kind="visit", place=FAR)).state is TaskState.DONE
-
-
-@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run = errands("idle")
@@ -163,27 +144,3 @@ def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run.run(15.0)
     assert run.way_m() == way_m
     assert run.hosts["r1"].board.behavior == "idle"
-
-
-@pytest.mark.slow
-def test_one_that_looks_for_itself_explores_as_soon_as_it_sees_where(errands):
-    run = errands("idle", "explore")
-    explore = run.hosts["r1"].manager.get("explore").live_plugin()
-    frontiers = explore._frontiers
-    explore._frontiers = list
-    lose(run)
-    run.run(8.0)
-    assert run.hosts["r1"].board.behavior == "find itself"
-    here = run.hosts["r1"].board.pose
-    goal = Point2D(here.x_m + 1.0, here.y_m)
-    explore._frontiers = lambda: [goal]
-    explore._is_seen = lambda *_: False
-    seen = set()
-    for _ in range(round(5.0 * CHECK_PERIOD_S) + 2):
-        run.run(0.2)
-        seen.add((run.hosts["r1"].board.behavior, explore.goal()))
-    assert ("explore alone", goal) in seen
-    explore._frontiers = frontiers
-    run.run(20.0)
-    assert run.hosts["r1"].board.behavior == "find itself", "there is no other frontier"
-    assert run.arena.collisions == 0

@@ -11,7 +11,7 @@ from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.team.arena_messages import Scan
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
 from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP
@@ -63,15 +63,6 @@ def test_a_room_of_known_size_is_mapped_as_such(stage):
         assert class_at(seen, *place) == UNKNOWN
 
 
-def test_a_robot_that_does_not_know_where_it_is_maps_nothing(stage):
-    one = stage()
-    one.host("mapper", mapper=GRID)
-    patches = one.inbox(ROBOT_MAP)
-    one.run(1.0, lambda: one.stand_and_scan([2.0] * 90))
-    assert one.call("mapper", "known_area_m2") == 0.0
-    assert patches.drain() == []
-
-
 def test_a_scan_is_put_where_the_robot_was_when_it_was_made(stage):
     one = stage()
     host = one.host("mapper", "localisation", mapper=GRID)
@@ -94,16 +85,6 @@ def test_a_scan_is_put_where_the_robot_was_when_it_was_made(stage):
     assert view(host).classes[:, view(host).geometry.cell_of(1.0, 0.0)[1]].tolist().count(FREE) == 1
 
 
-def test_walls_stay_straight_while_the_robot_turns(stage, room):
-    plan = room()
-    one = stage(plan, r1=Pose2D(2.0, 2.0, 0.3))
-    host = one.host("mapper", "localisation")
-    motor = host.manager.get("mocdevice").plugin
-    one.run(4.0, lambda: motor.drive(Twist2D(0.0, 0.0, 2.0)))
-    assert ghosts(view(host), plan) == []
-    assert class_at(view(host), 0.05, 2.0) == OCCUPIED
-
-
 def test_two_robots_end_with_one_map(stage, room):
     plan = room(8.0, 4.0, (3.9, 0.0, 4.1, 2.6))
     one = stage(plan, r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(7.0, 1.0, 0.0))
@@ -112,18 +93,6 @@ def test_two_robots_end_with_one_map(stage, room):
     maps = [view(host).classes for host in hosts]
     assert np.array_equal(maps[0], maps[1])
     assert class_at(view(hosts[0]), 7.0, 1.5) == FREE  # behind the wall: known by the other's word
-
-
-@pytest.mark.slow
-def test_teammates_that_drive_about_leave_no_ghosts(stage, room):
-    plan = room(6.0, 4.0)
-    one = stage(plan, r1=Pose2D(1.5, 2.0, 0.0), r2=Pose2D(3.0, 2.0, 0.0))
-    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
-    for place in ((4.8, 1.0), (4.8, 3.0), (3.0, 3.2)):
-        drive(hosts[1], place)
-        one.run(4.0)
-        assert [ghosts(view(host), plan) for host in hosts] == [[], []]
-    assert one.truth("r2").distance_m > 4.0
 
 
 def test_one_who_joins_late_has_the_whole_map(stage, room):

@@ -68,17 +68,6 @@ def test_a_robot_that_stands_moves_into_a_better_frame_only_if_very_many_walls_a
     assert not any(scene.search(PLACES[1]) for _ in range(9))
 
 
-def test_answers_that_do_not_agree_do_not_add_up() -> None:
-    """The mate's map is moved after each answer."""
-    scene = lost()
-    for n, place in enumerate(PLACES[:3] * 2):
-        scene.mates_map(ARENA, Pose2D(0.4 * n, 0.0, 0.0))
-        assert not scene.search(place)
-    scene.mates_map(ARENA, Pose2D(2.4, 0.0, 0.0))
-    moved = [scene.search(place) for place in PLACES[:3]]
-    assert moved == [False, False, True]
-
-
 def test_what_other_sensors_speak_against_is_no_answer() -> None:
     scene, asked = lost(), []
 
@@ -216,14 +205,6 @@ def test_what_motes_said_before_the_map_was_begun_anew_is_out_of_date(trajectory
     assert (scene.frames.frame == ARENA) == is_taken
 
 
-def test_a_robot_in_the_arena_frame_is_not_moved_by_what_motes_say() -> None:
-    scene = Scene()
-    scene.map(5, PLACES[0], trajectory=0)
-    scene.frames.apply_fix(ArenaFix(Pose2D(3.0, 1.0, 0.5), IDENTITY, SURE, 0))
-    assert scene.own.T_arena_local == IDENTITY
-    assert scene.frames.told == []
-
-
 def test_a_robot_that_lies_wrong_leaves_with_the_submaps_of_this_trajectory_as_they_lie() -> None:
     scene = Scene()
     scene.map(5, PLACES[0], trajectory=0)
@@ -270,13 +251,6 @@ def test_a_robot_that_was_only_unsure_joins_only_where_its_last_place_allows(
     scene.graph.own[20].covariance = np.diag(variances)
     scene.frames.part(scene.frames.uncertainty_reason())
     assert any(scene.search(place) for place in PLACES) is joins
-
-
-def test_a_robot_without_submaps_has_nothing_to_leave_with() -> None:
-    scene = Scene()
-    scene.frames.begin(20, "")
-    scene.frames.part("mates contradict it")
-    assert scene.frames.frame == ARENA
 
 
 def moved(number: int, place: Pose2D, frame: MapFrame, *, robot: str = "r2", withdrawn: bool = False) -> MapPatch:
@@ -345,20 +319,3 @@ def test_a_follower_is_less_sure_of_its_submaps_than_before() -> None:
     before = np.diag(scene.graph.own[20].covariance).copy()
     scene.frames.follow(FrameMove(ARENA, Pose2D(3.0, -1.0, 0.0)))
     assert np.all(np.diag(scene.graph.own[20].covariance) - before == pytest.approx((0.05**2, 0.05**2, 0.01**2)))
-
-
-def test_a_robot_that_has_mapped_nothing_yet_follows_too() -> None:
-    scene = Scene()
-    scene.frames.begin(20, WHY)
-    scene.frames.follow(FrameMove(ARENA, THERE))
-    assert scene.frames.frame == ARENA
-    assert scene.frames.told == []
-    assert off(scene.own.T_arena_local, THERE) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-
-
-def test_answers_of_a_frame_that_was_left_do_not_count_in_the_next() -> None:
-    scene = lost()
-    for place in PLACES[:2]:
-        assert not scene.search(place)
-    scene.frames.follow(FrameMove(MATES, IDENTITY))
-    assert [scene.search(place) for place in PLACES[:3]] == [False, False, True]

@@ -12,7 +12,7 @@ from robrain.plugins.skill.mapper import frames as module
 from robrain.plugins.skill.mapper.frames import ANSWERS_MAX
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA
-from tests.plugins.unit.frame_scene import MATES, PLACES, T_OWN_FLOOR, Scene, lost, off
+from tests.plugins.unit.frame_scene import MATES, PLACES, T_OWN_FLOOR, lost
 
 MIDDLE = PLACES[1]
 
@@ -88,14 +88,3 @@ def test_a_robot_that_joins_is_surest_of_its_submaps_where_it_was_found() -> Non
     assert math.sqrt(near[:2].sum()) == pytest.approx(0.1 * math.sqrt(2.0), abs=0.02)
     assert far[0] > 1.2 * near[0]
     assert (near[2], far[2]) == pytest.approx((0.02**2, 0.02**2))
-
-
-def test_what_is_found_is_told_where_the_robot_is_asked_about() -> None:
-    scene, asked = Scene(), []
-    scene.map(20, *PLACES)
-    scene.mates_map(ARENA)
-    for place in (PLACES[0], PLACES[3]):
-        scene.frames.search(T_OWN_FLOOR.compose(place), lambda frame, pose: bool(asked.append((frame, pose))))
-    assert [frame for frame, _ in asked] == [ARENA, ARENA]
-    for (_, pose), place in zip(asked, (PLACES[0], PLACES[3]), strict=True):
-        assert off(pose, place) == pytest.approx((0.0, 0.0, 0.0), abs=0.08)

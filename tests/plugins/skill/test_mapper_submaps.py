@@ -9,7 +9,6 @@ from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, Local
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.messages.maps.map_messages import Closure, Closures
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -114,16 +113,6 @@ def test_old_submaps_that_the_map_no_longer_shows_go_and_those_that_it_shows_sta
     assert (view(host).classes == team.grid.classes()).all()
 
 
-def test_what_was_seen_last_of_a_submap_is_told_with_it(stage):
-    one, host = mapping(stage)
-    scanned(one, 1.1)
-    for x_m in (5.2, 0.0):  # one scan at either place: with the second the submap ends
-        host.board.shared(OwnMap).local_pose = lies_at(Pose2D(x_m, 0.0, 0.0))
-        scanned(one, 0.02)
-    scanned(one)
-    assert class_at(host, 7.25, 0.0) == OCCUPIED
-
-
 def test_what_the_others_had_mapped_before_is_there_to_check_the_start_for_five_seconds(stage):
     one, host = mapping(stage)
     scanned(one, 4.6)
@@ -224,20 +213,6 @@ def test_a_mates_scan_on_an_own_submap_moves_it_and_the_team_is_told(stage):
 
 
 @pytest.mark.slow
-def test_the_graph_is_solved_every_two_seconds_at_most(stage):
-    one, host = mapping(stage)
-    scanned(one, 1.2)
-    mates_submap(one)
-    publisher, places = one.publisher(ROBOT_CLOSURES, robot="r2"), []
-    for off_m in (0.03, 0.06, 0.09, 0.12, 0.15, 0.18):
-        publisher.put(closure(host.board.shared(OwnMap).local_map.number, off_m))
-        scanned(one, 1.0)
-        places.append(round(host.board.shared(OwnMap).local_map.T_arena_local.x_m, 2))
-    assert len(set(places)) in {3, 4}
-    assert places == sorted(places)
-
-
-@pytest.mark.slow
 def test_a_mate_that_moves_its_submap_takes_along_what_is_closed_with_it(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)
@@ -317,11 +292,3 @@ def test_the_whole_map_has_the_submaps_of_robots_that_have_gone(stage, room):
     one.hosts.remove(hosts[1])
     hosts[1].close()
     one.run_until(lambda: told() == {"r1", "r2"}, 30.0)
-
-
-@pytest.mark.parametrize("name", ["resolution_m", "width_m", "height_m", "sigma_max_m"])
-def test_parameters_that_are_no_size_are_refused_by_name(name):
-    for value in (0.0, -1.0):
-        with pytest.raises(ValueError, match=f"{name} > 0"):
-            Mapper.Parameters(**{name: value})
-    assert getattr(Mapper.Parameters(**{name: 0.5}), name) == 0.5

@@ -9,7 +9,6 @@ from robrain.algorithms.mapping.local_map import NO_DRIFT, Drift
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam.submap import PARTS, SURFACE
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
-from robrain.plugins.skill.mapper import own_submaps
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
@@ -54,17 +53,6 @@ def test_a_submap_tells_what_localisation_is_to_go_by() -> None:
     assert local.drift == (0.02, 0.001)
     assert (local.number, local.oldest, local.trajectory) == (5, 5, 3)
     assert own.number == 5
-
-
-def test_the_robot_goes_by_the_submap_before_too() -> None:
-    own = begun(5)
-    oldest = []
-    for number in (6, 7):
-        own.begin_submap(number, START, NO_DRIFT, PRIOR)
-        local = own.local_map()
-        assert local is not None
-        oldest.append((local.oldest, local.number))
-    assert oldest == [(5, 6), (6, 7)]
 
 
 def test_numbers_grow_even_if_two_submaps_begin_at_the_same_time() -> None:
@@ -222,13 +210,6 @@ def test_only_walls_of_the_current_submap_are_told() -> None:
     assert len(own.surfaces()) > 40
     own.begin_submap(6, START, NO_DRIFT, PRIOR)
     assert len(own.surfaces()) == 0
-
-
-def test_surfaces_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_submaps, "SURFACES_MAX", 10)
-    own = begun()
-    scan(own, ROOM_PLACES[0])
-    assert len(own.surfaces()) == 10
 
 
 def test_mates_and_drift_are_handed_on_to_the_map() -> None:

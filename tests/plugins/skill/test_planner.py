@@ -79,13 +79,6 @@ def test_no_path_ever_comes_closer_to_a_known_obstacle_than_the_robot_needs(stag
     assert clearance_m(one, path, start=path[0]) > NEEDED_M - 0.5 * RESOLUTION_M
 
 
-@pytest.mark.parametrize("name", ["margin_m", "snap_m"])
-def test_a_planner_with_a_size_that_is_none_is_left_out_with_the_reason(stage, name):
-    one = stage()
-    one.host("planner", planner={name: 0.0})
-    assert f"expected {name} > 0, got 0.0" in one.infos()["planner"].why
-
-
 @pytest.mark.parametrize(("unknown", "is_straight"), [("free", True), ("dear", False)])
 def test_unknown_floor_may_be_driven_on_if_the_manifest_says_so(stage, unknown, is_straight):
     """A strip of unknown floor lies across the way; around it, it is 1.3 m farther."""

@@ -152,39 +152,6 @@ def test_mates_are_known_in_the_map_frame_in_which_they_tell_their_poses(stage):
     assert names(one) == ["r3"]
 
 
-def test_nobody_in_another_map_frame_is_in_the_way(stage):
-    one = stage()
-    host = one.host("teammates")
-    say_state_in(one, "r2", ARENA)
-    say_state_in(one, "r3", OWN)
-    assert [mate.name for mate in mates(host)] == ["r2"]
-    host.board.frame = OWN
-    assert [mate.name for mate in mates(host)] == ["r3"]
-
-
-def test_a_mate_that_changes_its_frame_is_known_in_the_new_one(stage):
-    one = stage()
-    known = one.host("teammates").manager.get("teammates").plugin
-    say_state_in(one, "r2", OWN)
-    one.run(0.3)
-    say_state_in(one, "r2", ARENA, Pose2D(5.0, 5.0, 0.0))
-    one.run(0.3)
-    assert known.in_frame(OWN) == []
-    (mate,) = known.in_frame(ARENA)
-    assert mate.pose == Pose2D(5.0, 5.0, 0.0)
-
-
-def test_a_mate_in_any_frame_is_forgotten_when_it_is_silent(stage):
-    one = stage()
-    known = one.host("teammates").manager.get("teammates").plugin
-    one.run(0.02)
-    say_state_in(one, "r2", OWN)
-    one.run(1.5)
-    assert len(known.in_frame(OWN)) == 1
-    one.run(1.0)
-    assert known.in_frame(OWN) == []
-
-
 def test_states_that_come_faster_than_they_are_needed_are_taken_in_seven_times_a_second(stage):
     """Each takes time to decode."""
     one = stage()

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from robrain.protocol.can.frames import codec
-from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
 from robrain.sim.firmware.battery import BatterySpec, Gauge, GaugeSpec, SimulatedBattery
 
@@ -91,39 +90,6 @@ def test_a_minute_at_24_w_takes_1440_j_out_of_the_battery(stage):
     assert one.call("bm2", "latest")["charge_c"] == pytest.approx(96.0)
 
 
-def test_what_happened_in_a_gap_is_not_made_up(stage):
-    one = stage()
-    one.host("bm2")
-    manager = BatteryManager(one)
-    for _ in range(3):
-        manager.measure(12.0, 2.0)
-        one.run(30.0)
-    assert one.call("bm2", "latest")["energy_j"] == 0.0
-
-
-def test_a_corrupt_measurement_is_counted_and_not_believed(stage):
-    one = stage()
-    one.host("battery")
-    manager = BatteryManager(one)
-    manager.measure(15.0, 1.0)
-    corrupt = manager.frame(3.0, 30.0)
-    corrupt.data[0] ^= 1
-    manager.bus.send(corrupt)
-    one.run(0.4)
-    assert one.call("battery", "state")["voltage_v"] == 15.0
-    assert one.call("bm2", "rejected") == 1
-
-
-def test_a_robot_whose_battery_bus_is_absent_tells_no_battery_and_why(stage):
-    one = stage()
-    one.host("battery", "scan", bm2={"interface": "socketcan", "channel": "nonexistent0"})
-    one.run(0.2)
-    infos = one.infos()
-    assert infos["scan"].state == "active"
-    assert infos["bm2"].why.startswith("hardware absent: no CAN bus at socketcan:nonexistent0")
-    assert "nonexistent0" in infos["battery"].why
-
-
 def test_a_battery_manager_that_is_loaded_anew_does_not_disturb_the_count(pack):
     one = pack(soc_at_start=0.8)
     one.run(60.0)
@@ -147,16 +113,6 @@ def test_what_is_left_travels_in_the_robots_state(pack):
     assert battery.soc == pytest.approx(1.0, abs=0.05)
     assert 0.7 * 20.0 * WH_J < battery.remaining_low_j < battery.remaining_j < battery.remaining_high_j
     assert (battery.charging, battery.implausible) == (False, "")
-
-
-@pytest.mark.slow
-def test_a_battery_that_is_charged_says_so_and_fills(pack):
-    one = pack(soc_at_start=0.5)
-    before = one.run(5.0)
-    after = one.run(300.0, supply_w=40.0)
-    assert (before["charging"], after["charging"]) == (False, True)
-    assert after["soc"] > before["soc"] + 0.05
-    assert after["implausible"] == ""
 
 
 # -- a battery that lies ----------------------------------------------------------------------------------------
@@ -206,13 +162,3 @@ def test_a_robot_whose_first_measurement_is_a_lie_knows_nothing_and_says_so(pack
     assert state["implausible"]
     assert (state["soc"], state["soc_sd"] > 0.25) == (pytest.approx(0.5, abs=0.01), True)
     assert state["remaining_low_j"] == 0.0
-
-
-def test_a_gauge_that_lies_in_the_arena_is_noticed_over_the_real_bus(stage, room):
-    one = stage(room(), r1=Pose2D(2.0, 2.0, 0.0))
-    one.host("battery")
-    one.run(10.0)
-    assert one.call("battery", "state")["implausible"] == ""
-    one.arena._robots[0].manager.lie = lambda reading: (16.0, 0.5, reading[2])
-    one.run(6.0)
-    assert "frozen" in one.call("battery", "state")["implausible"]

@@ -200,21 +200,3 @@ def test_doubt_is_told_once_for_each_time(robot):
     assert at(robot, 0.5, why="it lies again") == []
     assert at(robot, 0.5) == []
     assert at(robot, 0.5, why="it lies") == ["implausible"]
-
-
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"soc_at_start": -0.01}, "expected soc_at_start [<>]= [01]"),
-        ({"soc_at_start": 1.01}, "expected soc_at_start [<>]= [01]"),
-        ({"low_soc": 1.01}, "expected low_soc [<>]= [01]"),
-        ({"cut_off_soc": -0.01}, "expected cut_off_soc [<>]= [01]"),
-        ({"hysteresis_soc": -0.01}, "expected hysteresis_soc [<>]= [01]"),
-        ({"capacity_wh": 0.0}, "expected capacity_wh > 0"),
-    ],
-)
-def test_shares_are_shares(parameters, words):
-    with pytest.raises(ValueError, match=words):
-        Battery.Parameters(**parameters)
-    Battery.Parameters(soc_at_start=0, low_soc=1, cut_off_soc=0, hysteresis_soc=0)
-    Battery.Parameters(soc_at_start=1)

@@ -1,7 +1,7 @@
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.plugins.device.command import Command
@@ -52,11 +52,6 @@ def test_command_tells_who_is_open_to_the_outside():
 
 def test_a_second_plugin_of_the_class_is_not_let_in():
     assert command(None).execute("this").startswith("error forbidden: ")
-
-
-def test_command_does_not_hold_its_lock_while_it_calls_upwards():
-    assert Command.execute.__robrain_unlocked__
-    assert Command.plugins.__robrain_unlocked__
 
 
 def talk(*received):
@@ -111,17 +106,3 @@ def test_a_robots_command_calls_the_robots_plugins(stage):
     assert robot.plugins() == robot.execute("list").removeprefix("ok ")
     host.manager.halt()
     assert robot.execute("call driver motion()") == "error halted: driver is halted"
-
-
-@pytest.mark.slow
-def test_any_text_is_answered_by_a_robot_that_lives_on(stage):
-    robot = stage().host("command", "driver").manager.get("command").plugin
-
-    @settings(max_examples=300, deadline=None)
-    @given(st.text() | st.text("(1,\"'[]) ").map(lambda end: f"call driver stop{end}"))
-    def check(text):
-        answer = robot.execute(text)
-        assert answer.startswith("ok") or ErrorCode(answer.removeprefix("error ").partition(":")[0])
-        assert robot.execute("call driver motion()") == "ok standing"
-
-    check()

@@ -7,10 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Point2D, Pose2D
-
-OPEN = [3.0] * 180
 
 
 def driver(host):
@@ -35,10 +32,6 @@ def off_path_m(pose, corners):
         share = max(0.0, min(1.0, ((pose.x_m - ax) * (bx - ax) + (pose.y_m - ay) * (by - ay)) / length**2))
         best = min(best, math.hypot(pose.x_m - ax - share * (bx - ax), pose.y_m - ay - share * (by - ay)))
     return best
-
-
-def wheel_speeds(frame):
-    return [frame[f"wheel_{number}_rad_s"] for number in (1, 2, 3)]
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 2.0, -3.0])
@@ -94,78 +87,6 @@ def test_a_wall_across_the_path_is_stopped_at_and_not_touched(stage, room):
     assert 0.02 < gap_m < 0.3
     assert one.call("driver", "motion") == Motion.BLOCKED
     assert driver(host).blocked_s() > 3.0
-
-
-def test_what_was_blocked_drives_on_with_a_new_path(stage, room):
-    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
-    drive(host, (5.0, 2.0))
-    one.run(8.0)
-    drive(host, (1.0, 3.0))
-    one.run_until(lambda: stands(one), 20.0)
-    assert one.truth().pose.distance_m(Point2D(1.0, 3.0)) < 0.1
-    assert driver(host).blocked_s() == 0.0
-
-
-def test_a_robot_beside_a_wall_may_drive_along_it(stage, room):
-    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 0.4, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
-    drive(host, (5.0, 0.4))
-    one.run_until(lambda: stands(one), 20.0)
-    assert one.truth().pose.distance_m(Point2D(5.0, 0.4)) < 0.1
-
-
-@pytest.fixture
-def wheels(stage):
-    """A stage with a motor controller that says that it stands, and no arena; call it with each tick's scan."""
-    one = stage()
-    controller = one.bus()
-    count = itertools.count()
-
-    def tick(scan=None):
-        standing = {f"wheel_{number}_ticks": 0 for number in (1, 2, 3)}
-        controller.send(codec("WheelEncoders").pack(next(count), **standing))
-        if scan is not None:
-            one.scan(scan)
-
-    return one, tick
-
-
-def test_a_robot_whose_scan_is_stale_stands(wheels, frames):
-    one, tick = wheels
-    host = one.host("driver")
-    bus = one.bus()
-    driver(host).follow([Point2D(2.0, 0.0)])
-    one.run(0.5, lambda: tick(OPEN))
-    assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
-    one.run(0.5, tick)
-    assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
-    one.run(0.2, tick)
-    frames(bus, "WheelCommand")
-    one.run(1.0, tick)
-    commands = frames(bus, "WheelCommand")
-    assert commands
-    assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
-    assert one.call("driver", "blocked_why") == "there has been no fresh scan"
-    assert driver(host).blocked_s() > 0.9
-    one.run(0.5, lambda: tick(OPEN))
-    assert max(map(abs, wheel_speeds(frames(bus, "WheelCommand")[-1]))) > 1.0
-    assert one.call("driver", "motion") == Motion.DRIVING
-
-
-@pytest.mark.parametrize("motion", [("drive", 2.0), ("turn", 2.0), ("go_to", 1.0, 0.0, 1.0)])
-def test_a_robot_whose_wheels_have_never_spoken_stands(stage, frames, motion):
-    one = stage()
-    one.host("driver")
-    bus = one.bus()
-    one.call("driver", *motion)
-    one.run(2.0, lambda: one.scan(OPEN))
-    commands = frames(bus, "WheelCommand")
-    assert commands
-    assert all(speed == 0.0 for frame in commands for speed in wheel_speeds(frame))
-    assert one.call("driver", "blocked_why") == "no data from the wheel encoders"
 
 
 def test_a_halted_robot_stands_and_does_not_drive_on_when_it_is_resumed(stage, room):

@@ -157,22 +157,6 @@ def test_an_action_that_a_call_begins_while_a_halt_comes_does_not_go_on_when_the
 
 
 FAR = 1e308
-CALLS = [
-    ("drive", [FAR]),
-    ("turn", [-FAR]),
-    ("go_to", [FAR, 0.0, 0.0]),
-    ("go_to", [0.0, 0.0, 2e6]),
-    ("move", [FAR, 0.0, 0.0]),
-    ("drive_path", [[{"x_m": 0.0, "y_m": FAR}]]),
-]
-
-
-@pytest.mark.parametrize(("function", "arguments"), CALLS)
-def test_an_impossible_request_is_answered_with_the_allowed_range(robot, function, arguments):
-    with pytest.raises(CallError, match=f"{function}.*Expected `float` [<>]= -?1000000.0") as refused:
-        robot.call("driver", function, *arguments)
-    assert refused.value.code is ErrorCode.BAD_ARGUMENTS
-    assert robot.call("driver", "motion") == Motion.STANDING
 
 
 def test_a_path_from_another_plugin_is_checked_as_well(robot):

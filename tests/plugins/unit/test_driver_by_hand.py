@@ -1,7 +1,5 @@
 """Driving by hand: a robot goes for as long as somebody goes on asking, and no longer."""
 
-import math
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 from robrain.plugins.unit.driver.by_hand import LONGEST_LEASE_S, ByHand
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns
-from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.errors import CallError
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 
 START = Pose2D(1.0, 2.0, 0.0)
@@ -53,13 +51,6 @@ def test_hand_does_not_drive_into_a_wall(robot):
     hold(robot, 22.0, 0.6, 0.0, 0.0)
     assert robot.truth().collisions == 0
     assert robot.truth().pose.x_m == pytest.approx(6.0 - 0.2 - 0.12, abs=0.12)
-
-
-@pytest.mark.parametrize("arguments", [(math.inf, 0.0, 0.0, 1), (0.1, 0.0, 0.0), (0.1, 0.0, 0.0, -1)])
-def test_wish_that_cannot_be_is_refused(robot, arguments):
-    with pytest.raises(CallError) as refusal:
-        robot.call("driver", "move", *arguments)
-    assert refusal.value.code is ErrorCode.BAD_ARGUMENTS
 
 
 @given(

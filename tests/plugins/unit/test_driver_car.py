@@ -91,21 +91,6 @@ def test_speed_changes_smoothly_where_a_turn_changes_its_direction(robot: BareDr
     assert max(jumps(run(robot))[:-1]) < STEP_M_S
 
 
-def test_after_a_straight_drive_nothing_is_left_of_an_arc_before_it(robot: BareDriver) -> None:
-    robot.plugin.follow([Point2D(-3.0, 0.1)])
-    while robot.wheels.twist.forward_m_s > -0.15:
-        robot.step()
-    robot.plugin.drive(2.0)
-    robot.step(20)
-    robot.commands()
-    speed_m_s = robot.wheels.twist.forward_m_s
-    assert speed_m_s > 0.3
-    robot.plugin.follow([Point2D(5.0, 0.0)])
-    robot.step(4)
-    after = [one.forward_m_s for one in robot.commands() if isinstance(one, Twist2D)]
-    assert max(abs(new - old) for old, new in itertools.pairwise([speed_m_s, *after])) < STEP_M_S
-
-
 @pytest.mark.parametrize("target", [Point2D(0.0, 3.0), Point2D(-5.0, 1.0)])
 def test_after_backing_away_it_does_not_dash_forwards(robot: BareDriver, target: Point2D) -> None:
     robot.plugin.follow([Point2D(4.0, 0.0)])
@@ -140,14 +125,6 @@ def test_it_brakes_as_hard_as_any_base_for_what_appears_ahead_while_it_steers(be
             near_m = min(near_m, robot.lidar.wall_m - robot.wheels.at.x_m - 0.2)
         nearest.append(near_m)
     assert nearest[1] > nearest[0] - 0.02
-
-
-def test_arcs_keep_the_limits_of_speed() -> None:
-    slow = BareDriver(speed_m_s=0.1)
-    slow.wheels.steers, slow.wheels.radius_min_m = True, RADIUS_MIN_M
-    slow.plugin.activate()
-    slow.plugin.turn(math.pi)
-    assert max(abs(one.forward_m_s) for one in run(slow)) < 1.1 * 0.1  # the ramp goes a little beyond its aim
 
 
 @pytest.mark.parametrize("fastest_m_s", [0.0, 0.05])

@@ -5,13 +5,12 @@ import math
 
 import pytest
 
-from robrain.plugins.device.mocdevice.interface import ControllerStatus
 from robrain.plugins.unit.driver.driver import PERIOD_S
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.path import CORNER_M
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.action_messages import Outcome
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from tests.plugins.unit.bare_driver import BareDriver
 
 
@@ -194,15 +193,6 @@ def test_path_that_is_followed_after_an_action_does_not_end_as_that_one(robot):
     assert robot.wheels.at.x_m == pytest.approx(0.3, abs=0.08)
 
 
-def test_path_that_is_followed_after_a_turn_is_driven_without_turning_on(robot):
-    robot.plugin.turn(6.0)
-    robot.step(5)
-    robot.plugin.follow([Point2D(1.0, 0.0)])
-    run(robot)
-    assert robot.wheels.at.x_m == pytest.approx(1.0, abs=0.08)
-    assert robot.wheels.at.yaw_rad == pytest.approx(0.0, abs=0.2)
-
-
 def test_turn_stops_what_was_driven_at_once_whoever_drove(robot):
     for start, steps in ((lambda: robot.plugin.drive(5.0), 10), (lambda: robot.hand(0.4, 0.0, 0.0), 1)):
         start()
@@ -240,20 +230,6 @@ def test_invalid_number_to_drive_by_is_refused_and_changes_nothing(robot, functi
     robot.step()
     assert robot.ends == []
     assert plugin.cancel(action) is True
-
-
-def test_driver_hands_on_what_its_wheels_say(robot):
-    robot.wheels.at = Pose2D(1.0, 2.0, 3.0)
-    robot.wheels.twist = Twist2D(0.1, 0.2, 0.3)
-    plugin, wheels = robot.plugin, robot.wheels
-    assert (plugin.pose(), plugin.pose_at(0), plugin.velocity()) == (wheels.at, wheels.at, wheels.twist)
-    wheels.until_ns = 7
-    assert plugin.odometry_until_ns() == 7
-    assert (plugin.radius_m(), plugin.bus_counters()) == (wheels.radius_m(), wheels.counters())
-    assert plugin.odometry_noise() is plugin.parameters.odometry
-    assert plugin.controller_status() is None
-    wheels.status = lambda: ControllerStatus(1, 2, 3, 4, 5, 6)
-    assert plugin.controller_status() == ControllerStatus(1, 2, 3, 4, 5, 6)
 
 
 def test_driver_that_was_never_asked_for_anything_stands_and_is_not_blocked(robot):

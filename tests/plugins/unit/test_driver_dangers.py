@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from robrain.plugins.unit.driver.driver import PERIOD_S, Driver
+from robrain.plugins.unit.driver.driver import PERIOD_S
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.action_messages import Outcome
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from tests.plugins.unit.bare_driver import BareDriver
@@ -190,12 +189,6 @@ def test_robot_that_is_to_stand_stops_its_wheels_at_once(robot, end):
     assert robot.plugin.cancel(action) is False
 
 
-def test_robot_that_stands_is_not_stopped_again_and_again(robot):
-    robot.plugin.stop()
-    robot.plugin.follow([])
-    assert robot.commands() == []
-
-
 # -- what turns up ----------------------------------------------------------------------------------------------
 
 
@@ -346,31 +339,4 @@ def test_patience_begins_again_when_the_way_was_free_meanwhile():
     assert robot.ends == []
 
 
-def test_path_that_is_only_followed_waits_for_ever(robot):
-    ahead(robot.plugin)
-    robot.wheels.fresh = False
-    robot.step(300)
-    assert robot.plugin.blocked_s() == pytest.approx(299 * PERIOD_S)
-    assert robot.plugin.motion() is Motion.BLOCKED
-
-
 # -- parameters ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", [name for name in Driver.Parameters.__struct_fields__ if name != "odometry"])
-@pytest.mark.parametrize("value", [0.0, -1.0])
-def test_limit_of_the_motion_is_above_nothing(name, value):
-    with pytest.raises(ValueError, match=f"expected {name} > 0"):
-        Driver.Parameters(**{name: value})
-
-
-def test_robot_knows_where_it_was_blocked_only_while_it_is(robot):
-    robot.wheels.at = Pose2D(0.0, 0.0, 0.0)
-    ahead(robot.plugin)
-    robot.wheels.fresh = False
-    robot.step(3)
-    assert robot.plugin.blocked_why()
-    robot.plugin.stop()
-    assert (robot.plugin.blocked_why(), robot.plugin.blocked_s()) == ("", 0.0)
-    robot.clock.advance_to(robot.clock.now_ns() + to_ns(1.0))
-    assert robot.plugin.blocked_s() == 0.0

@@ -96,16 +96,6 @@ def test_action_that_is_begun_while_a_hand_drives_waits_for_it_and_is_told_as_do
     assert robot.wheels.at.distance_m(Point2D(1.0, 0.0)) < 0.08
 
 
-def test_hand_that_gives_the_robot_back_after_its_lease_has_ended_has_it_stand(robot):
-    robot.hand(0.3, 0.0, 0.0)
-    robot.step(4)
-    robot.wait(1.0)
-    robot.hand(0.0, 0.0, 0.0)
-    robot.step()
-    assert robot.commands()[-1] == "stop"
-    assert robot.plugin.motion() is Motion.STANDING
-
-
 def test_path_that_waits_for_the_hand_is_driven_when_it_ends_and_one_that_was_taken_back_is_not(robot):
     robot.hand(0.0, 0.3, 0.0)
     robot.plugin.follow([Point2D(5.0, 0.0)])

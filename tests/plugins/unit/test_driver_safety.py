@@ -1,11 +1,9 @@
 """What the driver does about what it meets, and about sensors that lie."""
 
-import math
-
 import pytest
 
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ROBOT_EVENT
 
 
@@ -17,11 +15,6 @@ def robot(stage, room):
     one.host("mapper", mapper={"origin_x_m": 0.0, "origin_y_m": 0.0, "width_m": 6.0, "height_m": 4.0})
     one.run(0.4)
     return one
-
-
-def end(one, action, events):
-    ends = [each.message.value for each in events.drain() if each.message.event == "finished"]
-    return next(found for found in ends if found["action"] == action)
 
 
 # -- a lidar that lies ------------------------------------------------------------------------------------------
@@ -63,21 +56,6 @@ def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_
     robot.call("driver", "drive", 0.5)
     robot.run(3.0)
     assert robot.truth().pose.x_m == pytest.approx(x_m + 0.5, abs=0.05)
-
-
-def test_a_lidar_that_falls_silent_is_a_fault_and_the_robot_stands_before(robot, monkeypatch):
-    robot.call("driver", "drive", 4.0)
-    robot.run(0.8)
-    monkeypatch.setattr(robot.arena._robots[0], "scan_phase", -1)
-    robot.run(1.2)
-    assert robot.call("driver", "motion") == Motion.BLOCKED
-    place = robot.truth().pose
-    robot.run(3.0)
-    assert robot.truth().pose == place
-    assert "the lidar has sent no turn for 3.0 s" in robot.told.drain()[-1].message.value
-    monkeypatch.undo()
-    robot.run(2.0)
-    assert robot.call("scan", "nearest_m") is not None
 
 
 # -- what the lidar does not see --------------------------------------------------------------------------------
@@ -124,23 +102,3 @@ def see_through(one, from_x_m):
 
 
 # -- going to a pose --------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("goal", "yaw_rad"),
-    [((1.5, -1.0), 0.0), ((2.0, -1.0), math.pi), ((0.0, 0.0), 1.0), ((1.0, 0.0), -2.5), ((0.5, 1.0), 7.0)],
-)
-def test_go_to_ends_at_the_pose(stage, room, goal, yaw_rad):
-    start = Pose2D(1.5, 2.0, 0.7)
-    one = stage(room(6.0, 4.0), r1=start)
-    events = one.inbox(ROBOT_EVENT, robot="r1", plugin="driver")
-    one.host("localisation")
-    one.run(0.4)
-    action = one.call("driver", "go_to", *goal, yaw_rad)
-    one.run_until(lambda: one.call("driver", "motion") == Motion.STANDING, 20.0)
-    one.run(0.5)
-    assert end(one, action, events)["outcome"] == "done"
-    truth = start.inverse().compose(one.truth().pose)
-    assert truth.distance_m(Point2D(*goal)) < 0.025
-    assert abs(math.remainder(truth.yaw_rad - yaw_rad, math.tau)) < 0.03
-    assert one.truth().collisions == 0

@@ -17,13 +17,6 @@ def record():
     return MoteRecord("m3", 3, 64)
 
 
-def test_mote_that_was_never_heard_has_counted_nothing_and_has_no_row():
-    one = record()
-    assert (one.readings, one.stamp_ns, one.live_ns, one.spoke_ns, one.asked_until_ns, one.duty_tries) == (0,) * 6
-    assert not one.is_asked_for
-    assert one.as_received() is None
-
-
 def test_row_of_a_mote_tells_its_last_packet_and_the_mean_of_all_strengths():
     one = record()
     one.record_packet(reading(rssi_dbm=-60), 1, None)

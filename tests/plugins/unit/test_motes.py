@@ -3,7 +3,6 @@
 import msgspec
 import pytest
 
-from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.model.geometry import Point2D
@@ -26,7 +25,6 @@ from robrain.protocol.tinyos.payloads import (
 # number, sequence, oldest, age and period in 0.1 s, mV, quantity, hundredths, x and y in 0.1 m, dBm.
 WARM = bytes.fromhex("00 ffff 0003 18 22 52  0003 0102 0102 00000000 0028 0b54 01 00000866 0032 ffec b5")
 DARK = bytes.fromhex("00 ffff 0007 18 22 53  0007 ffff fff0 000004b0 0bb8 0834 02 fffffe0c 0000 0141 a6")
-OTHER_TYPE = bytes.fromhex("00 ffff 0003 02 22 0a  0001")
 SHORT_READING = bytes.fromhex("00 ffff 0003 04 22 52  0003 0102")
 MALFORMED = [
     b"",
@@ -109,14 +107,6 @@ def test_packets_of_motes_are_readings_for_the_team(talk):
     assert (dark.voltage_v, dark.rssi_dbm, dark.period_s, dark.stored) == (2.1, -90, 300.0, 15)
 
 
-def test_a_stored_reading_tells_when_it_was_taken(talk):
-    one = talk()
-    one.one.run(200.0)
-    one.hear(DARK)
-    (reading,) = one.readings()
-    assert reading.stamp_ns - reading.measured_ns == pytest.approx(120e9, abs=1e8)
-
-
 def test_a_reading_goes_on_the_wire_once_however_often_it_is_heard(talk):
     one = talk()
     one.hear(packet(5), packet(5), packet(6), packet(5, kind=STORED_TYPE))
@@ -143,12 +133,6 @@ def test_a_mote_that_starts_anew_is_believed(talk):
     assert one.row()["missing"] == 0
 
 
-def test_a_quantity_of_a_newer_mote_is_passed_on_by_its_number(talk):
-    one = talk()
-    one.hear(packet(1, quantity=77))
-    assert one.readings()[0].quantity == "quantity_77"
-
-
 # -- the table ------------------------------------------------------------------------------------------------
 
 
@@ -171,13 +155,6 @@ def test_a_packet_that_says_to_be_a_reading_and_is_none_is_counted(talk):
     assert one.counters()["unreadable"] == 1
     assert one.one.infos()["snw_exploration"].state == "active"
     assert one.readings() == []
-
-
-def test_packets_of_other_types_are_none_of_our_business(talk):
-    one = talk()
-    one.hear(OTHER_TYPE)
-    assert one.one.call("mote_base", "counters")["packets"] == 1
-    assert (one.readings(), one.counters()["unreadable"]) == ([], 0)
 
 
 @pytest.mark.parametrize("bytes_", MALFORMED, ids=range(len(MALFORMED)))
@@ -294,12 +271,6 @@ def test_a_duty_on_the_wire_reaches_the_mote_when_it_is_heard_and_until_it_has_i
     assert duties(one.hear(packet(3, period_ds=300), packet(4, period_ds=300))) == []
 
 
-def test_a_duty_can_be_set_from_outside(talk):
-    one = talk()
-    one.one.call("snw_exploration", "set_duty", "m3", 12.5)
-    assert duties(one.hear(packet(1, mote=4), packet(1))) == [125]
-
-
 def test_a_wish_stamped_by_a_clock_that_is_ahead_counts_until_the_next_one(talk):
     one = talk()
     publisher = one.one.publisher(MOTE_DUTY, mote="m3")
@@ -338,17 +309,3 @@ def test_wishes_without_sense_on_the_wire_are_counted(talk):
     one.one.publisher(MOTE_DUTY, mote="bob").put(MoteDuty(mote="bob", period_s=5.0))
     one.hear(packet(1))
     assert one.counters()["refused"] == 2
-
-
-@pytest.mark.parametrize(
-    ("parameters", "sentence"),
-    [
-        ({"window": (1 << 15) + 1}, "expected window <= 32768, got 32769"),
-        ({"request_span": 33}, "expected request_span of at most 32, got 33"),
-        ({"window": 0}, "expected window >= 1, got 0"),
-        ({"beacon_s": 0.0}, "expected beacon_s > 0, got 0.0"),
-    ],
-)
-def test_parameter_out_of_bounds_is_refused_in_words(parameters, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        SNwExploration.Parameters(**parameters)

@@ -79,11 +79,6 @@ def test_one_line_in_one_line_out(start):
     assert bench.plugin.state().lines == 2
 
 
-def test_each_line_that_it_says_is_an_event(start):
-    bench = start("print('one', flush=True); print('two', flush=True); input()")
-    bench.until(lambda: bench.told == ["one", "two"])
-
-
 def test_lines_said_before_answer_nothing(start):
     bench = start("print('welcome', flush=True)\n" + ECHO)
     bench.until(lambda: bench.told == ["welcome"])
@@ -190,16 +185,6 @@ def test_what_it_started_ends_with_it(start):
     until(lambda: has_ended(int(bench.told[0])))
 
 
-@pytest.mark.slow
-def test_a_program_that_ignores_requests_to_end_is_killed(start):
-    code = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); input()"
-    bench = start(code)
-    bench.until(lambda: bench.told)
-    pid = bench.plugin.state().pid
-    bench.plugin.deactivate()
-    until(lambda: has_ended(pid))
-
-
 @pytest.mark.parametrize("kill_on_halt", [True, False])
 def test_emergency_halt_ends_it_if_asked_to(start, kill_on_halt):
     bench = start(kill_on_halt=kill_on_halt)
@@ -240,22 +225,6 @@ def test_in_lockstep_it_says_that_it_keeps_no_step():
     bench = Bench(Drive.LOCKSTEP, command=["cat"])
     with pytest.raises(Exception, match="programs run only in the live drive"):
         bench.start()
-
-
-@pytest.mark.parametrize(
-    ("parameters", "text"),
-    [
-        ({"command": []}, "expected command"),
-        ({"command": ["cat"], "time_limit_s": 0}, "expected time_limit_s > 0, got 0"),
-        ({"command": ["cat"], "max_line_bytes": -1}, "expected max_line_bytes >= 1, got -1"),
-        ({"command": ["cat"], "restart_limit": -1}, "expected restart_limit >= 0, got -1"),
-        ({"command": ["cat"], "input": "xml"}, "Invalid enum value 'xml'"),
-        ({}, "missing required field `command`"),
-    ],
-)
-def test_bad_parameters_are_named(parameters, text):
-    with pytest.raises(msgspec.ValidationError, match=text):
-        convert(parameters, Program.Parameters)
 
 
 def test_runs_leave_no_thread_and_no_descriptor(start):

@@ -3,7 +3,6 @@
 import pytest
 
 from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, ReadingStore
-from robrain.plugins.unit.snw_exploration.snw_exploration import SNwExploration
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.table.topics import COORDINATOR_ALIVE
 from robrain.protocol.tinyos.packet import ActiveMessage
@@ -43,11 +42,6 @@ def test_a_robot_that_is_no_gateway_tells_readings_at_once_and_one_that_is_waits
     one = Talk(stage(), collect=False, store_readings=100)
     one.hear(packet(5), packet(6))
     assert one.readings() == []
-
-
-def test_room_for_fewer_than_no_readings_is_refused() -> None:
-    with pytest.raises(ValueError, match="store_readings >= 0, got -1"):
-        SNwExploration.Parameters(store_readings=-1)
 
 
 class Net:

@@ -3,13 +3,11 @@ import socket
 import threading
 from types import SimpleNamespace
 
-import msgspec
 import pytest
 
 from robrain.agent.errors import PluginError
 from robrain.plugins.unit import tcp_socket as server
 from robrain.plugins.unit.tcp_socket import TcpSocket
-from robrain.protocol.model.checked import convert
 from robrain.protocol.wire.endpoint import Drive
 from tests.waiting import PATIENCE_S, until
 
@@ -167,20 +165,6 @@ def test_a_command_that_hangs_does_not_hold_up_the_end(monkeypatch):
         assert not one.thread.is_alive()
 
 
-def test_reactivation_listens_again_on_the_same_port():
-    plugin = tcp_socket()
-    plugin.activate()
-    port = plugin.port()
-    with Client(plugin) as client:
-        assert client.ask("x") == "ok x"
-        plugin.deactivate()
-    again = tcp_socket(port=port)
-    again.activate()
-    with Client(again) as client:
-        assert client.ask("y") == "ok y"
-    again.deactivate()
-
-
 def test_a_port_that_is_taken_is_named(listening):
     taken = listening().port()
     with pytest.raises(PluginError, match=f"tcp_socket cannot listen on 127.0.0.1 port {taken}"):
@@ -200,29 +184,3 @@ def test_in_lockstep_it_says_why_it_does_not_listen(stage):
     info = one.infos()["tcp_socket"]
     assert info.state == "faulted"
     assert "only in the live drive" in info.why
-
-
-def test_it_asks_for_no_more_than_a_robot_gives_in_lockstep(stage):
-    one = stage()
-    one.host("tcp_socket", "interactive_shell")
-    infos = one.infos()
-    assert {name: info.state for name, info in infos.items()} == dict.fromkeys(
-        ("command", "tcp_socket", "interactive_shell"), "active"
-    )
-    assert infos["command"].functions == []  # command itself is not open to the outside
-    assert one.call("tcp_socket", "port") == 0
-
-
-@pytest.mark.parametrize(
-    ("parameters", "complaint"),
-    [
-        ({"port": -1}, "expected port >= 0, got -1"),
-        ({"port": 65536}, "expected port <= 65535"),
-        ({"max_clients": 0}, "expected max_clients >= 1, got 0"),
-        ({"idle_s": 0.0}, "expected idle_s > 0"),
-        ({"prot": 1}, "unknown field `prot`"),
-    ],
-)
-def test_parameters_that_cannot_be_are_refused(parameters, complaint):
-    with pytest.raises(msgspec.ValidationError, match=complaint):
-        convert(parameters, TcpSocket.Parameters)

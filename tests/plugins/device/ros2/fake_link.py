@@ -41,7 +41,7 @@ class Link:
         self.inboxes = {}
         self.heard = {}
         self.ticks = []
-        self.present = {"/r1/odom", "/r1/scan"}
+        self.present = {"/r1/odom", "/r1/scan", "/r1/imu/data"}
 
     def subscribe(self, kind, topic, qos, on_arrival):
         self.inboxes[topic] = Spoken(on_arrival)

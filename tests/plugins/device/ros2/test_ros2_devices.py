@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'r
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.device.ros2 import ros2_base, ros2_battery, ros2_imu, ros2_scan
+from robrain.plugins.device.ros2 import ros2_base, topic_device
 from robrain.plugins.device.ros2.link import INBOX_MESSAGES, Ros2Parameters, open_link
 from robrain.plugins.device.ros2.ros2_base import TICK_S
 from robrain.protocol.clock import to_ns
@@ -75,8 +75,7 @@ class Robot:
 def link(monkeypatch):
     link = Link()
 
-    for module in (ros2_base, ros2_scan, ros2_battery, ros2_imu):
-        monkeypatch.setattr(module, "open_link", link.opened)
+    monkeypatch.setattr(topic_device, "open_link", link.opened)
     # The clock of the gate stands for one that is never set; in these tests the robot's clock is not.
     monkeypatch.setattr(ros2_base.time, "monotonic_ns", lambda: link.clock.now_ns())
     return link

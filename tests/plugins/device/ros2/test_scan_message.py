@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from robrain.plugins.device.ros2.scan_reader import BadScan, ScanReader
+from robrain.plugins.device.ros2.scan_reader import ScanReader
+from robrain.plugins.device.ros2.topic_device import BadMessage
 from robrain.plugins.device.scan.lidar_device import Mount
 from tests.plugins.device.ros2.ros_words import header, scan
 
@@ -11,7 +12,7 @@ CENTRE = Mount()
 
 
 def read(message, mount=CENTRE, beams=0, range_max_m=0.0):
-    return ScanReader(mount, beams, range_max_m).read(message)
+    return ScanReader(mount, beams, range_max_m).read(message)[1]
 
 
 def test_the_lidars_own_beams_are_kept_with_their_angles():
@@ -78,7 +79,7 @@ def test_parts_of_the_robot_itself_are_left_out(beams):
 
 
 def test_a_covered_lidar_is_refused_although_it_measures():
-    with pytest.raises(BadScan, match="beyond the robot itself"):
+    with pytest.raises(BadMessage, match="beyond the robot itself"):
         read(scan([0.1] * 90), mount=Mount(hidden_within_m=0.15), beams=360)
 
 
@@ -119,9 +120,9 @@ def test_of_the_hits_in_one_direction_the_nearest_counts():
 
 
 def test_a_stamp_is_that_of_the_first_beam_and_the_turn_counts_as_of_its_middle():
-    told = read(scan([1.0] * 101, header=header(1_000_000_000), time_increment=0.001))
-    assert told.stamp_ns == 1_050_000_000
-    assert read(scan([1.0] * 101, time_increment=0.001)).stamp_ns == 0
+    reader = ScanReader(CENTRE, 0, 0.0)
+    assert reader.read(scan([1.0] * 101, header=header(1_000_000_000), time_increment=0.001))[0] == 1_050_000_000
+    assert reader.read(scan([1.0] * 101, time_increment=0.001))[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -145,5 +146,5 @@ def test_a_stamp_is_that_of_the_first_beam_and_the_turn_counts_as_of_its_middle(
     ],
 )
 def test_a_turn_that_cannot_be_is_refused(message):
-    with pytest.raises(BadScan, match="expected"):
+    with pytest.raises(BadMessage, match="expected"):
         read(message)

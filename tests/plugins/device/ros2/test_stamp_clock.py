@@ -1,6 +1,7 @@
 import pytest
 
-from robrain.plugins.device.ros2.topic_device import WINDOW, StampClock
+from robrain.plugins.device.mocdevice.frame_clock import WINDOW
+from robrain.plugins.device.ros2.topic_device import StampClock
 from robrain.protocol.clock import NS_PER_S, to_ns
 
 NOW_NS = 1_700_000_000 * NS_PER_S

@@ -2,8 +2,7 @@ import math
 
 import pytest
 
-from robrain.plugins.device.ros2.odometry_message import OdometryReading
-from robrain.plugins.device.ros2.ros2_base import ReportedPath
+from robrain.plugins.device.ros2.ros2_base import OdometryReading, ReportedPath
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 
@@ -16,7 +15,7 @@ def a_path(pose=ORIGIN, before=None):
 
 
 def tell(path, pose, at_s, number=0):
-    return path.take(OdometryReading(0, pose, DRIVING), to_ns(at_s), number)
+    return path.take(OdometryReading(pose, DRIVING), to_ns(at_s), number)
 
 
 def test_odom_begins_where_the_robot_is_first_heard():
@@ -27,23 +26,6 @@ def test_odom_begins_where_the_robot_is_first_heard():
     assert path.pose.x_m == pytest.approx(0.5)
     assert path.pose.y_m == pytest.approx(0.0)
     assert path.velocity == DRIVING
-
-
-def test_pose_between_two_messages_lies_between_theirs():
-    path = a_path()
-    for second in range(4):
-        tell(path, Pose2D(0.5 * second, 0.0, 0.2 * second), second)
-    assert path.pose_at(to_ns(1.5)).x_m == pytest.approx(0.75)
-    assert path.pose_at(to_ns(1.5)).yaw_rad == pytest.approx(0.3)
-    assert path.pose_at(to_ns(9.0)) == path.pose
-    assert path.until_ns == to_ns(3.0)
-
-
-def test_yaw_is_interpolated_across_the_half_turn():
-    path = a_path(Pose2D(0.0, 0.0, math.pi - 0.1))
-    tell(path, ORIGIN, 0.0)
-    tell(path, Pose2D(0.0, 0.0, 0.2), 0.5)
-    assert abs(path.pose_at(to_ns(0.25)).yaw_rad) == pytest.approx(math.pi)
 
 
 def test_five_seconds_are_kept_also_of_fast_odometry():

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'robrain[ros2]'")
 
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.device.ros2 import ros2_base
+from robrain.plugins.device.ros2 import topic_device
 from robrain.plugins.unit.driver import ros2_navigator
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.ros2_navigator import GoalEnd, GoalState
@@ -79,7 +79,7 @@ class Robot:
 def build(stage, monkeypatch):
     one, link, nav2 = stage(), Link(), Nav2()
     link.clock = one.clock
-    for module in (ros2_base, ros2_navigator):
+    for module in (topic_device, ros2_navigator):
         monkeypatch.setattr(module, "open_link", link.opened)
     monkeypatch.setattr(ros2_navigator, "GoalClient", lambda *_: nav2)
     return lambda **parameters: Robot(one, link, nav2, **parameters)
@@ -187,7 +187,7 @@ def test_at_the_end_the_goal_is_cancelled_and_the_node_released(robot):
 def test_where_nav2_is_not_installed_the_driver_says_so(stage, monkeypatch):
     one, link = stage(), Link()
     link.clock = one.clock
-    for module in (ros2_base, ros2_navigator):
+    for module in (topic_device, ros2_navigator):
         monkeypatch.setattr(module, "open_link", link.opened)
     roles = {"mocdevice": "ros2_base", "driver": "ros2_navigator"}
     host = one.add(RobotFile(robot=RobotTable("r1", "test", load=["driver", "command"], roles=roles)))
