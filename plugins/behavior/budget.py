@@ -15,7 +15,7 @@ from robrain.plugins.skill.energy import EnergyInterface, Work
 from robrain.plugins.skill.home import ChargerPlace, HomeInterface
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.teammates import Mate
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.reasons import NeedsEnergy, told
 
 CONFIDENCE = 0.95
@@ -181,5 +181,5 @@ class Docks:
 
 
 def _has_one(teammate: Mate, chargers: Sequence[ChargerPlace]) -> bool:
-    places: list[Pose2D | Point2D] = [teammate.pose, teammate.bound]
-    return any(at.distance_m(each.place) <= AT_DOCK_M for at in places for each in chargers)
+    pose, bound = teammate.pose, teammate.bound
+    return any(min(pose.distance_m(at), bound.distance_m(at)) <= AT_DOCK_M for at in (each.place for each in chargers))

@@ -216,7 +216,7 @@ def _docking_with_slip() -> Figure:
         rng = np.random.default_rng(seed)
         for number in range(2):
             run.finish(Task(id=f"v{number}", kind="visit", place=Point2D(rng.uniform(3.6, 5.4), rng.uniform(0.6, 3.4))))
-        begun_ns, battery = run.clock.now_ns(), run.hosts["r1"].board.battery
+        begun_ns, battery = run.clock.now_ns(), run.robot().board.battery
         until_soc = min(1.0, (battery.soc if battery is not None else 0.6) + 0.01)
         if run.offer(
             Task(
@@ -265,7 +265,7 @@ def _stranded() -> Figure:
             )
             if not run.offer(task).accepted:
                 refused += 1
-                charged += run.hosts["r1"].board.behavior == "recharge"
+                charged += run.robot().board.behavior == "recharge"
                 run.run(5.0)
                 continue
             while not run.status().state.ended:

@@ -1,23 +1,22 @@
 """A floor that all robots know, with couriers on it that meet."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import zenoh
 
-from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.behavior.travel import TravelState
-from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.world.arena import TICK_S, Arena, ArenaRobot
-from robrain.sim.world.referee import team_geometry
+from tests.plugins.arena_bench import ArenaBench, start_parameters
 
 RESOLUTION_M = 0.1
+WATCHED_S = 0.2
 TEAM = "crossing"
 COURIERS = Path(__file__).parent / "couriers"
 
@@ -31,7 +30,7 @@ def floor(width_m: float, height_m: float, *open_boxes: tuple[float, float, floa
     return FloorPlan(occupied, RESOLUTION_M, 0.0, 0.0, "floor")
 
 
-class Crossing:
+class Crossing(ArenaBench):
     """Arena and hosts in lockstep. Each robot, r1, r2 …, has a start and a goal.
 
     Args:
@@ -53,9 +52,8 @@ class Crossing:
         lidar: LidarSpec = LidarSpec(),  # noqa: B008 - frozen
         seed: int = 1,
     ) -> None:
-        self.clock = VirtualClock()
+        super().__init__(session, TEAM)
         self.goals = {f"r{number}": goal for number, (_, goal) in enumerate(ways, 1)}
-        self.wire = Endpoint(session, TEAM, self.clock, Drive.LOCKSTEP)
         starts = {
             f"r{number}": Pose2D(start.x_m, start.y_m, math.atan2(goal.y_m - start.y_m, goal.x_m - start.x_m))
             for number, (start, goal) in enumerate(ways, 1)
@@ -66,34 +64,18 @@ class Crossing:
             for number, place in enumerate(silent, 1)
         ]
         self.arena = Arena(plan, robots, [], self.wire, np.random.default_rng(seed))
-        self._ticks = 0
-        self.hosts = {name: self._host(session, plan, name, start) for name, start in starts.items()}
+        cells = np.where(plan.occupied, 100, 0).astype(np.int8)
+        for name, start in starts.items():
+            table = RobotTable(name, TEAM, places=[str(COURIERS)], load=["courier"])
+            self.add(RobotFile(robot=table, parameters=start_parameters(plan, start))).start()
+            # As a submap of somebody who has been there before.
+            self.plugin("mapper", name)._atlas.take(("known", 1), 0, 0, cells, 1)
         self.arrived_s: dict[str, float] = {}
         self.deadlock_s = 0.0
         """The longest time for which nobody that was under way moved."""
         self.nearest_m = math.inf
         """The least distance of two hulls."""
         self._moved_s = 0.0
-
-    def _host(self, session: zenoh.Session, plan: FloorPlan, name: str, start: Pose2D) -> AgentHost:
-        grid = team_geometry(plan)
-        parameters = {
-            "localisation": {"x_m": start.x_m, "y_m": start.y_m, "yaw_rad": start.yaw_rad},
-            "mapper": {
-                "resolution_m": grid.resolution_m,
-                "origin_x_m": grid.origin_x_m,
-                "origin_y_m": grid.origin_y_m,
-                "width_m": grid.width * grid.resolution_m,
-                "height_m": grid.height * grid.resolution_m,
-            },
-        }
-        table = RobotTable(name, TEAM, places=[str(COURIERS)], load=["courier"])
-        host = AgentHost(RobotFile(robot=table, parameters=parameters), Path(), session, self.clock, Drive.LOCKSTEP)
-        host.start()
-        cells = np.where(plan.occupied, 100, 0).astype(np.int8)
-        # As a submap of somebody who has been there before.
-        host.manager.get("mapper").plugin._atlas.take(("known", 1), 0, 0, cells, 1)  # type: ignore[attr-defined]
-        return host
 
     def go(self, *names: str, priority: int = 0) -> None:
         """Send robots to their goals; all of them if none is named."""
@@ -103,23 +85,20 @@ class Crossing:
 
     def courier(self, name: str):
         """The behavior of a robot."""
-        return self.hosts[name].manager.get("courier").plugin
+        return self.plugin("courier", name)
 
     def lose(self, name: str) -> None:
         """A robot's host goes; its body stays where it is."""
-        self.hosts.pop(name).close()
+        host = self.robot(name)
+        host.close()
+        self.hosts.remove(host)
         del self.goals[name]
 
-    def run(self, duration_s: float) -> None:
-        """Let time pass."""
-        for _ in range(round(duration_s / TICK_S)):
-            self._ticks += 1
-            self.clock.advance_to(to_ns(self._ticks * TICK_S))
-            self.arena.step()
-            for host in self.hosts.values():
-                host.step()
-            if self._ticks % 10 == 0:
-                self._watch()
+    def run(self, duration_s: float, each: Callable[[], None] | None = None) -> None:
+        """Let time pass and watch the robots."""
+        for _ in range(round(duration_s / WATCHED_S)):
+            super().run(WATCHED_S, each)
+            self._watch()
 
     def run_until_all_arrived(self, limit_s: float, *names: str) -> float:
         """Let time pass until these, or all, are there; how long that took, or the limit."""
@@ -133,16 +112,6 @@ class Crossing:
     @property
     def collisions(self) -> int:
         return self.arena.collisions
-
-    def pose(self, name: str) -> Pose2D:
-        """Where a robot really is."""
-        return next(truth.pose for truth in self.arena.truth.robots if truth.robot == name)
-
-    def close(self) -> None:
-        for host in self.hosts.values():
-            host.close()
-        self.arena.close()
-        self.wire.close()
 
     def _watch(self) -> None:
         now_s = self._ticks * TICK_S
@@ -158,8 +127,7 @@ class Crossing:
             elif courier.progress in (TravelState.UNDER_WAY, TravelState.WAITING):
                 under_way.append(name)
         moved = any(
-            abs(host.board.velocity.forward_m_s) + abs(host.board.velocity.left_m_s) > 0.05
-            for host in self.hosts.values()
+            abs(host.board.velocity.forward_m_s) + abs(host.board.velocity.left_m_s) > 0.05 for host in self.hosts
         )
         if moved or not under_way:
             self._moved_s = now_s

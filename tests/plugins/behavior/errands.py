@@ -1,35 +1,26 @@
 """A small floor with motes, a charger and robots whose behaviors are given tasks, for the tests of errands."""
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_CALL, ROBOT_OFFER, ROBOT_WITHDRAW
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.world.arena import Arena, ArenaRobot
 from robrain.sim.world.chargers import ChargerSpec
-from robrain.sim.world.referee import team_geometry
+from tests.plugins.arena_bench import ArenaBench, start_parameters
 
 Build = Callable[..., "Errands"]
-TICK_NS = 20_000_000
 TEAM = "errands"
-SPEAKS_EVERY = 25
 RESOLUTION_M = 0.05
 
 BEHAVIORS = (
@@ -70,12 +61,14 @@ def open_errands(*always: str) -> Iterator[Build]:
         assert not opened[-1].why_not_running()
         return opened[-1]
 
-    yield build
-    for one in opened:
-        one.close()
+    try:
+        yield build
+    finally:
+        for one in opened:
+            one.close()
 
 
-class Errands:
+class Errands(ArenaBench):
     """Robots in the room, in lockstep; a coordinator that says that it is there, and nothing more.
 
     Args:
@@ -97,55 +90,21 @@ class Errands:
         hardware: dict[str, Any] | None = None,
         docks: tuple[Point2D, ...] = (CHARGER,),
     ) -> None:
-        self.session = open_lockstep_session()
-        self.clock = VirtualClock()
-        self.wire = Endpoint(self.session, TEAM, self.clock, Drive.LOCKSTEP)
-        self.plan = room()
-        self.answers: dict[str, TaskAnswer] = {}
-        self._ticks = self._epoch = 0
+        super().__init__(open_lockstep_session(), TEAM, coordinator_speaks=True)
+        self._epoch = 0
+        plan = room()
         poses = {"r1": START, **(starts or {})}
         built = {"lidar": LidarSpec(noise_m=0.0), **(hardware or {})}
         robots = [ArenaRobot(name=name, start=start, **built) for name, start in poses.items()]
         motes = [ArenaMote(name=f"m{number}", number=number, place=place) for number, place in MOTES.items()]
         chargers = tuple(ChargerSpec(place_m=(dock.x_m, dock.y_m)) for dock in docks)
         rng = np.random.default_rng([seed, 1])
-        self.arena = Arena(self.plan, robots, motes, self.wire, rng, chargers=chargers)
-        self.hosts = {name: self._host(name, pose, list(load), seed, parameters or {}) for name, pose in poses.items()}
-        self._speaks = self.wire.publisher(COORDINATOR_STATE)
-
-    def _host(
-        self, name: str, pose: Pose2D, load: list[str], seed: int, parameters: dict[str, dict[str, Any]]
-    ) -> AgentHost:
-        grid = team_geometry(self.plan)
-        known: dict[str, dict[str, Any]] = {
-            "localisation": {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad},
-            "mapper": {
-                "resolution_m": grid.resolution_m,
-                "origin_x_m": grid.origin_x_m,
-                "origin_y_m": grid.origin_y_m,
-                "width_m": grid.width * grid.resolution_m,
-                "height_m": grid.height * grid.resolution_m,
-            },
-        }
-        if not set(load) - PLACELESS:
-            known = {}
-        for plugin, values in parameters.items():
-            known[plugin] = known.get(plugin, {}) | values
-        robot_file = RobotFile(robot=RobotTable(name, TEAM, load=load), parameters=known)
-        host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP, seed=seed)
-        host.start()
-        return host
-
-    def run(self, seconds: float) -> None:
-        """Let that much time pass."""
-        for _ in range(round(to_ns(seconds) / TICK_NS)):
-            self._ticks += 1
-            self.clock.advance_to(self._ticks * TICK_NS)
-            self.arena.step()
-            for host in self.hosts.values():
-                host.step()
-            if self._ticks % SPEAKS_EVERY == 1:
-                self._speaks.put(TeamState(robots=[]))
+        self.arena = Arena(plan, robots, motes, self.wire, rng, chargers=chargers)
+        for name, pose in poses.items():
+            known = start_parameters(plan, pose) if set(load) - PLACELESS else {}
+            for plugin, values in (parameters or {}).items():
+                known[plugin] = known.get(plugin, {}) | values
+            self.add(RobotFile(robot=RobotTable(name, TEAM, load=list(load)), parameters=known), seed=seed).start()
 
     def offer(self, task: Task, robot: str = "r1", *, after: str = "") -> TaskAnswer:
         """Offer a task as the coordinator does, for now or for after the one that the robot is at."""
@@ -160,7 +119,7 @@ class Errands:
 
     def status(self, robot: str = "r1") -> TaskStatus:
         """How the robot stands to its last task."""
-        status = self.hosts[robot].desk.status
+        status = self.robot(robot).desk.status
         assert status is not None
         return status
 
@@ -168,31 +127,12 @@ class Errands:
         """Offer a task and let time pass until it has ended."""
         answer = self.offer(task, robot)
         assert answer.accepted, answer.why
-        for _ in range(round(limit_s / 0.2)):
-            if self.status(robot).state.ended:
-                break
-            self.run(0.2)
-        assert self.status(robot).state.ended, f"{task.id} has not ended after {limit_s} s"
+        self.run_until(lambda: self.status(robot).state.ended, limit_s, 0.2)
         return self.status(robot)
-
-    def call(self, plugin: str, function: str, *arguments: Any, robot: str = "r1") -> Any:
-        """An external call."""
-        reply = self.wire.ask(ROBOT_CALL, list(arguments), robot=robot, plugin=plugin, function=function)
-        return msgspec.json.decode(reply)
-
-    def inbox(self, topic: Any, **names: str) -> Inbox:
-        """What is said on a topic from now on."""
-        inbox = Inbox(100_000, every=True)
-        self.wire.subscribe(inbox, topic, **names)
-        return inbox
-
-    def pose(self, robot: str = "r1") -> Pose2D:
-        """Where a robot really is."""
-        return next(truth.pose for truth in self.arena.truth.robots if truth.robot == robot)
 
     def way_m(self, robot: str = "r1") -> float:
         """How far it really has gone."""
-        return next(truth.distance_m for truth in self.arena.truth.robots if truth.robot == robot)
+        return self.truth(robot).distance_m
 
     def is_cut_off(self, robot: str = "r1") -> bool:
         """Whether a robot's battery has given its last."""
@@ -200,13 +140,10 @@ class Errands:
 
     def why_not_running(self) -> dict[str, str]:
         """Plugins of r1 that do not run, and why."""
-        tags = self.hosts["r1"].manager.plugins.values()
+        tags = self.robot().manager.plugins.values()
         return {tag.name: tag.why for tag in tags if tag.state != "active"}
 
     def close(self) -> None:
         """End it."""
-        for host in self.hosts.values():
-            host.close()
-        self.arena.close()
-        self.wire.close()
+        super().close()
         self.session.close()

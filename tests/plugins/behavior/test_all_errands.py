@@ -53,18 +53,12 @@ def test_whatever_two_robots_are_asked_for_ends_and_they_do_not_meet():
             run.run(2.0)
             run.withdraw(task.id, robot)
         if rng.random() < 0.66:
-            for _ in range(240):
-                if run.status(robot).state.ended:
-                    break
-                run.run(0.5)
-            assert run.status(robot).state.ended, task
-    for _ in range(150):
-        run.run(1.0)
-        if all(run.status(robot).state.ended and host.board.behavior == "idle" for robot, host in run.hosts.items()):
-            break
-    for robot in ("r1", "r2"):
-        assert run.status(robot).state.ended
-        assert run.hosts[robot].board.behavior == "idle"
+            run.run_until(lambda robot=robot: run.status(robot).state.ended, 120.0, 0.5)
+    run.run_until(
+        lambda: all(run.status(host.name).state.ended and host.board.behavior == "idle" for host in run.hosts),
+        150.0,
+        1.0,
+    )
     assert run.arena.collisions == 0
     run.close()
 

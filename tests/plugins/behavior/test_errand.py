@@ -28,11 +28,11 @@ def errands() -> Iterator[Build]:
 
 def usable(run: Errands, energy_j: float) -> None:
     """Have the robot believe that its battery surely gives so much."""
-    run.hosts["r1"].manager.get("energy").live_plugin().usable_j = lambda: energy_j
+    run.plugin("energy").usable_j = lambda: energy_j
 
 
 def behavior(run: Errands) -> str:
-    return run.hosts["r1"].board.behavior
+    return run.robot().board.behavior
 
 
 # -- one task -------------------------------------------------------------------------------------------------------
@@ -41,7 +41,7 @@ def behavior(run: Errands) -> str:
 @pytest.mark.slow
 def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
     run = errands("visit")
-    battery = run.hosts["r1"].board.battery
+    battery = run.robot().board.battery
     status = run.finish(Task(id="v", kind="visit", place=FAR, service_s=3.0))
     assert (status.state, status.why) == (TaskState.DONE, "")
     assert run.pose().distance_m(FAR) < 0.15
@@ -55,7 +55,7 @@ def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
 @pytest.mark.slow
 def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
     run = errands("visit")
-    energy, told = run.hosts["r1"].manager.get("energy").live_plugin(), []
+    energy, told = run.plugin("energy"), []
     energy.outcome = lambda work, cost_j: told.append((work, cost_j))
     status = run.finish(Task(id="v", kind="visit", place=FAR, service_s=5.0))
     ((work, cost_j),) = told
@@ -101,7 +101,7 @@ def test_a_task_that_must_not_begin_yet_waits_at_its_place(errands):
 def test_a_place_that_cannot_be_reached_is_refused(errands):
     run = errands("visit")
     assert run.offer(Task(id="v", kind="visit", place=WALLED)).reason == no_path()
-    assert run.hosts["r1"].desk.status is None
+    assert run.robot().desk.status is None
 
 
 def test_a_place_that_is_not_on_the_map_yet_is_refused_as_unexplored(errands):
@@ -112,7 +112,7 @@ def test_a_place_that_is_not_on_the_map_yet_is_refused_as_unexplored(errands):
 
 def test_a_robot_that_nobody_talks_to_sleeps(errands):
     run = errands("visit")
-    manager = run.hosts["r1"].manager
+    manager = run.robot().manager
     info = plugin_info(manager.get("visit"), manager.registry)
     assert info.period_s is None
     run.finish(Task(id="v", kind="visit", place=Point2D(2.0, 1.5)))
@@ -216,7 +216,7 @@ def test_the_way_home_counts_and_a_charger_nearby_makes_it_short(errands):
 def test_a_task_that_turns_out_dearer_is_given_back_and_the_robot_is_sent_home(errands):
     run = errands("visit")
     asked: list[str] = []
-    home = run.hosts["r1"].manager.get("home").live_plugin()
+    home = run.plugin("home")
     home.asked.notify = asked.append
     assert run.offer(Task(id="v", kind="visit", place=FAR, service_s=60.0)).accepted
     run.run(4.0)

@@ -41,7 +41,7 @@ def test_an_inspection_publishes_a_picture_of_what_was_to_be_seen(errands):
 
 def test_without_a_picture_an_inspection_has_failed_with_why(errands):
     run = errands("inspect")
-    camera = run.hosts["r1"].manager.get("camera").live_plugin()
+    camera = run.plugin("camera")
     camera.deactivate()
     status = run.finish(Task(id="i", kind="inspect", place=Point2D(2.0, 2.5)))
     assert (status.state, status.why) == (TaskState.FAILED, "camera: the camera is not open")

@@ -23,7 +23,7 @@ class Wheels:
 
     def __init__(self, run: Errands) -> None:
         self.told: list[tuple[int, bool]] = []
-        moc = run.hosts["r1"].manager.get("mocdevice").live_plugin()
+        moc = run.plugin("mocdevice")
         drive, stop = moc.drive, moc.stop
 
         def told_to_drive(twist: Twist2D) -> None:
@@ -84,11 +84,11 @@ def test_a_next_task_that_cannot_be_reached_is_given_back_with_why(errands):
     run.offer(Task(id="b", kind="visit", place=Point2D(-3.0, 1.0)), after="a")
     until_ended(run, "b")
     assert (run.status().state, run.status().why) == (TaskState.CANCELLED, "no way there")
-    before = run.hosts["r1"].desk.facts.before
+    before = run.robot().desk.facts.before
     assert before is not None
     assert (before.id, before.state) == ("a", TaskState.DONE)
     run.run(1.0)
-    assert run.hosts["r1"].board.behavior == "idle"
+    assert run.robot().board.behavior == "idle"
 
 
 def test_a_robot_tells_in_how_long_it_will_be_done(errands):

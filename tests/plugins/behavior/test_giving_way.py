@@ -114,7 +114,7 @@ def test_a_halted_mate_is_driven_around(cross):
     one = cross(HALL, [(P(1.0, 3.5), P(6.0, 3.5)), (P(6.0, 3.5), P(1.0, 3.5))])
     one.go()
     one.run(2.0)
-    one.hosts["r2"].halting.halt("operator", "test")
+    one.robot("r2").halting.halt("operator", "test")
     took_s = one.run_until_all_arrived(30.0, "r1")
     assert "r1" in one.arrived_s, took_s
     assert one.collisions == 0

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from tests.plugins.behavior.errands import Errands
+from tests.plugins.behavior.errands import Errands, open_errands
 
 HOME = Point2D(1.0, 3.0)
 FAR = Point2D(5.0, 1.5)
@@ -12,17 +12,10 @@ FAR = Point2D(5.0, 1.5)
 
 @pytest.fixture
 def errands() -> Iterator[Callable[..., Errands]]:
-    opened: list[Errands] = []
-
-    def build(**parameters: object) -> Errands:
-        opened.append(Errands("idle", "visit", parameters={"idle": {"return_after_s": 5.0, **parameters}}))
-        opened[-1].run(1.0)
-        assert not opened[-1].why_not_running()
-        return opened[-1]
-
-    yield build
-    for one in opened:
-        one.close()
+    opened = open_errands("idle", "visit")
+    build = next(opened)
+    yield lambda **idle: build(parameters={"idle": {"return_after_s": 5.0, **idle}})
+    opened.close()
 
 
 @pytest.mark.slow
@@ -47,7 +40,7 @@ def test_a_robot_with_nothing_to_do_goes_home_after_a_while(errands):
     assert run.pose().distance_m(FAR) < 0.2
     run.run(25.0)
     assert run.pose().distance_m(HOME) < 0.4
-    assert run.hosts["r1"].board.behavior == "idle"
+    assert run.robot().board.behavior == "idle"
     way_m = run.way_m()
     run.run(10.0)
     assert run.way_m() == pytest.approx(way_m, abs=0.01)
@@ -57,7 +50,7 @@ def test_a_task_on_the_way_home_is_done_first(errands):
     run = errands(home=[HOME.x_m, HOME.y_m])
     run.finish(Task(id="v", kind="visit", place=FAR))
     run.run(7.0)
-    assert run.hosts["r1"].board.behavior == "return"
+    assert run.robot().board.behavior == "return"
     run.finish(Task(id="again", kind="visit", place=FAR))
     assert run.pose().distance_m(FAR) < 0.2
 

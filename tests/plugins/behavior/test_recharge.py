@@ -19,7 +19,7 @@ def errands() -> Iterator[Build]:
 
 def usable(run: Errands, energy_j: float | None) -> None:
     """Have the robot believe that its battery surely gives so much; None: what it really believes."""
-    energy = run.hosts["r1"].manager.get("energy").live_plugin()
+    energy = run.plugin("energy")
     if energy_j is None:
         del energy.usable_j
     else:
@@ -27,7 +27,7 @@ def usable(run: Errands, energy_j: float | None) -> None:
 
 
 def behavior(run: Errands) -> str:
-    return run.hosts["r1"].board.behavior
+    return run.robot().board.behavior
 
 
 def docked(run: Errands) -> bool:
@@ -38,7 +38,7 @@ def docked(run: Errands) -> bool:
 def test_a_robot_that_is_told_to_docks_within_5_cm_and_tells_what_the_charger_gave(errands):
     run = errands(parameters=KNOWN, hardware={"battery": BatterySpec(soc_at_start=0.7)})
     run.finish(Task(id="v", kind="visit", place=Point2D(2.5, 1.5)))
-    before = run.hosts["r1"].board.battery
+    before = run.robot().board.battery
     status = run.finish(
         Task(id="c", kind="recharge", place=CHARGER, parameters={"yaw_rad": 1.0, "until_soc": before.soc + 0.004}),
         300.0,
@@ -49,7 +49,7 @@ def test_a_robot_that_is_told_to_docks_within_5_cm_and_tells_what_the_charger_ga
     assert run.pose().yaw_rad == pytest.approx(1.0, abs=0.06)
     assert status.result["soc"] >= before.soc + 0.0035  # told to three places
     assert docked(run)
-    gained_j = run.hosts["r1"].board.battery.remaining_j - before.remaining_j
+    gained_j = run.robot().board.battery.remaining_j - before.remaining_j
     assert status.result["charged_j"] > 0.5 * gained_j > 0.0
     assert 10.0 < status.result["energy_j"] < 400.0  # of the way to it
 
@@ -65,7 +65,7 @@ def test_a_charger_that_a_task_names_is_known_from_then_on(errands):
 def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
     run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
     beside = Point2D(CHARGER.x_m + 0.33, CHARGER.y_m)  # the contacts reach 0.25 m
-    before = run.hosts["r1"].board.battery.soc
+    before = run.robot().board.battery.soc
     status = run.finish(Task(id="c", kind="recharge", place=beside, parameters={"until_soc": before + 0.003}), 300.0)
     assert (status.state, status.why) == (TaskState.DONE, "")
     assert docked(run)

@@ -78,7 +78,7 @@ def test_time_is_limited(errands):
 
 def test_without_a_board_motes_that_are_heard_are_not_enough_here_and_it_says_so(errands, monkeypatch):
     run = errands("seek")
-    board = run.hosts["r1"].manager.get("sensor_board").live_plugin()
+    board = run.plugin("sensor_board")
 
     def silent():
         raise CallError(ErrorCode.FAILED, "no sensor board answers")

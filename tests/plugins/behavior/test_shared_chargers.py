@@ -13,6 +13,7 @@ pytestmark = pytest.mark.slow
 
 DOCKS = (CHARGER, Point2D(0.8, 3.2), Point2D(5.2, 3.2), Point2D(5.2, 0.8), Point2D(2.4, 3.3))
 SMALL_WH = 1.5
+ROBOTS = ("r1", "r2")
 
 
 @pytest.fixture
@@ -45,34 +46,24 @@ def charging(run: Errands) -> set[int]:
 def test_the_second_of_two_robots_that_are_told_the_same_charger_takes_the_next(team):
     run = team(2, 2, 0.5)
     run.run(1.0)
-    for number, robot in enumerate(run.hosts):
+    for number, robot in enumerate(ROBOTS):
         assert run.offer(
             Task(id=f"c{number}", kind="recharge", place=CHARGER, parameters={"until_soc": 0.75}), robot
         ).accepted
-    for _ in range(45):
-        run.run(1.0)
-        if charging(run) == {0, 1}:
-            break
-    assert charging(run) == {0, 1}
-    for _ in range(150):
-        run.run(1.0)
-        if all(run.status(robot).state.ended for robot in run.hosts):
-            break
-    for robot in run.hosts:
+    run.run_until(lambda: charging(run) == {0, 1}, 45.0, 1.0)
+    run.run_until(lambda: all(run.status(robot).state.ended for robot in ROBOTS), 150.0, 1.0)
+    for robot in ROBOTS:
         assert (run.status(robot).state, run.status(robot).why) == (TaskState.DONE, "")
     assert run.arena.collisions == 0
 
 
 def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team):
     run = team(2, 1, 0.3)
-    least = dict.fromkeys(run.hosts, 1.0)
     charged: set[int] = set()
     for _ in range(160):
         run.run(2.0)
         charged |= charging(run)
-        for name, host in run.hosts.items():
-            least[name] = min(least[name], host.board.battery.soc)
-        assert not any(run.is_cut_off(name) for name in run.hosts), least
+        assert not any(run.is_cut_off(robot) for robot in ROBOTS)
         if charged == {0, 1}:
             break
     assert charged == {0, 1}

@@ -39,7 +39,7 @@ def test_wandering_ends_when_told(errands):
     here = run.pose()
     run.run(3.0)
     assert run.pose() == here
-    assert run.hosts["r1"].board.behavior == "idle"
+    assert run.robot().board.behavior == "idle"
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ def test_a_simulated_camera_sees_what_the_arena_draws():
     run.run(0.1)
     info = run.call("camera", "look")
     assert (info["width"], info["height"], info["stamp_ns"]) == (160, 120, run.clock.now_ns())
-    picture = run.hosts["r1"].manager.get("camera").live_plugin().snapshot()
+    picture = run.plugin("camera").snapshot()
     assert picture.png == run.arena.cameras.png("r1")
     run.close()
 

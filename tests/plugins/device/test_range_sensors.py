@@ -12,7 +12,7 @@ from robrain.sim.firmware.bus_line import LineFault
 
 
 def device(one):
-    return one.hosts[0].manager.get("range_sensors").plugin
+    return one.plugin("range_sensors")
 
 
 def test_in_the_arena_ranges_are_what_lies_around_the_robot(stage, room):

@@ -36,23 +36,23 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def lose(run: Errands) -> None:
     """Have localisation say that it is lost, and not find itself on the map of the team, until `find`."""
-    run.hosts["r1"].manager.get("localisation").live_plugin()._localiser.lose(WHY)
+    run.plugin("localisation")._localiser.lose(WHY)
     frames(run).search = lambda *_: None
 
 
 def find(run: Errands) -> None:
     """Have it know again."""
-    here = run.hosts["r1"].board.pose
+    here = run.robot().board.pose
     truth = run.pose()
     frames(run)._join(ARENA, truth.compose(here.inverse()), truth, np.diag((1e-4, 1e-4, 1e-4)))
 
 
 def frames(run: Errands) -> Frames:
-    return run.hosts["r1"].manager.get("mapper").live_plugin()._frames
+    return run.plugin("mapper")._frames
 
 
 def speed_m_s(run: Errands) -> float:
-    velocity = run.hosts["r1"].board.velocity
+    velocity = run.robot().board.velocity
     return math.hypot(velocity.forward_m_s, velocity.left_m_s)
 
 
@@ -78,7 +78,7 @@ def test_a_lost_robot_refuses_what_it_is_offered_and_says_why(errands):
 )
 def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(errands, task):
     run = errands("explore")
-    explore = run.hosts["r1"].manager.get("explore").live_plugin()
+    explore = run.plugin("explore")
     explore._is_seen = lambda *_: False  # there is nothing unknown in this room
     assert run.offer(task).accepted
     run.run(2.0)
@@ -106,7 +106,7 @@ def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(
 @pytest.mark.parametrize("task", [Task(id="t", kind="visit", place=FAR), Task(id="t", kind="explore", place=FAR)])
 def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, task):
     run = errands("explore")
-    run.hosts["r1"].manager.get("explore").live_plugin()._is_seen = lambda *_: False
+    run.plugin("explore")._is_seen = lambda *_: False
     assert run.offer(task).accepted
     run.run(1.0)
     lose(run)
@@ -138,9 +138,9 @@ def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run = errands("idle")
     lose(run)
     run.run(PATIENCE_S - 5.0)
-    assert run.hosts["r1"].board.behavior == "find itself"
+    assert run.robot().board.behavior == "find itself"
     run.run(10.0)
     way_m = run.way_m()
     run.run(15.0)
     assert run.way_m() == way_m
-    assert run.hosts["r1"].board.behavior == "idle"
+    assert run.robot().board.behavior == "idle"

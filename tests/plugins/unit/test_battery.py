@@ -98,7 +98,7 @@ def test_a_battery_manager_that_is_loaded_anew_does_not_disturb_the_count(pack):
     after = one.run(20.0)
     assert after["implausible"] == ""
     assert after["soc"] == pytest.approx(before["soc"], abs=0.01)
-    drawn = one.stage.hosts[0].manager.get("battery").live_plugin().drawn()
+    drawn = one.stage.plugin("battery").drawn()
     assert drawn.energy_j == pytest.approx(one.battery.delivered_j, rel=0.03)
 
 

@@ -91,7 +91,7 @@ def test_a_cancelled_action_stands_still(robot, start):
         (lambda one: one.call("driver", "stop"), "cancelled", "the driver was told to stop"),
         (lambda one: one.call("driver", "turn", 1.0), "superseded", "superseded by turn-2"),
         (
-            lambda one: one.hosts[0].manager.get("driver").plugin.follow([Point2D(1.0, 0.0)]),
+            lambda one: one.plugin("driver").follow([Point2D(1.0, 0.0)]),
             "superseded",
             "superseded by a call from outside",
         ),
@@ -160,7 +160,7 @@ FAR = 1e308
 
 
 def test_a_path_from_another_plugin_is_checked_as_well(robot):
-    driver = robot.hosts[0].manager.get("driver").plugin
+    driver = robot.plugin("driver")
     with pytest.raises(CallError, match="follow: expected finite numbers"):
         driver.follow([Point2D(0.0, 0.0), Point2D(FAR, 0.0)])
     assert robot.call("driver", "motion") == Motion.STANDING
