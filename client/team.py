@@ -49,11 +49,12 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.standing_topics import COORDINATOR_LEAD, COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.table.topics import (
+    COORDINATOR_LEAD,
     COORDINATOR_LEFT_NOW,
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
+    COORDINATOR_REMOVE_ROBOT,
     HALT,
     MOTE_READING,
     TASK_DRY_RUN,

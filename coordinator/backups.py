@@ -12,7 +12,7 @@ from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.team.standing_messages import JournalBackup
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
+from robrain.protocol.table.topics import COORDINATOR_BACKUP
 from robrain.protocol.wire.endpoint import Request, Serve
 
 logger = logging.getLogger(__name__)

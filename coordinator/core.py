@@ -30,9 +30,8 @@ from robrain.protocol.messages.team.standing_messages import RobotRemoval
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import IdleReason, OfferRefusal, TaskReason
-from robrain.protocol.table.standing_topics import COORDINATOR_REMOVE_ROBOT
 from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import TASK_EVENT
+from robrain.protocol.table.topics import COORDINATOR_REMOVE_ROBOT, TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 GROUP = "robrain.coordinator_parts"

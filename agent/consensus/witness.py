@@ -22,7 +22,7 @@ from robrain.protocol.messages.robots.witness_messages import (
 )
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.ranges import Count, Name, Stamp
-from robrain.protocol.table.standing_topics import ROBOT_WITNESS
+from robrain.protocol.table.topics import ROBOT_WITNESS
 from robrain.protocol.wire.endpoint import Request, Serve
 
 logger = logging.getLogger(__name__)

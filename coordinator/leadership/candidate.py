@@ -30,7 +30,7 @@ from robrain.protocol.messages.team.standing_messages import (
     StandByState,
 )
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.table.standing_topics import (
+from robrain.protocol.table.topics import (
     COORDINATOR_COPY,
     COORDINATOR_JOURNAL,
     COORDINATOR_LEAD,

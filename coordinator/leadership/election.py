@@ -13,7 +13,7 @@ from robrain.protocol.messages.robots.witness_messages import (
     WitnessRequest,
     WitnessWish,
 )
-from robrain.protocol.table.standing_topics import ROBOT_WITNESS
+from robrain.protocol.table.topics import ROBOT_WITNESS
 from robrain.protocol.wire.endpoint import Endpoint
 
 ASK_TIMEOUT_S = 0.5

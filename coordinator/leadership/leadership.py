@@ -28,7 +28,7 @@ from robrain.protocol.messages.team.standing_messages import (
 )
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.reasons import MinorityHeard, TaskReason, told
-from robrain.protocol.table.standing_topics import (
+from robrain.protocol.table.topics import (
     COORDINATOR_COPY,
     COORDINATOR_JOURNAL,
     COORDINATOR_LEAD,

@@ -52,7 +52,7 @@ def backup(
     from robrain.deploy.processes.live_process import client_session, live_endpoint
     from robrain.protocol.errors import NobodyThere
     from robrain.protocol.safe_text import safe_text
-    from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
+    from robrain.protocol.table.topics import COORDINATOR_BACKUP
     from robrain.protocol.wire.hub import wrong_team
 
     check_name("team", team)

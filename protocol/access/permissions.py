@@ -5,19 +5,16 @@ from enum import StrEnum
 
 from robrain.protocol.access.member import MEMBERS, MemberRole
 from robrain.protocol.table.host_queries import HOST_HALT, HOST_QUERIES, HOST_VERB
-from robrain.protocol.table.standing_topics import (
-    COORDINATOR_BACKUP,
-    COORDINATOR_LEAD,
-    COORDINATOR_REMOVE_ROBOT,
-    STANDING_ROWS,
-)
 from robrain.protocol.table.topic import Query, Role, Topic, WireKey
 from robrain.protocol.table.topics import (
     ARENA_CAN,
     ARENA_RADIO_TX,
     ARENA_SERIAL_TX,
     ARENA_TRUTH,
+    COORDINATOR_BACKUP,
+    COORDINATOR_LEAD,
     COORDINATOR_OBJECTIVE,
+    COORDINATOR_REMOVE_ROBOT,
     HALT,
     MOTE_READING,
     REPLAY_CONTROL,
@@ -28,6 +25,7 @@ from robrain.protocol.table.topics import (
     ROBOT_OFFER,
     ROBOT_SUBMIT,
     ROBOT_WITHDRAW,
+    STANDING_ROWS,
     TASK_CANCEL,
     TASK_SUBMIT,
 )

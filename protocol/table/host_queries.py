@@ -17,21 +17,15 @@ from robrain.protocol.messages.robots.host_messages import (
     UnloadRequest,
 )
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.table.topic import ANSWER_S, Q, Query, R, Role, Urgency
+from robrain.protocol.table.topic import ANSWER_S, Q, Query, R, Urgency
 
 HOST_S = 10.0
 """Time limit for a verb unless its row has another."""
 CHANGE_S = 60.0
 """Time limit for a load: it imports code, which may compile some of itself."""
-HOST_VERB = Query(
-    name="host_verb",
-    pattern="robot/{robot}/host/{verb}",
-    doc="Any verb of the host, also one of another distribution: JSON as its own row says",
-    by=Role.ROBOT,
-    request=bytes,
-    reply=bytes,
-    urgency=Urgency.INTERACTIVE_HIGH,
-)
+HOST_VERB = Query("robot/{robot}/host/{verb}",
+                  "Any verb of the host, also one of another distribution: JSON as its own row says",
+                  bytes, bytes, alias="host_verb", urgency=Urgency.INTERACTIVE_HIGH)  # fmt: skip
 """Stands for the rows of all verbs where the verb is not known beforehand. It is none of the table, which has one row
 for each key."""
 
@@ -50,89 +44,31 @@ def host_query(
         timeout_s: how long to wait for the reply.
 
     """
-    return Query(
-        name=f"host_{verb}",
-        pattern=HOST_VERB.pattern.replace("{verb}", verb),
-        doc=doc,
-        by=Role.ROBOT,
-        request=request,
-        reply=reply,
-        urgency=Urgency.INTERACTIVE_HIGH,
-        errors=errors,
-        timeout_s=timeout_s,
-    )
+    return Query(HOST_VERB.pattern.replace("{verb}", verb), doc, request, reply, alias=f"host_{verb}",
+                 urgency=Urgency.INTERACTIVE_HIGH, errors=errors, timeout_s=timeout_s)  # fmt: skip
 
 
-HOST_LOAD = host_query(
-    "load",
-    LoadRequest,
-    list[PluginInfo],
-    "Load a plugin, with what it requires: replies all that were loaded",
-    *START_ERRORS,
-    timeout_s=CHANGE_S,
-)
-HOST_UNLOAD = host_query(
-    "unload",
-    UnloadRequest,
-    list[PluginInfo],
-    "Unload a plugin: replies all that were unloaded",
-    ErrorCode.UNKNOWN_PLUGIN,
-    ErrorCode.REFUSED,
-    timeout_s=CHANGE_S,
-)
-HOST_RELOAD = host_query(
-    "reload",
-    ReloadRequest,
-    list[PluginInfo],
-    "Load a new version of a plugin: replies the new one; if it cannot start, the old one keeps running",
-    *START_ERRORS,
-    timeout_s=CHANGE_S,
-)
-HOST_COMMAND = host_query(
-    "command",
-    CommandRequest,
-    str,
-    "Execute a command in text form: replies its result as text",
-    *PLUGIN_ERRORS,
-)
-HOST_HOLD = host_query(
-    "hold",
-    HoldRequest,
-    Lease,
-    "Have exclusive use of a plugin for a time, or for longer",
-    *START_ERRORS,
-    ErrorCode.HALTED,
-)
-HOST_RELEASE = host_query(
-    "release",
-    ReleaseRequest,
-    bool,
-    "End the exclusive use of a plugin: replies false if it was not held, or no longer",
-    ErrorCode.UNKNOWN_PLUGIN,
-)
-HOST_HALT = host_query(
-    "halt",
-    HaltRequest,
-    HaltAnswer,
-    "Emergency halt of this robot alone: replies when its plugins were told to stop",
-    timeout_s=ANSWER_S,
-)
-HOST_RESUME = host_query(
-    "resume",
-    ResumeRequest,
-    HaltAnswer,
-    "End of the robot's halt, whether of this robot alone or of the team",
-    ErrorCode.REFUSED,
-    timeout_s=ANSWER_S,
-)
-HOST_QUERIES = (
-    HOST_LOAD,
-    HOST_UNLOAD,
-    HOST_RELOAD,
-    HOST_COMMAND,
-    HOST_HOLD,
-    HOST_RELEASE,
-    HOST_HALT,
-    HOST_RESUME,
-)
+HOST_LOAD = host_query("load", LoadRequest, list[PluginInfo],
+                       "Load a plugin, with what it requires: replies all that were loaded",
+                       *START_ERRORS, timeout_s=CHANGE_S)  # fmt: skip
+HOST_UNLOAD = host_query("unload", UnloadRequest, list[PluginInfo], "Unload a plugin: replies all that were unloaded",
+                         ErrorCode.UNKNOWN_PLUGIN, ErrorCode.REFUSED, timeout_s=CHANGE_S)  # fmt: skip
+HOST_RELOAD = host_query("reload", ReloadRequest, list[PluginInfo],
+                         "Load a new version of a plugin: replies the new one; if it cannot start, the old one keeps "
+                         "running",
+                         *START_ERRORS, timeout_s=CHANGE_S)  # fmt: skip
+HOST_COMMAND = host_query("command", CommandRequest, str, "Execute a command in text form: replies its result as text",
+                          *PLUGIN_ERRORS)  # fmt: skip
+HOST_HOLD = host_query("hold", HoldRequest, Lease, "Have exclusive use of a plugin for a time, or for longer",
+                       *START_ERRORS, ErrorCode.HALTED)  # fmt: skip
+HOST_RELEASE = host_query("release", ReleaseRequest, bool,
+                          "End the exclusive use of a plugin: replies false if it was not held, or no longer",
+                          ErrorCode.UNKNOWN_PLUGIN)  # fmt: skip
+HOST_HALT = host_query("halt", HaltRequest, HaltAnswer,
+                       "Emergency halt of this robot alone: replies when its plugins were told to stop",
+                       timeout_s=ANSWER_S)  # fmt: skip
+HOST_RESUME = host_query("resume", ResumeRequest, HaltAnswer,
+                         "End of the robot's halt, whether of this robot alone or of the team",
+                         ErrorCode.REFUSED, timeout_s=ANSWER_S)  # fmt: skip
+HOST_QUERIES = (HOST_LOAD, HOST_UNLOAD, HOST_RELOAD, HOST_COMMAND, HOST_HOLD, HOST_RELEASE, HOST_HALT, HOST_RESUME)
 """The rows of the verbs of a robot's host."""

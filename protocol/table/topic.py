@@ -1,7 +1,7 @@
 """The rows of the table of topics: keys of the wire, their messages, and their delivery."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
 from types import UnionType
@@ -36,6 +36,13 @@ class Role(StrEnum):
     COORDINATOR = "coordinator"
     OPERATOR = "operator"
     ARENA = "arena"
+
+
+OWNERS = {
+    "arena": Role.ARENA, "coordinator": Role.COORDINATOR, "halt": Role.OPERATOR, "mote": Role.ROBOT,
+    "recorder": Role.OPERATOR, "replay": Role.OPERATOR, "robot": Role.ROBOT, "task": Role.COORDINATOR,
+}  # fmt: skip
+"""Role that publishes, or answers, the keys that begin with a chunk."""
 
 
 class Delivery(StrEnum):
@@ -84,18 +91,30 @@ PARSED_KEYS = 4096
 """Keys of one topic whose parsed names are cached: there are few, and each arrives many times."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class WireKey:
     """A key of the wire; see `Topic`, `Query` and `Token`."""
 
     kind: ClassVar[TopicKind]
-    name: str
     pattern: str
     """Key below `robrain/{team}/`; `{name}` chunks are filled in."""
     doc: str
-    by: Role
-    """Role that publishes, or answers, or is present."""
+    _: KW_ONLY
+    alias: str = ""
+    """Its name, if that does not consist of the fixed chunks of its key."""
+    role: Role | None = None
+    """Role that publishes, or answers, if it is not that of the first chunk (`OWNERS`)."""
     urgency: Urgency = Urgency.DATA
+
+    @cached_property
+    def name(self) -> str:
+        """Name in the table, such as `robot_map_whole` for `robot/{robot}/map/whole`."""
+        return self.alias or "_".join(chunk for chunk in self.chunks if not chunk.startswith("{"))
+
+    @cached_property
+    def by(self) -> Role:
+        """Role that publishes, or answers, or is present."""
+        return self.role or OWNERS[self.chunks[0]]
 
     @cached_property
     def chunks(self) -> tuple[str, ...]:
@@ -162,13 +181,14 @@ class WireKey:
         return "/".join((ROOT, check_name("team", team), *filled))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Topic(WireKey, Generic[M]):
     """Message published under a key."""
 
     kind: ClassVar[TopicKind] = TopicKind.PUT
     message: type[M] | None = None
     """Type of the payload; None for bytes."""
+    _: KW_ONLY
     rate_hz: float | None = None
     delivery: Delivery = Delivery.EVERY
     periods_max: int = 0
@@ -198,7 +218,7 @@ class Topic(WireKey, Generic[M]):
     @cached_property
     def before(self) -> "Topic[M] | None":
         """The same topic under its earlier pattern; None without one."""
-        return replace(self, pattern=self.earlier, earlier="") if self.earlier else None
+        return replace(self, pattern=self.earlier, alias=self.name, earlier="") if self.earlier else None
 
     @cached_property
     def deadline_s(self) -> float | None:
@@ -225,7 +245,7 @@ class Topic(WireKey, Generic[M]):
         return msgspec.json.schema(self.message) if self.message is not None else {}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Query(WireKey, Generic[Q, R]):
     """Request and reply under a key.
 
@@ -237,6 +257,7 @@ class Query(WireKey, Generic[Q, R]):
     """Type of the request; `NoneType` if it is empty, `bytes` for free JSON. An empty payload counts as `{}`."""
     reply: type[R]
     """Type of the reply."""
+    _: KW_ONLY
     reads_only: bool = False
     """It changes nothing where it is answered."""
     encoding: str = JSON
@@ -267,7 +288,7 @@ class Query(WireKey, Generic[Q, R]):
         return _in_both(self.fields, self.reply)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Token(WireKey):
     """Declares presence while it is held."""
 

@@ -22,8 +22,14 @@ from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons import Gone
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.standing_topics import COORDINATOR_REMOVE_ROBOT
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_STATE, TASK_CANCEL, TASK_WHY
+from robrain.protocol.table.topics import (
+    COORDINATOR_REMOVE_ROBOT,
+    ROBOT_ALIVE,
+    ROBOT_MAP,
+    ROBOT_STATE,
+    TASK_CANCEL,
+    TASK_WHY,
+)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.coordinator.conftest import TICK_S
 from tests.plain_reason import Plain

@@ -2,14 +2,70 @@
 
 from typing import get_args
 
-from robrain.protocol.table.robot_contract import ROBOT_CONTRACT
+from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
 from robrain.protocol.table.topic import Query, Token, Topic, WireKey
+from robrain.protocol.table.topics import (
+    COORDINATOR_HALT,
+    COORDINATOR_STATE,
+    HALT,
+    ROBOT_ALIVE,
+    ROBOT_COSTS,
+    ROBOT_LOG,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    ROBOT_OFFER,
+    ROBOT_PATH,
+    ROBOT_PLUGINS,
+    ROBOT_STATE,
+    ROBOT_WITHDRAW,
+)
 from tests.reference_pages.markdown import table
 
+REQUIRED: tuple[tuple[WireKey, str], ...] = (
+    (ROBOT_PLUGINS,
+     "Answers with its plugins. Each plugin with a `task_kind` announces a kind of task."),
+    (ROBOT_OFFER,
+     ("Answers whether it accepts the task. It refuses an epoch below the last one that it accepted, and "
+     "replies that epoch. It accepts a repeated offer again without a second start. A new task replaces "
+     "the running one.")),
+    (ROBOT_WITHDRAW,
+     "Ends the task as `cancelled`, if the epoch is not below the last one that it accepted."),
+    (HOST_HALT,
+     "Stops, and latches the halt under the name in `by`. Replies after the wheels have stopped."),
+    (HOST_RESUME,
+     "Ends the halt of that name. A name that starts with `operator` ends every halt."),
+    (HALT,
+     "Handles the team's halt in the same way, in its receiving thread, before anything else."),
+    (COORDINATOR_HALT,
+     "Asks once before the start, and stays halted if the team is halted. No answer means no halt."),
+    (COORDINATOR_STATE,
+     ("Renews the lease of its task: `age_s` of its own entry says how old the state is that the "
+     "coordinator last received. After `lease_s` without renewal it ends the task as `cancelled`. It also "
+     "latches a newer halt in `halt`.")),
+    (ROBOT_ALIVE,
+     "Declares the token once all queries are answered. The robot is gone without it."),
+    (ROBOT_STATE,
+     ("Publishes ten times a second. `task` is the last accepted task with its epoch, and stays after its "
+     "end until the next one begins. `next_task` is absent unless it accepts offers with `after`.")),
+    (ROBOT_PATH,
+     ("Publishes the path that it follows when the path changes, and an empty one when it stands. Other "
+     "robots give way by it.")),
+)  # fmt: skip
+"""Rows that a robot must speak, and its part in each, in the order of a start."""
+OPTIONAL: tuple[tuple[WireKey, str], ...] = (
+    (ROBOT_LOG,
+     "Publishes log records for operators."),
+    (ROBOT_COSTS,
+     "Answers what tasks take at their places. Without it the coordinator counts `service_s`."),
+    (ROBOT_MAP,
+     "Publishes the cells that its sensors changed, if it maps."),
+    (ROBOT_MAP_WHOLE,
+     "Answers with its whole map, if it maps."),
+)  # fmt: skip
 INTRODUCTION = """\
 # Be a robot of the team
 
-<!-- Generated from protocol/table/robot_contract.py by `make reference`. Do not edit it. -->
+<!-- Generated from tests/reference_pages/robot_contract.py by `make reference`. Do not edit it. -->
 
 A robot with other software joins a team without robrain: it speaks the rows below. The plugin host (`robrain
 agent`) speaks them for robots with plugins. [robot.py](../../examples/09_any_language/robot.py) is such a robot in
@@ -41,8 +97,7 @@ STATES = """\
 
 def robot_contract_page() -> str:
     """Return the whole page."""
-    required = [_row(one.row, one.duty) for one in ROBOT_CONTRACT if one.required]
-    optional = [_row(one.row, one.duty) for one in ROBOT_CONTRACT if not one.required]
+    required, optional = ([_row(row, duty) for row, duty in rows] for rows in (REQUIRED, OPTIONAL))
     titles = ("key below `robrain/{team}/`", "the robot", "type", "duty")
     return "\n".join(
         [INTRODUCTION, "## Required\n", table(titles, required), STATES, "## Optional\n", table(titles, optional)]

@@ -32,7 +32,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.standing_topics import COORDINATOR_BACKUP
+from robrain.protocol.table.topics import COORDINATOR_BACKUP
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.waiting import until
 

@@ -21,8 +21,7 @@ from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.standing_topics import ROBOT_WITNESS
-from robrain.protocol.table.topics import TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.table.topics import ROBOT_WITNESS, TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec

@@ -16,8 +16,7 @@ from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import MinorityHeard
-from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
-from robrain.protocol.table.topics import ROBOT_BALLOT
+from robrain.protocol.table.topics import COORDINATOR_LEAD, ROBOT_BALLOT
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.leadership.parted_team import PartedTeam
 

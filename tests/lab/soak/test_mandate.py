@@ -22,8 +22,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.messages.team.standing_messages import JournalChanges, LeadRequest, StandByState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
-from robrain.protocol.table.topics import TASK_SUBMIT
+from robrain.protocol.table.topics import COORDINATOR_LEAD, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec

@@ -11,8 +11,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmis
 from robrain.protocol.messages.team.standing_messages import LeadRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.standing_topics import COORDINATOR_LEAD
-from robrain.protocol.table.topics import COORDINATOR_STATE, TASK_LIST, TASK_SUBMIT
+from robrain.protocol.table.topics import COORDINATOR_LEAD, COORDINATOR_STATE, TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from tests.asking import until_answered

@@ -13,7 +13,7 @@ import pytest
 
 from robrain import TaskState, Team
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.table.robot_contract import ROBOT_CONTRACT
+from tests.reference_pages.robot_contract import REQUIRED
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
@@ -56,7 +56,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
 
 def test_the_robot_names_every_required_row_and_no_module_of_robrain() -> None:
     source = ROBOT.read_text(encoding="utf-8")
-    assert all(f'"{one.row.name}"' in source for one in ROBOT_CONTRACT if one.required)
+    assert all(f'"{row.name}"' in source for row, _ in REQUIRED)
     assert "robrain" not in re.findall(r"^\s*(?:import|from) (\w+)", source, re.MULTILINE)
 
 
