@@ -40,49 +40,27 @@ def action_for(receiver: str, sender: str, mine: Bid | None, theirs: Bid | None,
         is_newer: whether the sender has more recent information about a robot.
 
     """
+    holder = None if mine is None else mine.robot
     winner = None if theirs is None else theirs.robot
+    is_mine_old = holder is not None and is_newer(holder)
+    is_greater = theirs is not None and theirs.beats(mine)
     if winner == sender:
-        return _sender_says_itself(receiver, sender, mine, theirs, is_newer)
-    if winner == receiver:
-        return _sender_says_receiver(receiver, sender, mine, is_newer)
-    if theirs is None:
-        return _sender_says_nobody(receiver, sender, mine, is_newer)
-    return _sender_says_another(receiver, sender, mine, theirs, is_newer)
-
-
-def _sender_says_itself(
-    receiver: str, sender: str, mine: Bid | None, theirs: Bid | None, is_newer: IsNewer
-) -> BidAction:
-    if mine is None or mine.robot == sender or (theirs is not None and theirs.beats(mine)):
-        return BidAction.UPDATE
-    if mine.robot != receiver and is_newer(mine.robot):
-        return BidAction.UPDATE
-    return BidAction.LEAVE
-
-
-def _sender_says_receiver(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> BidAction:
-    if mine is None or mine.robot == receiver:
-        return BidAction.LEAVE
-    return BidAction.RESET if mine.robot == sender or is_newer(mine.robot) else BidAction.LEAVE
-
-
-def _sender_says_another(receiver: str, sender: str, mine: Bid | None, theirs: Bid, is_newer: IsNewer) -> BidAction:
-    is_fresh = is_newer(theirs.robot)
-    if mine is None or mine.robot == theirs.robot:
+        is_adopted = holder in (None, sender) or is_greater or (holder != receiver and is_mine_old)
+        return BidAction.UPDATE if is_adopted else BidAction.LEAVE
+    if winner is None or winner == receiver:
+        if holder in (None, receiver) or not (holder == sender or is_mine_old):
+            return BidAction.LEAVE
+        return BidAction.UPDATE if winner is None else BidAction.RESET
+    is_fresh = is_newer(winner)
+    if holder in (None, winner):
         return BidAction.UPDATE if is_fresh else BidAction.LEAVE
-    if mine.robot == receiver:
-        return BidAction.UPDATE if is_fresh and theirs.beats(mine) else BidAction.LEAVE
-    if mine.robot == sender:
+    if holder == receiver:
+        return BidAction.UPDATE if is_fresh and is_greater else BidAction.LEAVE
+    if holder == sender:
         return BidAction.UPDATE if is_fresh else BidAction.RESET
-    if is_fresh and (is_newer(mine.robot) or theirs.beats(mine)):
+    if is_fresh and (is_mine_old or is_greater):
         return BidAction.UPDATE
-    return BidAction.RESET if is_newer(mine.robot) else BidAction.LEAVE
-
-
-def _sender_says_nobody(receiver: str, sender: str, mine: Bid | None, is_newer: IsNewer) -> BidAction:
-    if mine is None or mine.robot == receiver:
-        return BidAction.LEAVE
-    return BidAction.UPDATE if mine.robot == sender or is_newer(mine.robot) else BidAction.LEAVE
+    return BidAction.RESET if is_mine_old else BidAction.LEAVE
 
 
 class Insertion(NamedTuple):
@@ -142,6 +120,7 @@ class Bidder:
         self.winning: dict[str, Bid] = {}
         """The best bid known of each task that has one."""
         self.received: dict[str, int] = {}
+        """Number of the last ballot of each other robot that is taken into account."""
         self.limit: int | None = None
         """The most tasks of its path, those that are fixed included; None for any number."""
         self.is_resting = False
@@ -254,26 +233,26 @@ class Bidder:
         sender = ballot.robot
         if sender == self.robot or ballot.number <= self.received.get(sender, -1):
             return False
-        theirs = {bid.task: bid for bid in ballot.bids}
-        knows = {one.robot: one.number for one in ballot.received} | {sender: ballot.number}
-        knows.pop(self.robot, None)
+        proposed = {bid.task: bid for bid in ballot.bids}
+        numbers = {one.robot: one.number for one in ballot.received} | {sender: ballot.number}
+        numbers.pop(self.robot, None)
 
         def is_newer(robot: str) -> bool:
-            return knows.get(robot, -1) > self.received.get(robot, -1)
+            return numbers.get(robot, -1) > self.received.get(robot, -1)
 
         changed = []
-        for task in sorted({*self.winning, *theirs}):
-            mine, said = self.winning.get(task), theirs.get(task)
-            match action_for(self.robot, sender, mine, said, is_newer):
-                case BidAction.UPDATE if said is not None:
-                    self.winning[task] = said
+        for task in sorted({*self.winning, *proposed}):
+            mine, theirs = self.winning.get(task), proposed.get(task)
+            match action_for(self.robot, sender, mine, theirs, is_newer):
+                case BidAction.UPDATE if theirs is not None:
+                    self.winning[task] = theirs
                 case BidAction.UPDATE | BidAction.RESET:
                     self.winning.pop(task, None)
                 case BidAction.LEAVE:
                     continue
             if self.winning.get(task) != mine:
                 changed.append(task)
-        for robot, number in knows.items():
+        for robot, number in numbers.items():
             self.received[robot] = max(self.received.get(robot, -1), number)
         self._is_stale |= bool(changed)
         return bool(changed)

@@ -24,6 +24,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 from zlib import crc32
 
+import msgspec
+
 from robrain.algorithms.consensus.bidder import Bidder, Scorer
 from robrain.algorithms.consensus.chance import chance
 from robrain.protocol.model.ballot import TASKS_MAX, Ballot, Standing
@@ -52,6 +54,11 @@ class _Agreed(NamedTuple):
 
     winners: Mapping[str, str]
     path: list[str]
+    digest: int = 0
+    value: float = -math.inf
+
+
+NOTHING = _Agreed({}, [])
 
 
 def digest_of(term: int, number: int, winners: Mapping[str, str]) -> int:
@@ -79,18 +86,13 @@ class Negotiation:
         self.term = 0
         self.round = 0
         """Rounds concluded; `rounds + 1` when the negotiation is over."""
-        self.improvements = 0
-        """Rounds that found a better allocation than all before."""
         self._rounds, self._while_working = rounds, while_working
         self._tasks: list[str] = []
         self._apart: Apart = lambda _a, _b: 0.0
         self._team: frozenset[str] = frozenset((robot,))
-        self._base = _Agreed({}, [])
-        self._base_digest = 0
-        self._base_value = -math.inf
-        self._best, self._best_digest, self._best_value = self._base, 0, -math.inf
-        """The best allocation so far; a round may start from one that is a little worse."""
-        self._said: dict[int, _Agreed] = {}
+        self._base = self._best = NOTHING
+        """The last allocation agreed and the best: a round may start from one that is a little worse."""
+        self._published: dict[int, _Agreed] = {}
         """Allocations of this round that the robot has published, by digest."""
         self._standings: dict[str, Standing] = {}
 
@@ -104,12 +106,11 @@ class Negotiation:
             apart: distance between two tasks.
 
         """
-        self.term, self.round, self.improvements = term, 0, 0
+        self.term, self.round = term, 0
         self._team = frozenset((*team, self.bidder.robot))
         self._tasks, self._apart = sorted(set(tasks))[:TASKS_MAX], apart
-        self._base, self._base_digest, self._base_value = _Agreed({}, []), 0, -math.inf
-        self._best, self._best_digest, self._best_value = self._base, 0, -math.inf
-        self._said, self._standings = {}, {}
+        self._base = self._best = NOTHING
+        self._published, self._standings = {}, {}
         self.bidder.forget_begun()
         self.bidder.scorer.begin(0)
         self.bidder.open(self._tasks)
@@ -137,12 +138,12 @@ class Negotiation:
     @property
     def value(self) -> float:
         """Value of all paths together, by the last agreed allocation."""
-        return self._base_value
+        return self._base.value
 
     def may_begin(self, task: str) -> bool:
         """Whether the robot may begin a task of its path now: it has not assigned the task to another robot."""
         robot = self.bidder.robot
-        return self.is_agreed and all(said.winners.get(task) == robot for said in self._said.values())
+        return self.is_agreed and all(one.winners.get(task) == robot for one in self._published.values())
 
     def begin(self, task: str) -> None:
         """The robot begins a task of its path, which `may_begin` allows; it keeps the task from now on."""
@@ -154,16 +155,12 @@ class Negotiation:
             self.bidder.build()
             self._record_own()
             self._conclude()
-        said = self.bidder.ballot()
-        return Ballot(
-            robot=said.robot,
-            number=said.number,
-            bids=said.bids,
-            received=said.received,
+        return msgspec.structs.replace(
+            self.bidder.ballot(),
             term=self.term,
             round=self.round,
-            base=self._base_digest,
-            base_value=self._base_value if self.round else 0.0,
+            base=self._base.digest,
+            base_value=self._base.value if self.round else 0.0,
             standings=tuple(self._standings[name] for name in sorted(self._standings)),
         )
 
@@ -178,7 +175,7 @@ class Negotiation:
         if ballot.round > self.round:
             if ballot.round > self.round + 1 or not self._follow(ballot.base, ballot.base_value):
                 return False
-        elif ballot.round == self.round and self.round and ballot.base != self._base_digest:
+        elif ballot.round == self.round and self.round and ballot.base != self._base.digest:
             return False
         self._record_standings(ballot.standings)
         if ballot.round == self.round and not self.is_over:
@@ -196,7 +193,7 @@ class Negotiation:
         winners = {task: bid.robot for task, bid in bidder.winning.items()}
         kept = self._kept()
         digest = digest_of(self.term, self.round, {**kept, **winners})
-        self._said[digest] = _Agreed({**kept, **winners}, list(bidder.path))
+        self._published[digest] = _Agreed({**kept, **winners}, list(bidder.path), digest)
         self._standings[bidder.robot] = Standing(
             robot=bidder.robot,
             number=bidder.number + 1,
@@ -223,36 +220,33 @@ class Negotiation:
         if value > self._least_value():
             self._begin_round(own.digest, value)
         else:
-            self._begin_round(self._base_digest, self._base_value)
+            self._begin_round(self._base.digest, self._base.value)
 
     def _least_value(self) -> float:
         """Value that an allocation must exceed to be continued from: at first a little less than the best."""
-        if self._best_value == -math.inf:
+        if self._best.value == -math.inf:
             return -math.inf
         left = 1.0 - self.round / self._rounds if self._rounds and not self._while_working else 0.0
-        return self._best_value + GAIN_MIN - SLACK * left * abs(self._best_value)
+        return self._best.value + GAIN_MIN - SLACK * left * abs(self._best.value)
 
     def _follow(self, base: int, value: float) -> bool:
         """End the round as another robot has; whether this robot knows that result."""
-        known = {*self._said, self._base_digest, self._best_digest} if self.round else set(self._said)
-        if base not in known:
+        if base not in self._published and not (self.round and base in (self._base.digest, self._best.digest)):
             return False
         self._begin_round(base, value)
         return True
 
     def _begin_round(self, digest: int, value: float) -> None:
-        if digest not in (self._base_digest, self._best_digest):
-            self._base = self._said[digest]
+        known = next((one for one in (self._base, self._best) if one.digest == digest), None)
+        self._base = (known or self._published[digest])._replace(value=value)
         if self._while_working and self.round == 0:
             self._tasks = sorted(self._base.winners)  # all robots know these; some may not know other tasks
-        self._base_digest, self._base_value = digest, value
-        if value > self._best_value:
-            self.improvements += self.round > 0
-            self._best, self._best_digest, self._best_value = self._base, digest, value
+        if value > self._best.value:
+            self._best = self._base
         self.round += 1
-        self._said = {}
+        self._published = {}
         if self.is_over:
-            self._base, self._base_digest, self._base_value = self._best, self._best_digest, self._best_value
+            self._base = self._best
             self.bidder.open((), self._base.path)
             return
         self.bidder.scorer.begin(self.round)

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.frontier_paths import FrontierFields, FrontierPaths
-from robrain.algorithms.exploration.narrow_passages import NarrowPassages
+from robrain.algorithms.exploration.narrow_passages import KEPT, NarrowPassages, Tried, forget_near
 from robrain.algorithms.exploration.situation import (
     SAME_GOAL_M,
     Busy,
     Choice,
     FrontierCandidate,
+    FrontierFields,
+    FrontierPaths,
     Seeker,
     Situation,
     is_avoided,
@@ -45,7 +46,6 @@ LOST_SHARE = 0.2
 """Share of the cells around a place that become unknown again before a robot is sent there again (chosen)."""
 PITCH_M = 0.5
 """Places within one square of this size are kept as one."""
-KEPT = 256
 KEPT_BEEN = 16_384
 
 
@@ -53,11 +53,11 @@ class Trials:
     """Remembers a bounded number of places; the oldest are forgotten."""
 
     def __init__(self) -> None:
-        self._failures: deque[tuple[Point2D, int]] = deque(maxlen=KEPT)
+        self._failures: deque[Tried] = deque(maxlen=KEPT)
         self._been: dict[tuple[int, int], Point2D] = {}
 
     @property
-    def failures(self) -> list[tuple[Point2D, int]]:
+    def failures(self) -> list[Tried]:
         """Places that robots failed to get to, arena frame, with the number of failures there."""
         return list(self._failures)
 
@@ -68,12 +68,7 @@ class Trials:
 
     def record_failure(self, place: Point2D) -> None:
         """Record that a robot failed to get to a place."""
-        tries = 0
-        for known in list(self._failures):
-            if known[0].distance_m(place) < SAME_M:
-                self._failures.remove(known)
-                tries = max(tries, known[1])
-        self._failures.append((place, tries + 1))
+        self._failures.append(Tried(place, forget_near(self._failures, place) + 1))
 
     def record_place(self, place: Point2D) -> None:
         """Record that a robot was at a place."""

@@ -78,12 +78,7 @@ def floor_rooms(classes: NDArray[np.int8], resolution_m: float) -> NDArray[np.in
         classes: (H, W) as of `OccupancyGrid.classes`.
         resolution_m: side of a cell, metres.
 
-    Raises:
-        ValueError: the resolution is not above 0, or `classes` has another shape.
-
     """
-    if classes.ndim != 2 or not (math.isfinite(resolution_m) and resolution_m > 0):
-        raise ValueError(f"expected classes (H, W) and a resolution above 0, got {classes.shape}, {resolution_m}")
     near_m = clearance_m(classes == OCCUPIED, resolution_m, FELT_M)
     free = np.flatnonzero(classes == FREE)
     # From the widest down; cells of equal clearance row by row, so that equal maps have equal rooms.

@@ -1,7 +1,7 @@
 """Gaps that robots did not fit through. Imports no kernels: a coordinator loads them once it is up."""
 
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
 from robrain.protocol.model.geometry import Point2D
@@ -17,6 +17,13 @@ TRIES = 2
 KEPT = 256
 
 
+class Tried(NamedTuple):
+    """A place that robots failed to get to, arena frame."""
+
+    place: Point2D
+    tries: int
+
+
 class Gap(NamedTuple):
     """A gap that a robot did not fit through."""
 
@@ -28,37 +35,38 @@ class Gap(NamedTuple):
     """Time when it may be tried again, unless it has been given up."""
 
 
+Kind = TypeVar("Kind", Tried, Gap)
+
+
+def forget_near(known: deque[Kind], place: Point2D) -> int:
+    """Forget what is known near a place; returns the largest number of tries there."""
+    near = [one for one in known if one.place.distance_m(place) < SHUT_RADIUS_M]
+    for one in near:
+        known.remove(one)
+    return max((one.tries for one in near), default=0)
+
+
 class NarrowPassages:
     """Remembers failed attempts, and caches the map with narrow places."""
 
     def __init__(self) -> None:
         self.gaps: deque[Gap] = deque(maxlen=KEPT)
-        self._failures: deque[tuple[Point2D, int]] = deque(maxlen=KEPT)
+        self._failures: deque[Tried] = deque(maxlen=KEPT)
         self._navigation: NavigationGrid | None = None
         self._version: int
         """Of the map that `_navigation` was made from."""
 
     def record_gap(self, place: Point2D, gap_m: float, again_ns: int) -> None:
         """Record that a robot at `place` does not fit through the gap in front of it."""
-        tries = 0
-        for known in list(self.gaps):
-            if known.place.distance_m(place) < SHUT_RADIUS_M:
-                self.gaps.remove(known)
-                tries = max(tries, known.tries)
-        self.gaps.append(Gap(place, gap_m, tries + 1, again_ns))
+        self.gaps.append(Gap(place, gap_m, forget_near(self.gaps, place) + 1, again_ns))
 
     def record_failure(self, goal: Point2D) -> None:
         """Record that a robot sent along a narrow path did not reach its goal, for whatever reason."""
-        tries = 0
-        for known in list(self._failures):
-            if known[0].distance_m(goal) < SHUT_RADIUS_M:
-                self._failures.remove(known)
-                tries = max(tries, known[1])
-        self._failures.append((goal, tries + 1))
+        self._failures.append(Tried(goal, forget_near(self._failures, goal) + 1))
 
     def is_given_up(self, goal: Point2D) -> bool:
         """Whether robots have failed `TRIES` times to reach a place along narrow paths."""
-        return any(tries >= TRIES and place.distance_m(goal) < SHUT_RADIUS_M for place, tries in self._failures)
+        return any(one.tries >= TRIES and one.place.distance_m(goal) < SHUT_RADIUS_M for one in self._failures)
 
     def shut(self, now_ns: int) -> list[tuple[float, float, float]]:
         """Circles (x, y, radius in metres, arena frame) through whose narrow places no robot may be sent now."""

@@ -1,14 +1,22 @@
-"""Input of an exploration strategy: frontiers, robots, and the paths between them."""
+"""Input of an exploration strategy: frontiers, robots, and the paths between them.
+
+Imports no kernels: a coordinator loads them once it is up.
+"""
 
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
+
+if TYPE_CHECKING:
+    from robrain.algorithms.exploration.map_look import MapSurvey
+    from robrain.algorithms.navigation.navigation_grid import NavigationGrid, PathField
 
 AVOID_RADIUS_M = 1.0
 """A robot that avoids a place is sent to no frontier within this distance of it."""
@@ -70,34 +78,6 @@ PathCosts = Callable[[Point2D], NDArray[np.float64]]
 """Path cost from a place to each frontier, (frontiers,), metres of open floor; inf where there is no path."""
 
 
-class FloorSurvey(Protocol):
-    """Features of the map beside the paths."""
-
-    @property
-    def shares_m2(self) -> NDArray[np.float64]:
-        """Unknown floor that is nearer to each frontier than to the others, (frontiers,), square metres."""
-        ...
-
-    @property
-    def frontier_rooms(self) -> NDArray[np.int64]:
-        """The number of each frontier's room, (frontiers,); below 0 if it is in none."""
-        ...
-
-    @property
-    def room_m2(self) -> float:
-        """Mean area of the room around a place of the known floor, square metres; infinite if there is no room."""
-        ...
-
-    @property
-    def known_m2(self) -> float:
-        """Area of the known floor that lies in rooms, square metres."""
-        ...
-
-    def room_of(self, place: Point2D) -> int:
-        """The number of the room around a place; below 0 if it is in none."""
-        ...
-
-
 class Situation:
     """Input of a strategy; read-only.
 
@@ -121,7 +101,7 @@ class Situation:
         *,
         is_narrow: bool = False,
         costs_between: PathCosts | None = None,
-        floor: "FloorSurvey | None" = None,
+        floor: "MapSurvey | None" = None,
     ) -> None:
         self.candidates = tuple(candidates)
         self.seekers = tuple(seekers)
@@ -207,10 +187,11 @@ class Situation:
         column = min(range(len(away_m)), key=away_m.__getitem__, default=None)
         return column if column is not None and away_m[column] < SAME_GOAL_M else None
 
-    def choice(self, row: int, column: int, cost_m: float) -> Choice:
-        """The choice of a frontier for a seeker, by their numbers."""
+    def choice(self, row: int, column: int, cost_m: float | None = None) -> Choice:
+        """The choice of a frontier for a seeker, by their numbers; its cost is the path's unless it is given."""
         path_m = float(self.ways_m[row, column])
-        return Choice(self.seekers[row].name, self.candidates[column].place, float(cost_m), path_m, self.is_narrow)
+        cost_m = path_m if cost_m is None else float(cost_m)
+        return Choice(self.seekers[row].name, self.candidates[column].place, cost_m, path_m, self.is_narrow)
 
     def _from(self, places: Sequence[Point2D]) -> NDArray[np.float64]:
         paths_m = np.full((len(places), len(self.candidates)), np.inf)
@@ -227,3 +208,77 @@ def is_avoided(candidate: FrontierCandidate, seeker: Seeker) -> bool:
 def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
     array.setflags(write=False)
     return array
+
+
+SNAP_M = 0.8
+"""Greatest distance of a path's ends from the robot and from the frontier."""
+FIELD_KEPT_NS = to_ns(5.0)
+"""Costs between frontiers are computed again after this long (chosen: little changes far from the robots)."""
+
+
+class FrontierPaths:
+    """Path costs on one map, each place computed once.
+
+    Args:
+        navigation: the team's map.
+        candidates: frontiers.
+        shut: circles (x, y, radius in metres) whose narrow places are impassable.
+
+    """
+
+    def __init__(
+        self,
+        navigation: "NavigationGrid",
+        candidates: Sequence[FrontierCandidate],
+        shut: Sequence[tuple[float, float, float]] = (),
+    ) -> None:
+        self._navigation = navigation
+        self._shut = shut
+        cells = [navigation.snap(candidate.place, SNAP_M) for candidate in candidates]
+        self._columns = [column for column, cell in enumerate(cells) if cell is not None]
+        self._cells = [cell for cell in cells if cell is not None]
+        self.count = len(cells)
+        """Number of frontiers."""
+        self._known: dict[Point2D, NDArray[np.float64]] = {}
+
+    def costs_m(self, place: Point2D) -> NDArray[np.float64]:
+        """Path cost from a place to each frontier, (frontiers,), metres of open floor; inf where there is no path."""
+        paths_m = self._known.get(place)
+        if paths_m is None:
+            paths_m = np.full(self.count, np.inf)
+            paths_m[self._columns] = self._navigation.ways_m(place, self._cells, snap_m=SNAP_M, shut=self._shut)
+            self._known[place] = paths_m
+        return paths_m
+
+    def costs_along(self, field: "PathField") -> NDArray[np.float64]:
+        """Path costs to each frontier from where a field was computed, (frontiers,)."""
+        paths_m = np.full(self.count, np.inf)
+        paths_m[self._columns] = field.to(self._cells)
+        return paths_m
+
+
+class FrontierFields:
+    """Path costs from frontiers to everywhere, each kept for some seconds while the frontier is there.
+
+    Otherwise the costs between frontiers would be most of the time of a decision. A new frontier has a new field. A
+    path between older frontiers that has closed counts as open until their fields are due.
+    """
+
+    def __init__(self) -> None:
+        self._fields: dict[Point2D, tuple[int, PathField | None]] = {}
+        self._navigation: NavigationGrid | None = None
+
+    def costs_between(self, paths: FrontierPaths, navigation: "NavigationGrid", now_ns: int) -> PathCosts:
+        """A function that gives the path costs from a frontier to all frontiers, (frontiers,)."""
+        known = {} if navigation is not self._navigation else self._fields
+        self._navigation = navigation
+        self._fields = {place: one for place, one in known.items() if now_ns - one[0] <= FIELD_KEPT_NS}
+        used = self._fields
+
+        def costs_m(place: Point2D) -> NDArray[np.float64]:
+            if place not in used:
+                used[place] = now_ns, navigation.cost_field(place, snap_m=SNAP_M)
+            field = used[place][1]
+            return paths.costs_along(field) if field is not None else np.full(paths.count, np.inf)
+
+        return costs_m

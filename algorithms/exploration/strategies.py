@@ -71,15 +71,7 @@ def nearest(situation: Situation) -> list[Choice]:
 
     After Yamauchi, Frontier-Based Exploration Using Multiple Robots, 1998.
     """
-    claimed = _claimed(situation)
-    choices: list[Choice] = []
-    for row, paths_m in enumerate(situation.ways_m):
-        able = [(path_m, column) for column, path_m in enumerate(paths_m.tolist()) if _is_able(path_m, column, claimed)]
-        if able:
-            path_m, column = min(able)
-            claimed.add(column)
-            choices.append(situation.choice(row, column, path_m))
-    return choices
+    return _in_turn(situation, np.zeros(situation.ways_m.shape, np.int64))
 
 
 def minpos(situation: Situation) -> list[Choice]:
@@ -88,19 +80,24 @@ def minpos(situation: Situation) -> list[Choice]:
     After Bautin, Simonin, Charpillet, MinPos: A Novel Frontier Allocation Algorithm for Multi-robot Exploration, ICIRA
     2012. All robots count, also those that keep their goals.
     """
-    claimed = _claimed(situation)
     paths_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
+    return _in_turn(situation, np.array([np.count_nonzero(paths_m < own_m, axis=0) for own_m in situation.ways_m]))
+
+
+def _in_turn(situation: Situation, ranks: NDArray[np.int64]) -> list[Choice]:
+    """Each robot in turn takes the free frontier of the least rank (seekers, frontiers), the nearest among those."""
+    claimed = _claimed(situation)
     choices: list[Choice] = []
-    for row in range(len(situation.seekers)):
-        nearer = np.count_nonzero(paths_m < paths_m[row], axis=0).tolist()
-        own_m = paths_m[row].tolist()
+    for row, paths_m in enumerate(situation.ways_m.tolist()):
         able = [
-            (nearer[column], path_m, column) for column, path_m in enumerate(own_m) if _is_able(path_m, column, claimed)
+            (int(ranks[row, column]), path_m, column)
+            for column, path_m in enumerate(paths_m)
+            if column not in claimed and math.isfinite(path_m)
         ]
         if able:
-            _, path_m, column = min(able)
+            *_, column = min(able)
             claimed.add(column)
-            choices.append(situation.choice(row, column, path_m))
+            choices.append(situation.choice(row, column))
     return choices
 
 
@@ -132,10 +129,6 @@ def _claimed(situation: Situation) -> set[int]:
     """Numbers of the frontiers that are other robots' goals."""
     goals = {robot.goal for robot in situation.busy}
     return {column for column, candidate in enumerate(situation.candidates) if candidate.place in goals}
-
-
-def _is_able(path_m: float, column: int, claimed: set[int]) -> bool:
-    return column not in claimed and math.isfinite(path_m)
 
 
 NEAREST: Final = "nearest"
@@ -178,7 +171,7 @@ STRATEGIES: Registry[Strategy] = Registry(
         NEAREST: f"{BASELINES}:nearest",
         MINPOS: f"{BASELINES}:minpos",
         BURGARD: f"{BASELINES}:burgard",
-        JOINT: "robrain.algorithms.exploration.strategies:joint",
+        JOINT: f"{BASELINES}:joint",
         TOURS: "robrain.algorithms.exploration.tours:tours",
         ROOMS: "robrain.algorithms.exploration.tours:rooms",
     },

@@ -53,23 +53,10 @@ class Tours(NamedTuple):
 
 
 def plan_tours(places: Places) -> list[list[int]]:
-    """A tour for each robot; every place that some robot can reach is in one of them.
-
-    Raises:
-        ValueError: shapes that do not fit each other.
-
-    """
+    """A tour for each robot; every place that some robot can reach is in one of them."""
     robots, count = places.first_m.shape
-    shapes = places.between_m.shape, places.weights.shape, places.stay_m.shape
-    if shapes != ((count, count), (count,), (count,)):
-        raise ValueError(f"expected {count} places, got ways, weights and stays of shapes {shapes}")
-    exact = Places(
-        np.ascontiguousarray(places.first_m, np.float64),
-        np.ascontiguousarray(places.between_m, np.float64),
-        np.ascontiguousarray(places.weights, np.float64),
-        np.ascontiguousarray(places.stay_m, np.float64),
-        float(places.far_m),
-    )
+    first_m, between_m, weights, stay_m = [np.ascontiguousarray(array, np.float64) for array in places[:4]]
+    exact = Places(first_m, between_m, weights, stay_m, float(places.far_m))
     tours = Tours(
         np.full((robots, count + 1), -1, np.int64),
         np.zeros(robots, np.int64),
@@ -126,7 +113,7 @@ def _put(tours: Tours, robot: int, place: int, position: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _handle(tours: Tours, robot: int, position: int) -> None:
+def _remove(tours: Tours, robot: int, position: int) -> None:
     for index in range(position + 1, tours.lengths[robot]):
         tours.places[robot, index - 1] = tours.places[robot, index]
     tours.lengths[robot] -= 1
@@ -140,7 +127,7 @@ def _move_places(places: Places, tours: Tours) -> bool:
         position = 0
         while position < tours.lengths[robot]:
             place, before = tours.places[robot, position], tours.costs[robot]
-            _handle(tours, robot, position)
+            _remove(tours, robot, position)
             tours.costs[robot] = _cost(places, robot, tours.places[robot], tours.lengths[robot])
             saved = before - tours.costs[robot]
             added, to_robot, to_position = _best_insertion(places, tours, place)
@@ -223,34 +210,18 @@ def tours(situation: Situation) -> list[Choice]:
     """Give each robot the first frontier of its tour; robots whose tour is empty get none."""
     if not situation.candidates or not situation.seekers:
         return []
-    # Imported here: it brings the compiler, which would delay the coordinator's start.
-    from robrain.algorithms.exploration.tours import Places, plan_tours
-
     stay_m = STAY_ALONE_M if len(situation.seekers) + len(situation.busy) == 1 else STAY_M
-    weights = _weights_m2(situation)
-    columns = considered(situation, weights, stay_m)
-    if not columns:
-        return []
-    found = plan_tours(
-        Places(
-            situation.ways_m[:, columns],
-            situation.between(columns),
-            weights[columns],
-            np.full(len(columns), stay_m),
-            FAR_M,
-        )
-    )
-    return [
-        situation.choice(row, columns[tour[0]], float(situation.ways_m[row, columns[tour[0]]]))
-        for row, tour in enumerate(found)
-        if tour
-    ]
-
-
-def _weights_m2(situation: Situation) -> NDArray[np.float64]:
-    """Value of each frontier, (frontiers,), square metres; nearly 0 at other robots' goals."""
     unknown_m2 = np.array([min(one.unknown_m2, UNKNOWN_LIMIT_M2) for one in situation.candidates])
-    return (LEAST_WEIGHT_M2 + unknown_m2) * taken_share(situation)
+    weights = (LEAST_WEIGHT_M2 + unknown_m2) * taken_share(situation)
+    columns = considered(situation, weights, stay_m)
+    stays_m = np.full(len(columns), stay_m)
+    places = Places(situation.ways_m[:, columns], situation.between(columns), weights[columns], stays_m, FAR_M)
+    return _firsts(situation, columns, places)
+
+
+def _firsts(situation: Situation, columns: list[int], places: Places) -> list[Choice]:
+    """The first frontier of each robot's tour through these frontiers."""
+    return [situation.choice(row, columns[tour[0]]) for row, tour in enumerate(plan_tours(places)) if tour]
 
 
 def taken_share(situation: Situation) -> NDArray[np.float64]:
@@ -289,28 +260,20 @@ def rooms(situation: Situation) -> list[Choice]:
     """Give each robot the first frontier of its tour; robots whose tour is empty get none."""
     if not situation.candidates or not situation.seekers:
         return []
-    # Imported here: it brings the compiler, which would delay the coordinator's start.
-    from robrain.algorithms.exploration.tours import Places, plan_tours
-
-    shares_m2 = _shares_m2(situation)
+    floor = situation.floor
+    unknown_m2 = [candidate.unknown_m2 for candidate in situation.candidates]
+    shares_m2 = np.array(unknown_m2) if floor is None else floor.shares_m2
     weights = (LEAST_WEIGHT_M2 + np.minimum(shares_m2, SHARE_LIMIT_M2)) * taken_share(situation)
     columns = considered(situation, weights, ROOM_STAY_M)
-    if not columns:
-        return []
     first_m = (situation.ways_m + meetings_m(situation))[:, columns]
     between_m = situation.between(columns)
-    if situation.floor is not None:
-        room_of = situation.floor.frontier_rooms[columns]
-        own = np.array([situation.floor.room_of(seeker.place) for seeker in situation.seekers])
+    if floor is not None:
+        room_of = floor.frontier_rooms[columns]
+        own = np.array([floor.room_of(seeker.place) for seeker in situation.seekers])
         first_m += DOOR_M * (own[:, None] != room_of[None, :])
         between_m += DOOR_M * (room_of[:, None] != room_of[None, :])
     stays_m = ROOM_STAY_M + WORK_M_PER_M2 * shares_m2[columns]
-    found = plan_tours(Places(first_m, between_m, weights[columns], stays_m, FAR_M))
-    return [
-        situation.choice(row, columns[tour[0]], float(situation.ways_m[row, columns[tour[0]]]))
-        for row, tour in enumerate(found)
-        if tour
-    ]
+    return _firsts(situation, columns, Places(first_m, between_m, weights[columns], stays_m, FAR_M))
 
 
 def meetings_m(situation: Situation) -> NDArray[np.float64]:
@@ -334,12 +297,6 @@ def meetings_m(situation: Situation) -> NDArray[np.float64]:
             against_m[teammate] = 0.0
         lost_m += MEET_M * np.clip(against_m / MEET_OVER_M, 0.0, 1.0)
     return lost_m
-
-
-def _shares_m2(situation: Situation) -> NDArray[np.float64]:
-    if situation.floor is None:
-        return np.array([candidate.unknown_m2 for candidate in situation.candidates])
-    return situation.floor.shares_m2
 
 
 TOUR_ROBOTS = 4

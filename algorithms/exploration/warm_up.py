@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from robrain.algorithms.exploration.frontier_paths import FrontierPaths
 from robrain.algorithms.exploration.map_look import MapSurvey
-from robrain.algorithms.exploration.situation import FrontierCandidate, Seeker, Situation
+from robrain.algorithms.exploration.situation import FrontierCandidate, FrontierPaths, Seeker, Situation
 from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.exploration.tours import rooms, tours
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid

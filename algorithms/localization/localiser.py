@@ -171,12 +171,13 @@ class LocaliserSpec(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Estimate(msgspec.Struct, frozen=True):
-    """State of a `Localiser`; each field is its property of the same name."""
+    """State of a `Localiser`."""
 
     pose: Pose2D
     covariances: tuple[float, ...]
     drift: Drift
     local_sigma_m: float
+    """Standard deviation of the place on the robot's own map; in the arena while no walls hold it."""
 
 
 class Localiser:
@@ -243,11 +244,6 @@ class Localiser:
     def sigma_m(self) -> float:
         """Standard deviation of the place in the arena frame, no less than along the worst direction."""
         return math.sqrt(self.filter.sigma_m**2 + max(self._of_map[:2]))
-
-    @property
-    def local_sigma_m(self) -> float:
-        """Standard deviation of the place on the robot's own map; in the arena while no walls hold it."""
-        return self.filter.sigma_m
 
     def move(self, displacement: Twist2D) -> None:
         """The odometry measured this displacement since the last call, as `odometry.chord` gives it."""

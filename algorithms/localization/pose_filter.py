@@ -148,11 +148,6 @@ def update_along(
 
 
 @njit(cache=True, nogil=True)
-def _strength(x_m: float, y_m: float, mote_x_m: float, mote_y_m: float, at_1_m: float, db_per_fold: float) -> float:
-    return at_1_m - db_per_fold * math.log(max(math.hypot(x_m - mote_x_m, y_m - mote_y_m), 0.1))
-
-
-@njit(cache=True, nogil=True)
 def _linearise(
     x_m: float,
     y_m: float,
@@ -163,17 +158,11 @@ def _linearise(
     mote_y_m: float,
     at_1_m: float,
     db_per_fold: float,
-    spread: float,
 ) -> tuple[float, float, float, float]:
     """Slope in x and y, value at (x, y), and the variance that the straight line leaves unexplained.
 
-    With a spread: statistical linear regression over the 3 × 3 Gauss–Hermite points of the Gaussian. Without: tangent.
+    Statistical linear regression over the 3 × 3 Gauss–Hermite points of the Gaussian.
     """
-    if spread == 0.0:
-        dx, dy = x_m - mote_x_m, y_m - mote_y_m
-        square = max(dx * dx + dy * dy, 0.01)
-        value = _strength(x_m, y_m, mote_x_m, mote_y_m, at_1_m, db_per_fold)
-        return -db_per_fold * dx / square, -db_per_fold * dy / square, value, 0.0
     low_xx = math.sqrt(p_xx)
     low_yx = p_xy / low_xx
     low_yy = math.sqrt(max(p_yy - low_yx * low_yx, 1e-12))
@@ -181,10 +170,9 @@ def _linearise(
     for a in range(-1, 2):
         for b in range(-1, 2):
             weight = (2.0 / 3.0 if a == 0 else 1.0 / 6.0) * (2.0 / 3.0 if b == 0 else 1.0 / 6.0)
-            first, second = spread * a, spread * b
-            value = _strength(
-                x_m + low_xx * first, y_m + low_yx * first + low_yy * second, mote_x_m, mote_y_m, at_1_m, db_per_fold
-            )
+            first, second = ROOT_3 * a, ROOT_3 * b
+            x, y = x_m + low_xx * first, y_m + low_yx * first + low_yy * second
+            value = at_1_m - db_per_fold * math.log(max(math.hypot(x - mote_x_m, y - mote_y_m), 0.1))
             middle += weight * value
             square += weight * value * value
             by_first += weight * first * value
@@ -209,40 +197,26 @@ def update_by_signal(
     db_per_fold: float,
     variance: float,
     gate: float,
-    spread: float,
-    relinearisations: int,
 ) -> tuple[float, float, float]:
     """Update with a signal strength unless the gate refuses it; returns NIS, innovation, its variance.
 
-    The linearisation is repeated about the posterior (posterior linearisation filter: García-Fernández, Svensson,
-    Morelande, Särkkä, IEEE Trans. Signal Processing 2015), always starting from the prior.
+    Measured: a repetition of the linearisation about the posterior gains nothing with these points.
     """
-    x_m, y_m = mean[X], mean[Y]
     p_xx, p_xy, p_yy = covariance[X, X], covariance[X, Y], covariance[Y, Y]
     p_xs, p_ys, p_ss = covariance[X, slot], covariance[Y, slot], covariance[slot, slot]
-    nis, first, first_variance = 0.0, 0.0, 0.0
-    row_x, row_y, innovation, noise = 0.0, 0.0, 0.0, variance
-    at_x, at_y, at_xx, at_xy, at_yy = x_m, y_m, p_xx, p_xy, p_yy
-    for turn in range(relinearisations + 1):
-        row_x, row_y, value, unexplained = _linearise(
-            at_x, at_y, at_xx, at_xy, at_yy, mote_x_m, mote_y_m, at_1_m_dbm, db_per_fold, spread
-        )
-        noise = variance + unexplained
-        innovation = rssi_dbm - (value + row_x * (x_m - at_x) + row_y * (y_m - at_y) + mean[slot])
-        along_x = row_x * p_xx + row_y * p_xy + p_xs
-        along_y = row_x * p_xy + row_y * p_yy + p_ys
-        along_s = row_x * p_xs + row_y * p_ys + p_ss
-        expected = row_x * along_x + row_y * along_y + along_s + noise
-        if turn == 0:
-            nis, first, first_variance = innovation * innovation / expected, innovation, expected
-            if nis > gate:
-                return nis, first, first_variance
-        at_x, at_y = x_m + along_x / expected * innovation, y_m + along_y / expected * innovation
-        at_xx = max(p_xx - along_x * along_x / expected, 1e-9)
-        at_xy = p_xy - along_x * along_y / expected
-        at_yy = max(p_yy - along_y * along_y / expected, 1e-9)
-    update(mean, covariance, size, slot, row_x, row_y, 1.0, innovation, noise)
-    return nis, first, first_variance
+    row_x, row_y, value, unexplained = _linearise(
+        mean[X], mean[Y], p_xx, p_xy, p_yy, mote_x_m, mote_y_m, at_1_m_dbm, db_per_fold
+    )
+    noise = variance + unexplained
+    innovation = rssi_dbm - (value + mean[slot])
+    along_x = row_x * p_xx + row_y * p_xy + p_xs
+    along_y = row_x * p_xy + row_y * p_yy + p_ys
+    along_s = row_x * p_xs + row_y * p_ys + p_ss
+    expected = row_x * along_x + row_y * along_y + along_s + noise
+    nis = innovation * innovation / expected
+    if nis <= gate:
+        update(mean, covariance, size, slot, row_x, row_y, 1.0, innovation, noise)
+    return nis, innovation, expected
 
 
 @njit(cache=True, nogil=True)
@@ -280,10 +254,6 @@ def closest_pair(poses: Floats, covariances: Floats, weights: Floats) -> tuple[i
     return best_i, best_j, best
 
 
-SPREAD = ROOT_3
-"""Of the Gauss–Hermite points; 0 linearises at the mean alone, as an (iterated) extended Kalman filter does."""
-RELINEARISATIONS = 0
-"""Measured in tests/bench/localisation.py: with the points above, more of them gain nothing."""
 GATE = 10.83
 """99.9 % of a chi-square variable of one degree of freedom."""
 
@@ -328,8 +298,6 @@ class PoseFilter:
         drift: error model of the odometry.
         path_loss: relation between signal strength and distance.
         motes: number of motes whose shadowing is kept; a new mote replaces the one received longest ago.
-        spread: see SPREAD.
-        relinearisations: how often a measurement is linearised again.
 
     """
 
@@ -342,8 +310,6 @@ class PoseFilter:
         path_loss: PathLoss,
         *,
         motes: int = 32,
-        spread: float = SPREAD,
-        relinearisations: int = RELINEARISATIONS,
     ) -> None:
         self.drift = drift
         self.path_loss = path_loss
@@ -353,8 +319,6 @@ class PoseFilter:
         self._covariance = np.zeros((self._capacity, self._capacity))
         self._slots: dict[str, int] = {}
         """Slot of each mote, the one received longest ago first."""
-        self._spread = float(spread)
-        self._relinearisations = relinearisations
         walks = (
             drift.sigma_m_per_sqrt_m,
             drift.sigma_rad_per_sqrt_m,
@@ -449,8 +413,6 @@ class PoseFilter:
             self.path_loss.db_per_e_fold,
             self.path_loss.fading_db**2 + map_db2,
             gate,
-            self._spread,
-            self._relinearisations,
         )
         return MeasurementUpdate(nis, nis <= gate, innovation_db, variance_db2)
 

@@ -19,6 +19,16 @@ from robrain.algorithms.numeric.kernel_array import FLOAT64, Floats, kernel_arra
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 
+REACH_M = 0.4
+"""A beam that ends farther from all walls than this has no effect on the refinement."""
+DEGENERATE = 0.08
+"""A direction with less than this share of the information that each beam could give is not believed; chosen."""
+BEAMS_MIN = 20
+SEARCH_STEP_RAD = 0.035
+AMBIGUOUS = 0.75
+"""A second place that fits this well, compared with the best, makes a search's answer worthless."""
+APART_M, APART_RAD = 0.5, 0.25
+"""A pose farther from the best one than this is another place."""
 SWEEPS = 12
 """Limit; Jacobi's method needs four or five sweeps for a 3 × 3 matrix."""
 NEGLIGIBLE = 1e-17
@@ -177,20 +187,15 @@ def _window(points: Floats, per_m: float, x: float, y: float, margin: int) -> tu
 def refine(
     log_odds: NDArray[np.int8],
     per_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    x_m: float,
-    y_m: float,
+    start_x: float,
+    start_y: float,
     yaw_rad: float,
     points: Floats,
     reach_m: float,
-    degenerate: float,
-    beams_min: int,
 ) -> tuple[Floats, int, float, int]:
     """Held directions as `held_directions` has them; how many; the fit; beams compared."""
     height, width = log_odds.shape
-    start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
-    if points.shape[0] < beams_min:
+    if points.shape[0] < BEAMS_MIN:
         return np.zeros((3, 5)), 0, 0.0, 0
     reach = math.ceil(reach_m * per_m)
     first_row, first_column, rows, columns = _window(points, per_m, start_x, start_y, 2 * reach + 2)
@@ -228,10 +233,10 @@ def refine(
             weight = 1.0 if distance < 1.0 else 1.0 / distance  # Huber: a far point may belong to something else
             used += 1
             add_residual(information, pull, slope_x, slope_y, by_turn, distance, weight)
-        if used < beams_min:
+        if used < BEAMS_MIN:
             held = 0
             break
-        held, size = solve_step(information, pull, degenerate * used, values, vectors, step)
+        held, size = solve_step(information, pull, DEGENERATE * used, values, vectors, step)
         if size > 1.0:
             step /= size
         x += step[0]
@@ -258,7 +263,7 @@ def refine(
 
 @njit(cache=True, nogil=True)
 def in_view(
-    log_odds: NDArray[np.int8], x: float, y: float, yaw_rad: float, per_m: float, points: Floats
+    log_odds: NDArray[np.int8], per_m: float, x: float, y: float, yaw_rad: float, points: Floats
 ) -> NDArray[np.bool_]:
     """Which points, in metres, lie just behind free cells, as seen from (x, y)."""
     height, width = log_odds.shape
@@ -280,28 +285,24 @@ def in_view(
 def search(
     log_odds: NDArray[np.int8],
     per_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    x_m: float,
-    y_m: float,
+    start_x: float,
+    start_y: float,
     yaw_rad: float,
     points: Floats,
     steps: int,
     turns: int,
-    turn_rad: float,
     apart: int,
-    apart_turns: int,
 ) -> tuple[int, int, int, float, float]:
     """Best turn, column and row offset about the guess, its score, and the best score away from it."""
-    start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
     reach = 2
+    apart_turns = math.ceil(APART_RAD / SEARCH_STEP_RAD)
     first_row, first_column, rows, columns = _window(points, per_m, start_x, start_y, steps + 2)
     field = distance_window(log_odds, first_row, first_column, rows, columns, reach)
     side = 2 * steps + 1
     scores = np.zeros((2 * turns + 1, side, side), np.float32)
     best, best_turn, best_row, best_column = np.float32(-1.0), 0, 0, 0
     for turn in range(2 * turns + 1):
-        angle = yaw_rad + (turn - turns) * turn_rad
+        angle = yaw_rad + (turn - turns) * SEARCH_STEP_RAD
         cos, sin = math.cos(angle), math.sin(angle)
         for k in range(points.shape[0]):
             row = math.floor(start_y + per_m * (sin * points[k, 0] + cos * points[k, 1])) - first_row
@@ -345,18 +346,6 @@ def _without_dropouts(ranges_m: Floats, range_max_m: float, misses_min: int) -> 
     return received_m
 
 
-REACH_M = 0.4
-"""A beam that ends farther from all walls than this has no effect on the refinement."""
-DEGENERATE = 0.08
-"""A direction with less than this share of the information that each beam could give is not believed; chosen."""
-BEAMS_MIN = 20
-SEARCH_STEP_RAD = 0.035
-AMBIGUOUS = 0.75
-"""A second place that fits this well, compared with the best, makes a search's answer worthless."""
-APART_M, APART_RAD = 0.5, 0.25
-"""A pose farther from the best one than this is another place."""
-
-
 class Direction(msgspec.Struct, frozen=True):
     """One direction of (x, y, yaw) in which walls hold the robot: row · (true pose − guess) = offset_m."""
 
@@ -384,24 +373,22 @@ def match_walls(
     """Refine a guess that is wrong by less than `reach_m`; walls farther from all walls of the map are ignored.
 
     `log_odds` (H, W) is an `OccupancyGrid`'s; `guess` is T_arena_sensor; `walls` (K, 2) are the middles of another
-    map's occupied cells, sensor's frame. Raises ValueError for a map that does not fit its geometry.
+    map's occupied cells, sensor's frame.
     """
-    _check(log_odds, geometry)
-    found, held, fit, beams = refine(
-        log_odds,
-        1.0 / geometry.resolution_m,
-        geometry.origin_x_m,
-        geometry.origin_y_m,
-        guess.x_m,
-        guess.y_m,
-        guess.yaw_rad,
-        walls,
-        reach_m,
-        DEGENERATE,
-        BEAMS_MIN,
-    )
+    return scan_fit(*refine(log_odds, *in_cells(guess, geometry), walls, reach_m))
+
+
+def scan_fit(found: Floats, held: int, fit: float, beams: int) -> ScanFit:
+    """Result of a kernel, see `refine`."""
     directions = [Direction((a, b, c), offset_m, held_by) for a, b, c, offset_m, held_by in found[:held].tolist()]
     return ScanFit(directions, fit, beams)
+
+
+def in_cells(pose: Pose2D, geometry: GridGeometry) -> tuple[float, float, float, float]:
+    """Cells per metre; the pose's place in cells from the grid's origin; its yaw."""
+    per_m = 1.0 / geometry.resolution_m
+    x, y = (pose.x_m - geometry.origin_x_m) * per_m, (pose.y_m - geometry.origin_y_m) * per_m
+    return per_m, x, y, float(pose.yaw_rad)
 
 
 def search_scan(
@@ -419,24 +406,16 @@ def search_scan(
     `points` are a scan's, see `beam_ends`; the others are as for `match_walls`. The answer is right to a
     cell and `SEARCH_STEP_RAD`: refine it.
     """
-    _check(log_odds, geometry)
     if len(points) < BEAMS_MIN:
         return None
     steps, turns = math.ceil(within_m / geometry.resolution_m), math.ceil(within_rad / SEARCH_STEP_RAD)
     turn, column, row, best, second = search(
         log_odds,
-        1.0 / geometry.resolution_m,
-        geometry.origin_x_m,
-        geometry.origin_y_m,
-        guess.x_m,
-        guess.y_m,
-        guess.yaw_rad,
+        *in_cells(guess, geometry),
         _in_walls(points, geometry),
         steps,
         turns,
-        SEARCH_STEP_RAD,
         math.ceil(APART_M / geometry.resolution_m),
-        math.ceil(APART_RAD / SEARCH_STEP_RAD),
     )
     if best < fit_min * len(points) or second > AMBIGUOUS * best:
         return None
@@ -453,9 +432,7 @@ def points_in_view(log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: P
     Other beams ended at something that the map does not have, or at the far side of a wall. Arguments are as for
     `search_scan`.
     """
-    per_m = 1.0 / geometry.resolution_m
-    x, y = (sensor.x_m - geometry.origin_x_m) * per_m, (sensor.y_m - geometry.origin_y_m) * per_m
-    seen: Floats = points[in_view(log_odds, x, y, sensor.yaw_rad, per_m, points)]
+    seen: Floats = points[in_view(log_odds, *in_cells(sensor, geometry), points)]
     return seen
 
 
@@ -489,8 +466,3 @@ def _in_walls(points: Floats, geometry: GridGeometry) -> Floats:
     ranges_m = np.hypot(points[:, 0], points[:, 1])
     deeper: Floats = points * (1.0 + HIT_DEPTH_CELLS * geometry.resolution_m / ranges_m)[:, None]
     return deeper
-
-
-def _check(log_odds: NDArray[np.int8], geometry: GridGeometry) -> None:
-    if log_odds.shape != geometry.shape:
-        raise ValueError(f"expected a map of shape {geometry.shape}, got {log_odds.shape}")

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.localization.scan_match import (
     DEGENERATE,
-    Direction,
     ScanFit,
     add_residual,
     held_directions,
+    in_cells,
     lever_of,
+    scan_fit,
     solve_step,
 )
-from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid
+from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid, Surfaces
 from robrain.algorithms.numeric.kernel_array import FLOAT64, Floats, kernel_array
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -50,28 +51,17 @@ def agreement(log_odds: NDArray[np.int8], geometry: GridGeometry, sensor: Pose2D
         (sensor.y_m - geometry.origin_y_m) / geometry.resolution_m,
         sensor.yaw_rad,
         points,
-        BODY_M,
-        SHORT_M,
-        WALL_NEAR_CELLS,
     )
     return agreeing / max(compared, 1), compared
 
 
 @njit(cache=True, nogil=True)
 def _agreement(
-    log_odds: NDArray[np.int8],
-    per_m: float,
-    x: float,
-    y: float,
-    yaw_rad: float,
-    points: Floats,
-    body_m: float,
-    short_m: float,
-    near_cells: float,
+    log_odds: NDArray[np.int8], per_m: float, x: float, y: float, yaw_rad: float, points: Floats
 ) -> tuple[int, int]:
     """Beams that agree, and beams compared; `x` and `y` in cells."""
     height, width = log_odds.shape
-    around = math.ceil(near_cells)
+    around = math.ceil(WALL_NEAR_CELLS)
     agreeing, compared = 0, 0
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     for k in range(points.shape[0]):
@@ -79,8 +69,8 @@ def _agreement(
         out_y = per_m * (sin * points[k, 0] + cos * points[k, 1])
         length = math.hypot(out_x, out_y)
         is_blocked = False
-        at = body_m * per_m
-        while at < length - short_m * per_m and not is_blocked:
+        at = BODY_M * per_m
+        while at < length - SHORT_M * per_m and not is_blocked:
             row, column = math.floor(y + out_y * at / length), math.floor(x + out_x * at / length)
             is_blocked = 0 <= row < height and 0 <= column < width and log_odds[row, column] > 0
             at += 1.0
@@ -88,7 +78,7 @@ def _agreement(
         is_near = False
         for i in range(max(row - around, 0), min(row + around + 1, height)):
             for j in range(max(column - around, 0), min(column + around + 1, width)):
-                if log_odds[i, j] > 0 and math.hypot(i - row, j - column) <= near_cells:
+                if log_odds[i, j] > 0 and math.hypot(i - row, j - column) <= WALL_NEAR_CELLS:
                     is_near = True
         is_known = 0 <= row < height and 0 <= column < width and log_odds[row, column] != 0
         if is_near or is_blocked or is_known:
@@ -135,48 +125,33 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[S
         points: (K, 2) ends of the beams in the sensor's frame, metres.
 
     Returns:
-        The fit, and the mean `surface_drift` of the surfaces that the beams were matched to: m², rad².
+        The fit, and the mean drift of the surfaces that the beams were matched to: m², rad².
 
     """
-    geometry = grid.geometry
     found, held, fit, beams, drift_m2, drift_rad2 = _match(
-        grid.log_odds,
-        grid.surface_at,
-        grid.surface_hits,
-        grid.surface_view,
-        grid.surface_drift,
-        1.0 / geometry.resolution_m,
-        float(geometry.origin_x_m),
-        float(geometry.origin_y_m),
-        float(guess.x_m),
-        float(guess.y_m),
-        float(guess.yaw_rad),
-        kernel_array(points, FLOAT64),
+        grid.log_odds, grid.surfaces, *in_cells(guess, grid.geometry), kernel_array(points, FLOAT64)
     )
-    directions = [Direction((a, b, c), offset_m, held_by) for a, b, c, offset_m, held_by in found[:held].tolist()]
-    return ScanFit(directions, fit, beams), (drift_m2, drift_rad2)
+    return scan_fit(found, held, fit, beams), (drift_m2, drift_rad2)
 
 
 @njit(cache=True, nogil=True)
 def _gather(
     log_odds: NDArray[np.int8],
-    surface_at: NDArray[np.float32],
-    surface_hits: NDArray[np.uint8],
-    surface_view: NDArray[np.float32],
+    surfaces: Surfaces,
     row: int,
     column: int,
     cells: NDArray[np.int32],
-    surfaces: NDArray[np.float32],
+    near: NDArray[np.float32],
 ) -> int:
     """Copy the surfaces at most `AROUND` from (row, column): row, column; place, view. Returns how many there are."""
     height, width = log_odds.shape
     count = 0
     for i in range(max(row - AROUND, 0), min(row + AROUND + 1, height)):
         for j in range(max(column - AROUND, 0), min(column + AROUND + 1, width)):
-            if log_odds[i, j] > 0 and surface_hits[i, j] > 0:
+            if log_odds[i, j] > 0 and surfaces.hits[i, j] > 0:
                 cells[count, 0], cells[count, 1] = i, j
-                surfaces[count, 0], surfaces[count, 1] = surface_at[i, j, 0], surface_at[i, j, 1]
-                surfaces[count, 2], surfaces[count, 3] = surface_view[i, j, 0], surface_view[i, j, 1]
+                near[count, 0], near[count, 1] = surfaces.at[i, j, 0], surfaces.at[i, j, 1]
+                near[count, 2], near[count, 3] = surfaces.seen_along[i, j, 0], surfaces.seen_along[i, j, 1]
                 count += 1
     return count
 
@@ -184,7 +159,7 @@ def _gather(
 @njit(cache=True, nogil=True)
 def _nearest(
     cells: NDArray[np.int32],
-    surfaces: NDArray[np.float32],
+    near: NDArray[np.float32],
     count: int,
     x: float,
     y: float,
@@ -199,41 +174,33 @@ def _nearest(
     best = reach * reach
     found = -1
     for n in range(count):
-        square = (surfaces[n, 0] - x) ** 2 + (surfaces[n, 1] - y) ** 2
+        square = (near[n, 0] - x) ** 2 + (near[n, 1] - y) ** 2
         if square >= best or abs(cells[n, 0] - row) > around or abs(cells[n, 1] - column) > around:
             continue
         # The other side of a thin wall is another surface.
-        if surfaces[n, 2] * beam_x + surfaces[n, 3] * beam_y > OPPOSITE:
+        if near[n, 2] * beam_x + near[n, 3] * beam_y > OPPOSITE:
             best, found = square, n
     return found
 
 
 @njit(cache=True, nogil=True)
-def _line(
-    log_odds: NDArray[np.int8],
-    surface_at: NDArray[np.float32],
-    surface_hits: NDArray[np.uint8],
-    surface_view: NDArray[np.float32],
-    best_row: int,
-    best_column: int,
-    line: Floats,
-) -> bool:
+def _line(log_odds: NDArray[np.int8], surfaces: Surfaces, best_row: int, best_column: int, line: Floats) -> bool:
     """Write a point (2,) and the normal (2,) of the wall in a cell, in cells; False if it is no line."""
     height, width = log_odds.shape
-    base_x, base_y = float(surface_at[best_row, best_column, 0]), float(surface_at[best_row, best_column, 1])
-    view_x, view_y = surface_view[best_row, best_column, 0], surface_view[best_row, best_column, 1]
+    base_x, base_y = float(surfaces.at[best_row, best_column, 0]), float(surfaces.at[best_row, best_column, 1])
+    view_x, view_y = surfaces.seen_along[best_row, best_column, 0], surfaces.seen_along[best_row, best_column, 1]
     # Far from the sensor the ends of neighbouring beams are several cells apart.
     for spread in range(1, SPREAD_MAX + 1):
         weight = mean_x = mean_y = xx = xy = yy = 0.0
         count = 0
         for i in range(max(best_row - spread, 0), min(best_row + spread + 1, height)):
             for j in range(max(best_column - spread, 0), min(best_column + spread + 1, width)):
-                if log_odds[i, j] <= 0 or surface_hits[i, j] == 0:
+                if log_odds[i, j] <= 0 or surfaces.hits[i, j] == 0:
                     continue
-                if surface_view[i, j, 0] * view_x + surface_view[i, j, 1] * view_y <= OPPOSITE:
+                if surfaces.seen_along[i, j, 0] * view_x + surfaces.seen_along[i, j, 1] * view_y <= OPPOSITE:
                     continue
-                hits = min(float(surface_hits[i, j]), 8.0)
-                dx, dy = surface_at[i, j, 0] - base_x, surface_at[i, j, 1] - base_y
+                hits = min(float(surfaces.hits[i, j]), 8.0)
+                dx, dy = surfaces.at[i, j, 0] - base_x, surfaces.at[i, j, 1] - base_y
                 weight += hits
                 mean_x += hits * dx
                 mean_y += hits * dy
@@ -260,15 +227,10 @@ def _line(
 @njit(cache=True, nogil=True)
 def _match(
     log_odds: NDArray[np.int8],
-    surface_at: NDArray[np.float32],
-    surface_hits: NDArray[np.uint8],
-    surface_view: NDArray[np.float32],
-    surface_drift: NDArray[np.float32],
+    surfaces: Surfaces,
     per_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    x_m: float,
-    y_m: float,
+    start_x: float,
+    start_y: float,
     yaw_rad: float,
     points: Floats,
 ) -> tuple[Floats, int, float, int, float, float]:
@@ -277,7 +239,6 @@ def _match(
     if count < USED_MIN:
         return np.zeros((3, 5)), 0, 0.0, 0, 0.0, 0.0
     height, width = log_odds.shape
-    start_x, start_y = (x_m - origin_x_m) * per_m, (y_m - origin_y_m) * per_m
     lever = lever_of(points, per_m)
     x, y, yaw = start_x, start_y, yaw_rad
     held = 0
@@ -307,9 +268,7 @@ def _match(
                 continue
             if abs(row - about[k, 0]) > AROUND - around or abs(column - about[k, 1]) > AROUND - around:
                 about[k, 0], about[k, 1] = row, column
-                about[k, 2] = _gather(
-                    log_odds, surface_at, surface_hits, surface_view, row, column, near_cells[k], near_surfaces[k]
-                )
+                about[k, 2] = _gather(log_odds, surfaces, row, column, near_cells[k], near_surfaces[k])
             n = _nearest(
                 near_cells[k], near_surfaces[k], about[k, 2], at_x, at_y, beam_x, beam_y, row, column, around, reach
             )
@@ -321,9 +280,7 @@ def _match(
                 if k > 0 and cells[k - 1] == cell:  # and often at that at which its neighbour ends
                     is_line[k], lines[k] = is_line[k - 1], lines[k - 1]
                 else:
-                    is_line[k] = _line(
-                        log_odds, surface_at, surface_hits, surface_view, cell // width, cell % width, lines[k]
-                    )
+                    is_line[k] = _line(log_odds, surfaces, cell // width, cell % width, lines[k])
             if not is_line[k]:
                 continue
             line = lines[k]
@@ -363,9 +320,7 @@ def _match(
         nearest, nearest_row, nearest_column = FIT_CELLS * FIT_CELLS, 0, 0
         if abs(row - about[k, 0]) > AROUND - 2 or abs(column - about[k, 1]) > AROUND - 2:
             about[k, 0], about[k, 1] = row, column
-            about[k, 2] = _gather(
-                log_odds, surface_at, surface_hits, surface_view, row, column, near_cells[k], near_surfaces[k]
-            )
+            about[k, 2] = _gather(log_odds, surfaces, row, column, near_cells[k], near_surfaces[k])
         for n in range(about[k, 2]):
             i, j = near_cells[k, n, 0], near_cells[k, n, 1]
             square = (near_surfaces[k, n, 0] - at_x) ** 2 + (near_surfaces[k, n, 1] - at_y) ** 2
@@ -373,8 +328,8 @@ def _match(
                 is_near = True
                 nearest, nearest_row, nearest_column = square, i, j
         if is_near:
-            drift_m2 += surface_drift[nearest_row, nearest_column, 0]
-            drift_rad2 += surface_drift[nearest_row, nearest_column, 1]
+            drift_m2 += surfaces.drift[nearest_row, nearest_column, 0]
+            drift_rad2 += surfaces.drift[nearest_row, nearest_column, 1]
         if log_odds[row, column] != 0 or is_near:
             compared += 1
             near += is_near

@@ -35,13 +35,7 @@ def measure_map_accuracy(
         walls: bool (H', W'), which cells are truly wall.
         walls_geometry: grid of the walls, arena frame; its resolution may differ.
 
-    Raises:
-        ValueError: an array does not have its geometry's shape.
-
     """
-    for name, array, expected in (("classes", classes, geometry.shape), ("walls", walls, walls_geometry.shape)):
-        if array.shape != expected:
-            raise ValueError(f"expected {name} of shape {expected}, got {array.shape}")
     wall_cell_m = walls_geometry.resolution_m
     occupied, off, doubled = _measure(
         kernel_array(classes, INT8),

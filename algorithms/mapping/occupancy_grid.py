@@ -10,6 +10,7 @@ forgetting it, so a known cell stays known.
 """
 
 import math
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -35,6 +36,19 @@ SURFACE_HITS_MAX = 30
 HIT_DEPTH_CELLS = 0.2
 """Depth behind the measured end at which a beam's obstacle is assumed. A surface on the border of two cells then marks
 the cell behind the border. Walls of a map lie on such borders, where range noise falls on either side."""
+
+
+class Surfaces(NamedTuple):
+    """Places of walls within their cells; valid where `log_odds` > 0 and `hits` > 0."""
+
+    at: NDArray[np.float32]
+    """(H, W, 2) mean x and y of the beams' ends, cells from the origin."""
+    hits: NDArray[np.uint8]
+    """(H, W) number of these beams, up to `SURFACE_HITS_MAX`."""
+    seen_along: NDArray[np.float32]
+    """(H, W, 2) mean direction of these beams as a vector."""
+    drift: NDArray[np.float32]
+    """(H, W, 2) variances of the sensor's pose when it first saw the wall: m², rad²."""
 
 
 @njit(cache=True, nogil=True)
@@ -178,13 +192,9 @@ def integrate_scan(
     stamps_ms: NDArray[np.int32],
     dirty: NDArray[np.bool_],
     seen_by: NDArray[np.int32],
-    surface_at: NDArray[np.float32],
-    surface_hits: NDArray[np.uint8],
-    surface_view: NDArray[np.float32],
-    surface_drift: NDArray[np.float32],
+    surfaces: Surfaces,
     drift: tuple[float, float],
-    height: int,
-    width: int,
+    shape: tuple[int, int],
     scan: int,
     first_scan: int,
     resolution_m: float,
@@ -204,7 +214,8 @@ def integrate_scan(
     end_x = np.full(beams, np.nan)
     end_y = np.full(beams, np.nan)
     is_hit = np.zeros(beams, np.bool_)
-    keeps_surfaces = surface_hits.shape[0] > 1
+    height, width = shape
+    keeps_surfaces = surfaces.hits.size > 1
 
     # Ends first: cells hit by this scan may not be freed by its beams.
     for beam in range(beams):
@@ -231,15 +242,16 @@ def integrate_scan(
         if not (0 <= row < height and 0 <= column < width):
             continue
         if keeps_surfaces:
-            hits = 0 if log_odds[cell] <= 0 and seen_by[cell] != scan + 1 else surface_hits[cell]
+            at, view = surfaces.at[row, column], surfaces.seen_along[row, column]
+            hits = 0 if log_odds[cell] <= 0 and seen_by[cell] != scan + 1 else surfaces.hits[row, column]
             if hits == 0:
-                surface_drift[cell, 0], surface_drift[cell, 1] = drift
+                surfaces.drift[row, column, 0], surfaces.drift[row, column, 1] = drift
             hits = min(hits + 1, SURFACE_HITS_MAX)
-            surface_hits[cell] = hits
-            surface_at[cell, 0] += (at_x - surface_at[cell, 0]) / hits
-            surface_at[cell, 1] += (at_y - surface_at[cell, 1]) / hits
-            surface_view[cell, 0] += (direction_x - surface_view[cell, 0]) / hits
-            surface_view[cell, 1] += (direction_y - surface_view[cell, 1]) / hits
+            surfaces.hits[row, column] = hits
+            at[0] += (at_x - at[0]) / hits
+            at[1] += (at_y - at[1]) / hits
+            view[0] += (direction_x - view[0]) / hits
+            view[1] += (direction_y - view[1]) / hits
         if seen_by[cell] != scan + 1:
             dirty[cell] |= seen_by[cell] < first_scan
             seen_by[cell] = scan + 1
@@ -312,11 +324,7 @@ class PatchCells(msgspec.Struct, frozen=True, eq=False):
 class OccupancyGrid:
     """The belief of one robot (or of the coordinator) about every cell of a grid.
 
-    With `surfaces` it also keeps the places of walls within their cells. `surface_at` float32 (H, W, 2) is the mean x
-    and y of the beams' ends in cells from the origin. `surface_view` float32 (H, W, 2) is the mean direction of these
-    beams as a vector. `surface_drift` float32 (H, W, 2) holds the variances of the sensor's pose when it first saw the
-    wall (m², rad²). They are valid where `log_odds` > 0 and `surface_hits` > 0, which counts the beams up to
-    `SURFACE_HITS_MAX`.
+    With `surfaces` it also keeps the places of walls within their cells.
 
     `log_odds` int8 (H, W): evidence, 0 where nothing was ever seen. `stamp_ms` int32 (H, W): when the cell was last
     observed, in milliseconds of the run's clock, 0 before. `dirty` bool (H, W): own sensing changed the class since the
@@ -332,10 +340,8 @@ class OccupancyGrid:
         self.version = 0
         self.known_count = 0
         shape = geometry.shape if surfaces else (1, 1)
-        self.surface_at: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
-        self.surface_hits: NDArray[np.uint8] = np.zeros(shape, np.uint8)
-        self.surface_view: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
-        self.surface_drift: NDArray[np.float32] = np.zeros((*shape, 2), np.float32)
+        at, view, drift = np.zeros((3, *shape, 2), np.float32)
+        self.surfaces = Surfaces(at, np.zeros(shape, np.uint8), view, drift)
         # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self._scans = 0
@@ -390,13 +396,9 @@ class OccupancyGrid:
             self.stamp_ms.reshape(-1),
             self.dirty.reshape(-1),
             self._seen_by.reshape(-1),
-            self.surface_at.reshape(-1, 2),
-            self.surface_hits.reshape(-1),
-            self.surface_view.reshape(-1, 2),
-            self.surface_drift.reshape(-1, 2),
+            self.surfaces,
             (float(drift[0]), float(drift[1])),
-            self.geometry.height,
-            self.geometry.width,
+            self.geometry.shape,
             2 * self._scans,
             2 * self._first_scan,
             float(self.geometry.resolution_m),
@@ -410,7 +412,7 @@ class OccupancyGrid:
             int(stamp_ms),
             self._in_cells(ignore),
         )
-        self._count(changed, discovered)
+        self.count_drawn(changed, discovered)
         return changed
 
     def pop_patch(self) -> PatchCells | None:
@@ -443,7 +445,7 @@ class OccupancyGrid:
         changed, discovered = merge(
             self.log_odds, self.stamp_ms, self.dirty, int(row), int(column), kernel_array(cells, INT8), int(stamp_ms)
         )
-        self._count(changed, discovered)
+        self.count_drawn(changed, discovered)
         return changed
 
     def begin_stretch(self) -> None:
@@ -473,7 +475,7 @@ class OccupancyGrid:
 
     def recent_surfaces(self) -> NDArray[np.int64]:
         """Rows and columns (n, 2) of the walls seen since `begin_stretch`; needs `surfaces`."""
-        walls = (self.log_odds > 0) & (self.surface_hits > 0) & (self._seen_by >= 2 * self._first_scan)
+        walls = (self.log_odds > 0) & (self.surfaces.hits > 0) & (self._seen_by >= 2 * self._first_scan)
         return np.argwhere(walls)
 
     def erase(self, first_row: int, first_column: int, end_row: int, end_column: int) -> int:
@@ -487,13 +489,13 @@ class OccupancyGrid:
         return forgotten
 
     def count_drawn(self, changed: int, discovered: int) -> None:
-        """Count cells whose class was changed in the arrays directly; `discovered` of them were unknown before."""
+        """Count cells whose class was changed in the arrays; `discovered` of them were unknown before."""
         self.version += changed > 0
         self.known_count += discovered
 
     def forget(self) -> None:
         """Reset all cells to unknown, as if nothing had ever been seen."""
-        for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by, self.surface_hits):
+        for array in (self.log_odds, self.stamp_ms, self.dirty, self._seen_by, self.surfaces.hits):
             array[:] = 0
         self.known_count = 0
         self.version += 1
@@ -505,10 +507,6 @@ class OccupancyGrid:
         geometry = self.geometry
         in_cells: Floats = (circles - (geometry.origin_x_m, geometry.origin_y_m, 0.0)) / geometry.resolution_m
         return in_cells
-
-    def _count(self, changed: int, discovered: int) -> None:
-        self.version += changed > 0
-        self.known_count += discovered
 
 
 def _check_stamp(stamp_ms: int) -> None:

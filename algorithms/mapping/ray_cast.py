@@ -39,19 +39,7 @@ def cast_rays(
     metres of the arena frame. A circle around the sensor is the body that carries it and is not seen. A sensor within
     an occupied cell measures 0. Rays end where they enter a cell, found by the traversal of Amanatides and Woo, *A Fast
     Voxel Traversal Algorithm for Ray Tracing*, Eurographics 1987.
-
-    Raises ValueError for an array whose shape does not fit, and for a pose or range that is not finite.
     """
-    if occupied.shape != geometry.shape:
-        raise ValueError(f"expected obstacles of shape {geometry.shape}, got {occupied.shape}")
-    if angles_rad.ndim != 1:
-        raise ValueError(f"expected angles of shape (N,), got {angles_rad.shape}")
-    if circles.ndim != 2 or circles.shape[1] != 3:
-        raise ValueError(f"expected circles of shape (K, 3), got {circles.shape}")
-    if not (math.isfinite(sensor.x_m) and math.isfinite(sensor.y_m) and math.isfinite(sensor.yaw_rad)):
-        raise ValueError(f"expected a finite sensor pose, got {sensor}")
-    if not (range_max_m > 0 and math.isfinite(range_max_m)):
-        raise ValueError(f"expected a finite range_max_m > 0, got {range_max_m}")
     return cast_rays_of(
         # One type for each argument, for any input: the kernel is compiled once for every combination.
         kernel_array(occupied, occupied.dtype),
@@ -70,8 +58,12 @@ def cast_rays_of(
     angles_rad: Floats,
     range_max_m: float,
     circles: Floats,
+    echo_cosine: float | None = None,
 ) -> Floats:
-    """As `cast_rays`, without its checks, for a sensor that asks many times: all arrays are `kernel_array`s."""
+    """As `cast_rays`, for a sensor that asks many times: all arrays are `kernel_array`s.
+
+    `echo_cosine` is that of `echo_rad` of `cast_rays_on_surfaces`.
+    """
     ranges_m: Floats = _cast_rays(
         occupied.view(np.uint8),
         float(geometry.resolution_m),
@@ -83,7 +75,7 @@ def cast_rays_of(
         angles_rad,
         float(range_max_m),
         circles,
-        None,
+        echo_cosine,
     )
     return ranges_m
 
@@ -113,16 +105,12 @@ def cast_rays_on_surfaces(
         echo_rad: largest angle between a beam and a pane's normal at which the pane returns the beam.
 
     """
-    return _cast_rays(
-        kernel_array(surfaces, surfaces.dtype).view(np.uint8),
-        float(geometry.resolution_m),
-        float(geometry.origin_x_m),
-        float(geometry.origin_y_m),
-        float(sensor.x_m),
-        float(sensor.y_m),
-        float(sensor.yaw_rad),
+    return cast_rays_of(
+        kernel_array(surfaces, surfaces.dtype),
+        geometry,
+        sensor,
         kernel_array(angles_rad, FLOAT64),
-        float(range_max_m),
+        range_max_m,
         kernel_array(circles, FLOAT64),
         math.cos(echo_rad),
     )

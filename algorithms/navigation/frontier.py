@@ -37,12 +37,8 @@ def find_frontiers(
     A frontier cell is FREE and has an UNKNOWN cell above, below, left or right of it. With `reachable` (H, W) it must
     also be reachable. Cells that touch, corners included, form a group. Groups of fewer than `min_cells` are dropped;
     those longer than `split_cells` are cut across their principal axis until no piece is. `classes` (H, W) as of
-    `OccupancyGrid.classes`. Raises ValueError for shapes that differ and a split_cells below 1.
+    `OccupancyGrid.classes`.
     """
-    if reachable is not None and reachable.shape != classes.shape:
-        raise ValueError(f"expected reachable of shape {classes.shape}, got {reachable.shape}")
-    if split_cells < 1:
-        raise ValueError(f"expected split_cells of at least 1, got {split_cells}")
     labels, groups = touching(frontier_mask(classes, reachable), corners=True)
     if groups == 0:
         return []

@@ -32,12 +32,8 @@ def clearance_m(occupied: NDArray[np.bool_], resolution_m: float, limit_m: float
 
     Occupied cells have 0. The cells around the grid count as occupied, so that plans stay off the arena's edge.
     Exact Euclidean distances by Felzenszwalb and Huttenlocher, *Distance Transforms of Sampled Functions*, Theory
-    of Computing 2012. Raises ValueError for a resolution or a limit that is not positive and for another shape.
+    of Computing 2012.
     """
-    if not (resolution_m > 0 and limit_m > 0):
-        raise ValueError(f"expected resolution_m > 0 and limit_m > 0, got {resolution_m} and {limit_m}")
-    if occupied.ndim != 2:
-        raise ValueError(f"expected cells of shape (H, W), got {occupied.shape}")
     return _clearance_m(kernel_array(occupied, BOOL), float(resolution_m), float(limit_m))
 
 

@@ -170,7 +170,7 @@ def plan_path(
     `traversable` (H, W); `cost` (H, W) of the cells, at least 1, or the path may not be the cheapest. A start or
     goal that is untraversable or outside has no path; see `nearest_traversable`. A* of Hart, Nilsson and Raphael,
     *A Formal Basis for the Heuristic Determination of Minimum Cost Paths*, 1968, with the octile distance as
-    heuristic. Raises ValueError for grids that differ in shape.
+    heuristic.
     """
     mask, cost = _as_grids(traversable, cost)
     if not (_is_traversable(mask, start) and _is_traversable(mask, goal)):
@@ -192,10 +192,7 @@ def distance_field(
     those of `plan_path`. Dijkstra, *A Note on Two Problems in Connexion with Graphs*, 1959.
     """
     mask, cost = _as_grids(traversable, cost)
-    cells = kernel_array(sources, INT64)
-    if cells.ndim != 2 or cells.shape[1] != 2:
-        raise ValueError(f"expected sources of shape (K, 2), got {cells.shape}")
-    return spread(mask, cost, cells).astype(np.float32)
+    return spread(mask, cost, kernel_array(sources, INT64)).astype(np.float32)
 
 
 def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -203,14 +200,10 @@ def shorten_path(cells: NDArray[np.int32], traversable: NDArray[np.bool_]) -> ND
 
     Straight lines between them touch traversable cells only (and pass no corner of others). The mask may be stricter
     than the one of the planned path, for example the cells with comfortable clearance. The path is then shortened where
-    the mask allows and kept elsewhere. Raises ValueError for a path that leaves the grid.
+    the mask allows and kept elsewhere.
     """
     mask = kernel_array(traversable, BOOL)
     path = kernel_array(cells, INT32)
-    if path.ndim != 2 or path.shape[1] != 2:
-        raise ValueError(f"expected cells of shape (N, 2), got {path.shape}")
-    if np.any(path < 0) or np.any(path >= mask.shape):
-        raise ValueError(f"the path leaves the grid of {mask.shape[0]} x {mask.shape[1]} cells")
     if path.shape[0] < 3:
         return path.copy()
     return _shorten(path, mask)
@@ -246,8 +239,6 @@ def nearest_traversable(
 def _as_grids(
     traversable: NDArray[np.bool_], cost: NDArray[np.float32]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    if traversable.ndim != 2 or traversable.shape != cost.shape:
-        raise ValueError(f"expected traversable and cost of one shape (H, W), got {traversable.shape}, {cost.shape}")
     return kernel_array(traversable, BOOL), kernel_array(cost, FLOAT32)
 
 

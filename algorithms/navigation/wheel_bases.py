@@ -9,6 +9,8 @@ the sideways motion of a differential base, is 0 in it.
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import repeat
+from operator import mul
 from typing import Annotated
 
 from msgspec import Meta
@@ -18,68 +20,8 @@ from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.model.ranges import Positive, PositiveInt
 
 WHEEL_ANGLES_RAD = (math.radians(60.0), math.radians(180.0), math.radians(300.0))
-
-
-class OmniBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type", tag="omni3"):
-    """Size of the base. The defaults are chosen in the manner of the Robertino; no data sheet was found."""
-
-    wheel_radius_m: Positive = 0.04
-    wheel_distance_m: Positive = 0.155
-    """From the robot's centre to a wheel."""
-    encoder_ticks_per_turn: PositiveInt = 4096
-
-    @property
-    def is_holonomic(self) -> bool:
-        """Whether it can drive sideways."""
-        return True
-
-    @property
-    def turn_radius_min_m(self) -> float:
-        """0: it turns on the spot."""
-        return 0.0
-
-    @property
-    def wheels(self) -> int:
-        """Number of wheels."""
-        return len(WHEEL_ANGLES_RAD)
-
-    @property
-    def rad_per_tick(self) -> float:
-        """Turn of a wheel between two encoder ticks."""
-        return 2 * math.pi / self.encoder_ticks_per_turn
-
-    def wheel_speeds_rad_s(self, twist: Twist2D) -> tuple[float, float, float]:
-        """Inverse kinematics: wheel speeds for a velocity in the body frame."""
-        radius, distance = self.wheel_radius_m, self.wheel_distance_m
-        vx, vy, turning = twist.forward_m_s, twist.left_m_s, distance * twist.yaw_rad_s
-        return (
-            (TANGENTS[0][0] * vx + TANGENTS[0][1] * vy + turning) / radius,
-            (TANGENTS[1][0] * vx + TANGENTS[1][1] * vy + turning) / radius,
-            (TANGENTS[2][0] * vx + TANGENTS[2][1] * vy + turning) / radius,
-        )
-
-    def commands(self, twist: Twist2D, wheel_speed_max_rad_s: float) -> tuple[float, ...]:
-        """Wheel speeds for a velocity, slower in proportion if one were too fast."""
-        first, second, third = self.wheel_speeds_rad_s(twist)
-        share = wheel_speed_max_rad_s / max(wheel_speed_max_rad_s, abs(first), abs(second), abs(third))
-        return share * first, share * second, share * third
-
-    def twist(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> Twist2D:
-        """Forward kinematics: velocity in the body frame from wheel speeds (also turns → displacement)."""
-        radius = self.wheel_radius_m
-        v1, v2, v3 = radius * wheel_1_rad_s, radius * wheel_2_rad_s, radius * wheel_3_rad_s
-        # The three tangents add up to zero and are orthogonal to each other's sum: the inverse is 2/3 the transpose.
-        return Twist2D(
-            (2 / 3) * (TANGENTS[0][0] * v1 + TANGENTS[1][0] * v2 + TANGENTS[2][0] * v3),
-            (2 / 3) * (TANGENTS[0][1] * v1 + TANGENTS[1][1] * v2 + TANGENTS[2][1] * v3),
-            (v1 + v2 + v3) / (3 * self.wheel_distance_m),
-        )
-
-
 TANGENTS = tuple((-math.sin(angle), math.cos(angle)) for angle in WHEEL_ANGLES_RAD)
 """Unit vectors along which the wheels drive, robot's frame."""
-
-
 WHEELS_MAX = 8
 Rows = tuple[tuple[float, float, float], ...]
 
@@ -130,7 +72,7 @@ class DescribedBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Commands for the motor controller: wheel speeds, slower in proportion if one were too fast."""
         wanted = self.wheel_speeds_rad_s(twist)
         share = wheel_speed_max_rad_s / max(wheel_speed_max_rad_s, *map(abs, wanted))
-        return tuple([share * speed for speed in wanted])
+        return tuple(map(mul, repeat(share), wanted))
 
     def twist(self, *wheels_rad_s: float) -> Twist2D:
         """Forward kinematics: velocity in the body frame from wheel speeds (also turns → displacement)."""
@@ -148,6 +90,41 @@ class DescribedBase(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def _inverse(self) -> Rows:
         """For each wheel its share of (v_x, v_y, ω): the pseudo-inverse of `rows`, transposed."""
         return pseudo_inverse(self.rows)
+
+
+class OmniBase(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="omni3"):
+    """Three omni wheels at `WHEEL_ANGLES_RAD`.
+
+    The defaults are chosen in the manner of the Robertino; no data sheet was found.
+    """
+
+    wheel_radius_m: Positive = 0.04
+    wheel_distance_m: Positive = 0.155
+    """From the robot's centre to a wheel."""
+    encoder_ticks_per_turn: PositiveInt = 4096
+
+    @cached_property
+    def rows(self) -> Rows:
+        """As in DescribedBase."""
+        return tuple([(x, y, self.wheel_distance_m) for x, y in TANGENTS])
+
+    def wheel_speeds_rad_s(self, twist: Twist2D) -> tuple[float, float, float]:
+        """As in DescribedBase."""
+        (x1, y1, _), (x2, y2, _), (x3, y3, _) = self.rows
+        vx, vy, turning = twist.forward_m_s, twist.left_m_s, self.wheel_distance_m * twist.yaw_rad_s
+        radius = self.wheel_radius_m
+        first, second, third = x1 * vx + y1 * vy, x2 * vx + y2 * vy, x3 * vx + y3 * vy
+        return (first + turning) / radius, (second + turning) / radius, (third + turning) / radius
+
+    def twist(self, *wheels_rad_s: float) -> Twist2D:
+        """As in DescribedBase: the three tangents add up to zero, so that the inverse is 2/3 of the transpose."""
+        radius, (first, second, third) = self.wheel_radius_m, wheels_rad_s
+        v1, v2, v3 = radius * first, radius * second, radius * third
+        return Twist2D(
+            (2 / 3) * (TANGENTS[0][0] * v1 + TANGENTS[1][0] * v2 + TANGENTS[2][0] * v3),
+            (2 / 3) * (TANGENTS[0][1] * v1 + TANGENTS[1][1] * v2 + TANGENTS[2][1] * v3),
+            (v1 + v2 + v3) / (3 * self.wheel_distance_m),
+        )
 
 
 class Omni(DescribedBase, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="omni"):

@@ -45,6 +45,10 @@ NO_TIMES: NDArray[np.int32] = np.zeros((0, 0), np.int32)
 """Evidence and stamps of every submap that has no cells yet, so that all share the result of its first patch."""
 
 
+Box = tuple[int, int, int, int]
+"""First row, first column, past-the-end row, past-the-end column."""
+
+
 class Tiles(NamedTuple):
     """Tiles of a submap."""
 
@@ -74,7 +78,7 @@ class SubmapStep(NamedTuple):
     """The tiles for which the patch has statements, after it."""
     is_newest: bool
     """Whether the patch was observed after all earlier cells of the tiles that it touches."""
-    box: tuple[int, int, int, int]
+    box: Box
     """The patch in whole tiles: first row, first column, past-the-end row and column, in the frame `local`."""
 
 
@@ -195,21 +199,14 @@ class Submap:
             rows, columns = self.surfaces["row"] - self.row, self.surfaces["column"] - self.column
             inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
             rows, columns, surfaces = rows[inside], columns[inside], self.surfaces[inside]
-            grid.surface_hits[rows, columns] = 8
-            grid.surface_at[rows, columns, 0] = columns + 0.5 + surfaces["right"] / PARTS
-            grid.surface_at[rows, columns, 1] = rows + 0.5 + surfaces["up"] / PARTS
-            grid.surface_view[rows, columns] = VIEWS[surfaces["view"]]
+            grid.surfaces.hits[rows, columns] = 8
+            grid.surfaces.at[rows, columns, 0] = columns + 0.5 + surfaces["right"] / PARTS
+            grid.surfaces.at[rows, columns, 1] = rows + 0.5 + surfaces["up"] / PARTS
+            grid.surfaces.seen_along[rows, columns] = VIEWS[surfaces["view"]]
         return grid
 
-    def box_in_arena(self, resolution_m: float, origin: tuple[float, float]) -> tuple[int, int, int, int]:
-        """Box of the team's grid that the submap may cover at its current pose: first and past-the-end row and column.
-
-        `origin` is that of the team's grid, metres, arena frame; the box may extend beyond the grid.
-        """
-        return moved_box(self.T_arena_local, self.box, resolution_m, origin)
-
     @property
-    def box(self) -> tuple[int, int, int, int]:
+    def box(self) -> Box:
         """First row, first column, past-the-end row and past-the-end column of the cells, in the frame `local`."""
         return self.row, self.column, self.row + self.evidence.shape[0], self.column + self.evidence.shape[1]
 
@@ -219,7 +216,7 @@ class Submap:
         at_row, at_column = row - self.row, column - self.column
         return at_row >= 0 and at_column >= 0 and at_row + height <= rows and at_column + width <= columns
 
-    def _box_with(self, row: int, column: int, height: int, width: int) -> tuple[int, int, int, int]:
+    def _box_with(self, row: int, column: int, height: int, width: int) -> Box:
         """The submap's box, in whole blocks, enlarged by these cells."""
         first_row, first_column = _down(row), _down(column)
         end_row, end_column = _up(row + height), _up(column + width)
@@ -249,20 +246,33 @@ class Submap:
         return first_row, first_column, evidence, stamp_ms
 
 
-def moved_box(
-    T_arena_local: Pose2D, box: tuple[int, int, int, int], resolution_m: float, origin: tuple[float, float]
-) -> tuple[int, int, int, int]:
-    """Box of cells in the arena that contains a box of cells of the frame `local`; boxes are as in `Submap.box`."""
+def moved_box(T_arena_local: Pose2D, box: Box, grid: tuple[float, float, float]) -> Box:
+    """Box of cells in the arena that contains a box of cells of the frame `local`.
+
+    `grid` is resolution and origin of the team's grid, metres; the result may extend beyond the grid.
+    """
     if T_arena_local == IDENTITY:
         return box
-    cos, sin = math.cos(T_arena_local.yaw_rad), math.sin(T_arena_local.yaw_rad)
-    xs, ys = [], []
+    yaw_rad = T_arena_local.yaw_rad
+    motion = math.cos(yaw_rad), math.sin(yaw_rad), float(T_arena_local.x_m), float(T_arena_local.y_m)
+    moved: Box = box_after(motion, box, grid)
+    return moved
+
+
+@njit(cache=True, nogil=True)
+def box_after(motion: tuple[float, float, float, float], box: Box, grid: tuple[float, float, float]) -> Box:
+    """As `moved_box`, after a motion by cos, sin, x and y."""
+    cos, sin, x_m, y_m = motion
+    resolution_m, origin_x_m, origin_y_m = grid
+    low_x = low_y = np.inf
+    high_x = high_y = -np.inf
     for row in (box[0], box[2]):
         for column in (box[1], box[3]):
-            x_m, y_m = origin[0] + column * resolution_m, origin[1] + row * resolution_m
-            xs.append((T_arena_local.x_m + cos * x_m - sin * y_m - origin[0]) / resolution_m)
-            ys.append((T_arena_local.y_m + sin * x_m + cos * y_m - origin[1]) / resolution_m)
-    return math.floor(min(ys)), math.floor(min(xs)), math.ceil(max(ys)), math.ceil(max(xs))
+            at_x_m, at_y_m = origin_x_m + column * resolution_m, origin_y_m + row * resolution_m
+            x = (x_m + cos * at_x_m - sin * at_y_m - origin_x_m) / resolution_m
+            y = (y_m + sin * at_x_m + cos * at_y_m - origin_y_m) / resolution_m
+            low_x, low_y, high_x, high_y = min(low_x, x), min(low_y, y), max(high_x, x), max(high_y, y)
+    return math.floor(low_y), math.floor(low_x), math.ceil(high_y), math.ceil(high_x)
 
 
 def _down(cell: int) -> int:

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import LAST_STAMP_MS, OccupancyGrid
-from robrain.algorithms.slam.submap import TILE_CELLS, Submap, SubmapStep, moved_box
+from robrain.algorithms.slam.submap import TILE_CELLS, Box, Submap, SubmapStep, box_after, moved_box
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
@@ -26,10 +26,6 @@ CELLS_MAX = 1 << 27
 
 SubmapKey = tuple[str, int]
 """Name of a robot and number of its submap."""
-
-
-Box = tuple[int, int, int, int]
-"""First row, first column, past-the-end row, past-the-end column."""
 
 
 @njit(cache=True, nogil=True)
@@ -65,26 +61,17 @@ def draw_tiles(
     for submap in range(begins.shape[0] - 1):
         first_row, first_column = firsts[submap]
         cos, sin, x_m, y_m, lookup_cos, lookup_sin, lookup_row, lookup_column = places[submap]
-        is_turned = lookup_cos != 1.0 or lookup_sin != 0.0
-        down, right = math.floor(lookup_row), math.floor(lookup_column)
-        is_shifted = not is_turned and max(abs(lookup_row - down - 0.5), abs(lookup_column - right - 0.5)) < 0.25
         for tile in range(begins[submap], begins[submap + 1]):
             top, left = at[tile, 0] * TILE_CELLS, at[tile, 1] * TILE_CELLS
             bottom, end = top + TILE_CELLS, left + TILE_CELLS
-            if is_shifted:
-                box = top - down, left - right, bottom - down, end - right
-            else:
-                box = (first_row + top, first_column + left, first_row + bottom, first_column + end)
-                box = _box_after((cos, sin, x_m, y_m), box, grid)
+            box = first_row + top, first_column + left, first_row + bottom, first_column + end
+            box = box_after((cos, sin, x_m, y_m), box, grid)
             for i in range(max(box[0], 0), min(box[2], log_odds.shape[0])):
                 for j in range(max(box[1], 0), min(box[3], log_odds.shape[1])):
-                    if is_shifted:
-                        row, column = i + down, j + right
-                    else:
-                        row = math.floor(lookup_row + lookup_cos * i + lookup_sin * j)
-                        column = math.floor(lookup_column - lookup_sin * i + lookup_cos * j)
-                        if row < top or column < left or row >= bottom or column >= end:
-                            continue
+                    row = math.floor(lookup_row + lookup_cos * i + lookup_sin * j)
+                    column = math.floor(lookup_column - lookup_sin * i + lookup_cos * j)
+                    if row < top or column < left or row >= bottom or column >= end:
+                        continue
                     flips, finds = _lay(
                         log_odds, stamps_ms, i, j, cells[tile, row - top, column - left], tiles_ms[tile]
                     )
@@ -94,26 +81,10 @@ def draw_tiles(
 
 
 @njit(cache=True, nogil=True)
-def _box_after(motion: tuple[float, float, float, float], box: Box, grid: tuple[float, float, float]) -> Box:
-    """As `moved_box`."""
-    cos, sin, x_m, y_m = motion
-    resolution_m, origin_x_m, origin_y_m = grid
-    low_x = low_y = np.inf
-    high_x = high_y = -np.inf
-    for row in (box[0], box[2]):
-        for column in (box[1], box[3]):
-            at_x_m, at_y_m = origin_x_m + column * resolution_m, origin_y_m + row * resolution_m
-            x = (x_m + cos * at_x_m - sin * at_y_m - origin_x_m) / resolution_m
-            y = (y_m + sin * at_x_m + cos * at_y_m - origin_y_m) / resolution_m
-            low_x, low_y, high_x, high_y = min(low_x, x), min(low_y, y), max(high_x, x), max(high_y, y)
-    return math.floor(low_y), math.floor(low_x), math.ceil(high_y), math.ceil(high_x)
-
-
-@njit(cache=True, nogil=True)
 def draw(
     log_odds: NDArray[np.int8],
     stamps_ms: NDArray[np.int32],
-    box: tuple[int, int, int, int],
+    box: Box,
     evidence: NDArray[np.int8],
     tile_stamps_ms: NDArray[np.int32],
     lookup: tuple[float, float, float, float],
@@ -121,10 +92,6 @@ def draw(
     """Draw a submap's cells within a box of the grid; numbers of changed classes and of newly known cells."""
     cos, sin, first_row, first_column = lookup
     height, width = evidence.shape
-    down, right = math.floor(first_row), math.floor(first_column)
-    is_middle = max(abs(first_row - down - 0.5), abs(first_column - right - 0.5)) < 0.25
-    if cos == 1.0 and sin == 0.0 and is_middle:
-        return _draw_shifted(log_odds, stamps_ms, box, evidence, tile_stamps_ms, down, right)
     changed, discovered = 0, 0
     for i in range(box[0], box[2]):
         for j in range(box[1], box[3]):
@@ -134,27 +101,6 @@ def draw(
                 continue
             stamp_ms = tile_stamps_ms[row // TILE_CELLS, column // TILE_CELLS]
             flips, finds = _lay(log_odds, stamps_ms, i, j, evidence[row, column], stamp_ms)
-            changed += flips
-            discovered += finds
-    return changed, discovered
-
-
-@njit(cache=True, nogil=True)
-def _draw_shifted(
-    log_odds: NDArray[np.int8],
-    stamps_ms: NDArray[np.int32],
-    box: tuple[int, int, int, int],
-    evidence: NDArray[np.int8],
-    tile_stamps_ms: NDArray[np.int32],
-    down: int,
-    right: int,
-) -> tuple[int, int]:
-    """As `draw`, for a submap that is shifted by whole cells: cell (i, j) is the submap's (down + i, right + j)."""
-    changed, discovered = 0, 0
-    for row in range(max(box[0] + down, 0), min(box[2] + down, evidence.shape[0])):
-        for column in range(max(box[1] + right, 0), min(box[3] + right, evidence.shape[1])):
-            stamp_ms = tile_stamps_ms[row // TILE_CELLS, column // TILE_CELLS]
-            flips, finds = _lay(log_odds, stamps_ms, row - down, column - right, evidence[row, column], stamp_ms)
             changed += flips
             discovered += finds
     return changed, discovered
@@ -206,7 +152,6 @@ class SubmapAtlas:
         """Poses of submaps without cells so far, and their frames."""
         self._size = 0
         """Bytes of the submaps."""
-        self._origin = (geometry.origin_x_m, geometry.origin_y_m)
         half_m = 0.5 * geometry.resolution_m
         self._middle_m = (geometry.origin_x_m + half_m, geometry.origin_y_m + half_m)
         """Centre of the grid's cell (0, 0)."""
@@ -466,14 +411,12 @@ class SubmapAtlas:
         self.grid.forget()
 
     def _moved(self, T_arena_local: Pose2D, box: Box) -> Box:
-        return self._clipped(moved_box(T_arena_local, box, self.grid.geometry.resolution_m, self._origin))
+        top, left, bottom, right = moved_box(T_arena_local, box, self._measures)
+        height, width = self.grid.geometry.shape
+        return max(top, 0), max(left, 0), min(bottom, height), min(right, width)
 
     def _box_of(self, submap: Submap) -> Box:
-        return self._clipped(submap.box_in_arena(self.grid.geometry.resolution_m, self._origin))
-
-    def _clipped(self, box: Box) -> Box:
-        height, width = self.grid.geometry.shape
-        return max(box[0], 0), max(box[1], 0), min(box[2], height), min(box[3], width)
+        return self._moved(submap.T_arena_local, submap.box)
 
     def _draw(self, submap: Submap, box: Box) -> None:
         """Draw a submap's cells within a box of the grid."""

@@ -97,7 +97,7 @@ def measure() -> list[Figure]:
         _share("walls within 6 m, no motes: over odometry alone", scans, alone),
         _row("walls and motes", both),
         _share("walls and motes: over motes alone", both, with_motes),
-        *_linearisations(white),
+        *_without_watch(white),
         _silence("motes", [*with_motes, *with_static, *field]),
         _silence("walls", scans),
         _silence("walls and motes", both),
@@ -251,31 +251,21 @@ class _Eyes:
             localiser.place(pose, np.diag((0.01, 0.01, 0.0004)))
 
 
-def _linearisations(worlds: list[Drive]) -> list[Figure]:
-    """The same filter with other linearisations, and without its states for the odometry's errors."""
-    loss = PathLoss(shadowing_db=0.0, fading_db=SIGMA_DB)
+def _without_watch(worlds: list[Drive]) -> list[Figure]:
+    """The filter alone, with and without its states for the odometry's errors."""
     none = DriftModel(scale=0.0, curve_rad_per_m=0.0, turn=0.0)
-    figures = []
-    for name, drift, spread, again in (
-        ("extended Kalman filter", DRIFT, 0.0, 0),
-        ("iterated extended Kalman filter", DRIFT, 0.0, 3),
-        ("Gauss–Hermite points (as used)", DRIFT, math.sqrt(3.0), 0),
-        ("Gauss–Hermite points, iterated", DRIFT, math.sqrt(3.0), 2),
-        ("no states for the odometry's errors", none, math.sqrt(3.0), 0),
-    ):
-        alone = partial(_filter_only, drift=drift, loss=loss, spread=spread, relinearisations=again)
-        tracks = side_by_side(alone, worlds)
-        figures.append(_row(f"motes, the filter alone, {name}", tracks))
-    return figures
+    cases = (("Gauss–Hermite points (as used)", DRIFT), ("no states for the odometry's errors", none))
+    return [
+        _row(f"motes, the filter alone, {name}", side_by_side(partial(_filter_only, drift=drift), worlds))
+        for name, drift in cases
+    ]
 
 
-def _filter_only(world: Drive, drift: DriftModel, loss: PathLoss, spread: float, relinearisations: int) -> Track:
+def _filter_only(world: Drive, drift: DriftModel) -> Track:
     """The filter without watch; told the radio's true parameters."""
-    spec = LocaliserSpec(drift=drift, path_loss=loss)
+    spec = LocaliserSpec(drift=drift, path_loss=PathLoss(shadowing_db=0.0, fading_db=SIGMA_DB))
     localiser = Localiser(world.start, START_SIGMA_M, START_SIGMA_RAD, spec)
-    estimate = PoseFilter(
-        world.start, START_SIGMA_M, START_SIGMA_RAD, drift, loss, spread=spread, relinearisations=relinearisations
-    )
+    estimate = PoseFilter(world.start, START_SIGMA_M, START_SIGMA_RAD, drift, spec.path_loss)
     localiser.filter = PoseMixture(estimate, parts_max=1)
     watched = _Watched()
     for step, displacement in enumerate(world.measured.tolist()):

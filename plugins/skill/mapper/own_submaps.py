@@ -165,13 +165,13 @@ class OwnSubmaps:
         rows, columns = grid.recent_surfaces()[:SURFACES_MAX].T
         surfaces = np.zeros(len(rows), SURFACE)
         surfaces["row"], surfaces["column"] = rows - self._margin, columns - self._margin
-        right = grid.surface_at[rows, columns, 0] - (columns + 0.5)
-        up = grid.surface_at[rows, columns, 1] - (rows + 0.5)
+        right = grid.surfaces.at[rows, columns, 0] - (columns + 0.5)
+        up = grid.surfaces.at[rows, columns, 1] - (rows + 0.5)
         surfaces["right"], surfaces["up"] = (
             np.clip(np.rint(right * PARTS), -127, 127),
             np.clip(np.rint(up * PARTS), -127, 127),
         )
-        view_rad = arctan2(*grid.surface_view[rows, columns].T[::-1].astype(np.float64))
+        view_rad = arctan2(*grid.surfaces.seen_along[rows, columns].T[::-1].astype(np.float64))
         surfaces["view"] = np.rint(view_rad * (VIEW_PARTS / math.tau)).astype(np.int64) % VIEW_PARTS
         return surfaces
 

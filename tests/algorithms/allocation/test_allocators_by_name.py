@@ -82,12 +82,6 @@ def routes(method, *jobs):
     return {route.worker: sorted(route.jobs) for route in plan.routes}
 
 
-@pytest.mark.parametrize("method", ["optimal", "auction", "greedy"])
-def test_each_stock_allocator_is_there_by_its_name(method):
-    assert ALLOCATORS.get(method)(Objective.MAKESPAN).objective is Objective.MAKESPAN
-    assert PlanningPolicy(method=method).method == method
-
-
 def test_an_unknown_method_is_refused_with_those_that_there_are():
     with pytest.raises(ValueError, match=r"optimal, or FILE.py:NAME; got optimul; did you mean optimal.*nearest"):
         PlanningPolicy(method="optimul")

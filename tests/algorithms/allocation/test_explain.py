@@ -1,6 +1,5 @@
 import math
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -10,9 +9,7 @@ from robrain.algorithms.allocation.explain import explain
 from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.reasons import BelowReserve, LacksEnergy, NearestOut, lacks_plugins
-from tests.algorithms.allocation.instances import team_problem
 from tests.algorithms.allocation.test_allocators import problems
 from tests.algorithms.allocation.test_validate import job, line, worker
 from tests.plain_reason import Plain
@@ -81,12 +78,6 @@ def test_job_without_a_way_says_so():
     assert [bid.reason for bid in decision.bids] == [Plain("no_way_and_back")]
 
 
-def test_job_that_ends_just_when_the_plan_must_is_done():
-    for horizon_s, robots in ((4.0, ("r1",)), (3.9, ())):
-        decision = only_decision(line([job("a", 2)], [worker("r1")], horizon_s=horizon_s))
-        assert decision.robots == robots
-
-
 @pytest.mark.parametrize(
     ("horizon_s", "latest_s", "why"),
     [
@@ -123,15 +114,6 @@ def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not
 def test_job_that_a_robot_is_at_stays_with_it():
     decision = only_decision(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)]))
     assert (decision.robots, decision.reason) == (("r2",), Plain("is_at_it", robot="r2"))
-
-
-def test_explaining_changes_nothing_for_the_next_job():
-    problem = team_problem(4, 20, 3, tightness=0.8)
-    plan = AuctionAllocator().plan(problem)
-    together = explain(problem, plan)
-    alone = [explain(problem, plan, [one.id])[0] for one in problem.jobs]
-    assert together == alone
-    assert msgspec.json.decode(msgspec.json.encode(together), type=list[TaskDecision]) == together
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -2,38 +2,11 @@
 
 import pytest
 
-from robrain.algorithms.allocation import optimal
-from robrain.algorithms.allocation.allocator import Effort
 from robrain.algorithms.allocation.auction import GREATEST_GAIN, LEAST_BID, LEAST_PER_PRIZE, AuctionAllocator
 from robrain.algorithms.allocation.insertion import BY_ENERGY
-from robrain.algorithms.allocation.optimal import MODEL_S_PER_CELL, OptimalAllocator, _Improvement
+from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.problem import Job, Objective, Worker
-from tests.algorithms.allocation.instances import team_problem
 from tests.algorithms.allocation.test_validate import job, line, worker
-
-
-@pytest.mark.parametrize(("deadline_s", "auction_s"), [(50.0, 2.0), (None, 0.0)])
-def test_search_knows_how_long_the_auction_took(monkeypatch, deadline_s, auction_s):
-    told = []
-
-    class Improvement:
-        def __init__(self, problem, first, effort, seed, auction_s):
-            told.append(auction_s)
-            self.run = lambda: first
-
-    clock = iter(range(0, 1000, 2))
-    monkeypatch.setattr(optimal, "_Improvement", Improvement)
-    allocator = OptimalAllocator(Objective.ENERGY, lambda: float(next(clock)))
-    allocator.plan(team_problem(2, 4, 1), deadline_s=deadline_s, iterations=None if deadline_s else 5)
-    assert told == [auction_s]
-
-
-def test_time_for_a_model_grows_with_the_square_of_the_places_and_with_the_profiles():
-    problem = team_problem(3, 7, 1)
-    first = AuctionAllocator().plan(problem)
-    search = _Improvement(problem, first, Effort(lambda: 0.0, None, 1), 1, 0.0)
-    search.run()
-    assert search._model_s == pytest.approx(MODEL_S_PER_CELL * (3 + 7) ** 2 * problem.energy_j.shape[0])
 
 
 def test_other_times_are_drawn_as_long_as_there_is_time_for_two_auctions(monkeypatch):

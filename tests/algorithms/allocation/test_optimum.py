@@ -2,7 +2,6 @@
 
 import pytest
 
-from robrain.algorithms.allocation import vrp_model
 from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.problem import Objective
 from robrain.algorithms.allocation.validate import validate
@@ -37,19 +36,6 @@ def test_optimal_is_within_half_a_percent_of_the_exact_optimum(robots, tasks, ki
     assert exact.value * (1 - 1e-5) <= plan.value <= exact.value * 1.005
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("objective", [Objective.MAKESPAN, Objective.LIFETIME])
-def test_makespan_and_lifetime_are_near_the_exact_optimum(objective):
-    problem = team_problem(3, 7, 1, tightness=None if objective is Objective.MAKESPAN else 0.3, prize_j=(3.0, 3.0))
-    exact = exact_plan(problem, objective)
-    assert exact is not None
-    assert not exact.unassigned
-    plan = OptimalAllocator(objective, never).plan(problem, iterations=4000)
-    assert not plan.unassigned
-    # A limit that a short search does not meet is given up, so this is no bound of the method.
-    assert abs(plan.value - exact.value) <= 0.02 * abs(exact.value)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_is_better_than_the_exact_optimum_where_jobs_wait_for_each_other(seed):
     problem = team_problem(3, 7, seed, tightness=0.9, after=0.3, pairs=0.3)
@@ -59,13 +45,3 @@ def test_nothing_is_better_than_the_exact_optimum_where_jobs_wait_for_each_other
     plan = OptimalAllocator(Objective.ENERGY, never).plan(problem, iterations=600)
     assert validate(problem, plan) == []
     assert exact.value * (1 - 1e-5) <= plan.value
-
-
-def test_needs_as_loads_find_the_same_optimum(monkeypatch):
-    """As many different robots would need too many matrices, what they lack then is a load."""
-    monkeypatch.setattr(vrp_model, "MOST_CELLS", 0)
-    problem = team_problem(4, 8, 1, tightness=0.9, needs=0.6)
-    exact = exact_plan(problem)
-    plan = OptimalAllocator(Objective.ENERGY, never).plan(problem, iterations=1000)
-    assert validate(problem, plan) == []
-    assert plan.value <= exact.value * 1.005

@@ -32,20 +32,6 @@ def faults(problem, *orders):
     return validate(problem, plan)
 
 
-@pytest.mark.parametrize(
-    ("fields", "complaint"),
-    [
-        ({"ends": ()}, "worker r1: expected at least one place to end at"),
-        ({"ready_s": -1.0}, "worker r1: expected a finite ready_s >= 0, got -1.0"),
-        ({"wait_w": float("nan")}, "worker r1: expected a finite wait_w >= 0, got nan"),
-        ({"usable_j": float("inf")}, "worker r1: expected a finite usable_j, got inf"),
-    ],
-)
-def test_an_impossible_worker_is_refused_with_a_message(fields, complaint):
-    with pytest.raises(ValueError, match=complaint):
-        Worker(**({"name": "r1", "start": 0, "ends": (0,), "usable_j": 1.0} | fields))
-
-
 def test_plan_with_nothing_wrong_has_no_faults():
     problem = line([job("a", 2), job("b", 1, after=("a",))], [worker("r1"), worker("r2")])
     assert faults(problem, ["a"], ["b"]) == []

@@ -29,25 +29,12 @@ def is_feasible(model: VrpModel, *orders: list[int]) -> bool:
     return bool(model.solution(model.data, orders).is_feasible())
 
 
-def test_few_kinds_of_robots_have_ways_of_their_own_and_no_loads(needy):
-    model = model_of(needy)
-    assert model.data.num_load_dimensions == 0
-    assert model.data.num_profiles == 3
-
-
 def test_where_ways_of_their_own_would_be_too_many_needs_are_loads(needy, monkeypatch):
     monkeypatch.setattr(vrp_model, "MOST_CELLS", 0)
     model = model_of(needy)
     assert model.data.num_profiles == 1
     assert [list(client.delivery) for client in model.data.clients()] == [[0, 1], [1, 0], [1, 1], [0, 0]]
     assert [list(vehicle.capacity) for vehicle in model.data.vehicle_types()] == [[0, 4], [4, 4], [0, 0]]
-
-
-def test_the_limit_is_that_of_all_matrices_together(needy, monkeypatch):
-    cells = 3 * (4 + 3) ** 2
-    for most, loads in ((cells, 0), (cells - 1, 2)):
-        monkeypatch.setattr(vrp_model, "MOST_CELLS", most)
-        assert model_of(needy).data.num_load_dimensions == loads
 
 
 @pytest.mark.parametrize("most_cells", [0, 1e7])

@@ -5,7 +5,6 @@ import math
 import pytest
 
 from robrain.algorithms.consensus.bidder import Bidder
-from robrain.algorithms.consensus.chance import chance
 from robrain.algorithms.consensus.negotiation import Negotiation
 from robrain.algorithms.consensus.route_scorer import FREE_START_SHARE, DriveCost, RouteScorer, RouteStop
 
@@ -94,26 +93,3 @@ def test_the_limit_counts_the_tasks_that_are_fixed() -> None:
     bidder.open(["t4"], fixed=["t0", "t1", "t2", "t3"])
     bidder.build()
     assert bidder.bundle == []
-
-
-def test_all_robots_rest_the_same_one_and_each_rests_at_times() -> None:
-    team = {name: on_a_line(TASKS, 9.0, 17.0, prize_j=8.0) for name in ("r1", "r2", "r3")}
-    members = negotiated(team, rounds=5)
-    rested = []
-    for number in range(1, 400):
-        for member in members:
-            member.round = number
-        chosen = {member._resting() for member in members}
-        assert len(chosen) == 1
-        rested += [name for name in chosen if name]
-    assert {*rested} == {*team}
-    assert 30 < len(rested) < 95
-
-
-def test_chances_are_equal_for_equal_words_and_spread_evenly() -> None:
-    assert chance(1, "a") == chance("1", "a") == 0.9204305121183296
-    drawn = [chance(number, "t1") for number in range(1000)]
-    assert all(0 <= one < 1 for one in drawn)
-    assert sum(drawn) / 1000 == pytest.approx(0.5, abs=0.03)
-    above = sum((chance(number, "t1") > 0.5) == (chance(number, "t2") > 0.5) for number in range(1000))
-    assert 430 < above < 570

@@ -100,7 +100,7 @@ def test_a_task_that_the_robot_has_said_to_be_anothers_is_not_begun_before_the_r
         exchange(members, 0.0, rng)
         for member in members:
             for task in member.path:
-                said = [agreed.winners.get(task) for agreed in member._said.values()]
+                said = [agreed.winners.get(task) for agreed in member._published.values()]
                 assert member.may_begin(task) == all(robot == member.bidder.robot for robot in said)
                 kept_waiting += not member.may_begin(task)
         if all(member.is_over for member in members):

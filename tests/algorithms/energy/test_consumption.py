@@ -76,14 +76,6 @@ def test_an_hours_wait_does_not_make_it_forget_what_driving_costs():
     assert estimate(after, work).sigma_j < 1.5 * estimate(before, work).sigma_j
 
 
-def test_what_is_known_is_told_with_few_digits():
-    consumption = Consumption(PowerPrior(pace_m_s=0.512345, turn_rate_rad_s=0.712345), 0.001, 0.0323456)
-    model = consumption.model(1234.5678)
-    assert model.relative_sd == 0.0323
-    assert (model.pace_m_s, model.turn_rate_rad_s) == (0.5123, 0.7123)
-    assert model.usable_j == 1234.6
-
-
 def test_the_covariance_stays_one():
     learner = PowerLearner(PowerPrior())
     rng = np.random.default_rng(1)
@@ -92,9 +84,3 @@ def test_the_covariance_stays_one():
         learner.learn((2.0, 2.0 * (speed_m_s > 0), 2.0 * speed_m_s, 0.0, 0.0), rng.normal(20.0, 3.0))
     assert np.linalg.eigvalsh(learner._covariance).min() > 0
     assert msgspec.json.encode(learner.covariance)
-
-
-@pytest.mark.parametrize("prior", [{"standing_w": 0.0}, {"memory_s": float("inf")}, {"pace_m_s": -1.0}])
-def test_an_impossible_prior_is_refused(prior):
-    with pytest.raises(ValueError, match="expected"):
-        PowerPrior(**prior)

@@ -8,9 +8,7 @@ import pytest
 from robrain.algorithms.energy.consumption import (
     BATCH_S,
     GAP_S,
-    KEPT,
     LESSON_MAX_S,
-    LESSON_S,
     OUTCOME_MOST,
     PACE_OVER_S,
     POWER_OVER_S,
@@ -63,13 +61,6 @@ def test_part_of_the_time_between_samples_has_its_share():
     assert one.between(to_ns(0.4), to_ns(0.8))[2] == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize(("begin_s", "end_s"), [(-0.1, 0.4), (0.0, 0.9), (0.4, 0.4), (0.6, 0.4)])
-def test_what_was_not_followed_and_what_is_empty_is_not_known(begin_s, end_s):
-    one = terms((0.0, 0.5, 0.0), (0.4, 0.5, 0.0), (0.8, 0.5, 0.0))
-    assert one.between(to_ns(begin_s), to_ns(end_s)) is None
-    assert MotionTerms().between(0, 1) is None
-
-
 @pytest.mark.parametrize(("gap_s", "known"), [(GAP_S - 0.001, True), (GAP_S + 0.001, False)])
 def test_hole_in_the_samples_begins_the_sum_anew(gap_s, known):
     one = terms((0.0, 0.5, 0.0))
@@ -77,20 +68,6 @@ def test_hole_in_the_samples_begins_the_sum_anew(gap_s, known):
     assert (one.between(0, to_ns(gap_s)) is not None) == known
     assert one.move(to_ns(gap_s + 0.2), 0.5, 0.0) == pytest.approx(0.2)
     assert one.between(to_ns(gap_s), to_ns(gap_s + 0.2))[2] == pytest.approx(0.1)
-
-
-def test_sample_that_is_no_later_adds_nothing():
-    one = terms((0.0, 0.5, 0.0), (0.4, 0.5, 0.0))
-    for at_s in (0.4, 0.3):
-        assert one.move(to_ns(at_s), 0.5, 0.0) == 0.0
-    assert one.between(0, to_ns(0.4))[2] == pytest.approx(0.2)
-    assert len(one._stamps) == 2
-
-
-def test_so_many_samples_are_kept_and_no_more():
-    one = terms(*((0.2 * number, 0.5, 0.0) for number in range(KEPT + 1)))
-    assert one.between(0, to_ns(1.0)) is None
-    assert one.between(to_ns(0.2), to_ns(1.0)) is not None
 
 
 # -- lessons ----------------------------------------------------------------------------------------------------
@@ -118,16 +95,6 @@ class Robot:
             self.at_s = round(self.at_s + 0.2, 6)
             self.energy_j += 4.0
         return told
-
-
-def test_lesson_covers_two_seconds_and_says_that_it_was_one():
-    robot = Robot()
-    told = robot.go(4.2)
-    assert [number for number, is_lesson in enumerate(told) if is_lesson] == [10, 20]
-    assert told[0] is False
-    ((amounts, energy_j), _) = robot.lessons
-    assert energy_j == pytest.approx(40.0)
-    assert amounts == pytest.approx((LESSON_S, LESSON_S, 1.0, 0.0, 0.0))
 
 
 def test_what_is_not_trusted_ends_a_lesson_and_the_next_begins_after_it():
@@ -205,15 +172,6 @@ def test_waiting_and_packets_are_not_held_against_the_way():
     assert one.model(0.0).path_ratio == pytest.approx(1.0 + 0.1 / 5, abs=1e-4)
 
 
-def test_work_without_a_way_teaches_nothing_of_ways():
-    one = consumption()
-    before = one.model(0.0)
-    one.compare(Work(wait_s=60.0), 9000.0)
-    one.compare(Work(turn_rad=60.0), 9000.0)
-    assert one.model(0.0) == before
-    assert one._outcomes == PRIOR_OUTCOMES
-
-
 def test_spread_of_ways_grows_by_what_the_power_alone_does_not_explain():
     one = consumption(0.05)
     model = one.model(0.0)
@@ -226,17 +184,6 @@ def test_spread_of_ways_grows_by_what_the_power_alone_does_not_explain():
     calm = consumption(0.05)
     calm.compare(WAY, planned.mean_j)
     assert calm.model(0.0).relative_sd == pytest.approx(0.05 * math.sqrt(0.8), abs=1e-4)
-
-
-def test_model_tells_what_was_given_and_learned():
-    one = consumption()
-    one.power_w, one.usual_power_w = 12.34567, 7.65432
-    model = one.model(1234.56)
-    assert (model.packet_j, model.usable_j, model.power_w, model.usual_power_w) == (0.001, 1234.6, 12.346, 7.654)
-    assert (model.pace_m_s, model.turn_rate_rad_s) == (PRIOR.pace_m_s, PRIOR.turn_rate_rad_s)
-    assert (model.residual_w2_s, model.relative_sd, model.path_ratio) == (4.0, 0.05, 1.0)
-    assert model.coefficients == (8.0, 0.4, 9.0, 1.5, 8.0)
-    assert consumption(1e-6).model(0.0).relative_sd == 0.01
 
 
 # -- the learner ------------------------------------------------------------------------------------------------
@@ -263,14 +210,6 @@ def test_lesson_moves_the_mean_and_the_covariance_as_least_squares_with_directio
     assert learner.covariance == pytest.approx(lower, rel=1e-3, abs=1e-9)
 
 
-def test_what_is_not_measured_is_not_forgotten():
-    learner = PowerLearner(PRIOR)
-    for _ in range(2000):
-        learner.learn((2.0, 0.0, 0.0, 0.0, 0.0), 16.0)
-    assert learner.coefficients[1:] == (0.4, 9.0, 1.5, 8.0)
-    assert learner.covariance[5] == pytest.approx(16.0)
-
-
 def collected(*batches):
     """The residual after lessons (error in J, duration in s)."""
     learner = PowerLearner(PRIOR)
@@ -287,10 +226,6 @@ def test_unexplained_is_collected_over_a_batch_and_its_square_counts_for_each_se
     assert collected((-12.0, BATCH_S), (0.0, 1.0)) == pytest.approx(expected)
     second = expected + (6.0**2 / BATCH_S - expected) / (PRIOR_BATCHES + 2)
     assert collected((12.0, BATCH_S), (6.0, BATCH_S)) == pytest.approx(second)
-
-
-def test_huge_batch_counts_as_nine_times_what_is_usual():
-    assert collected((1e6, BATCH_S)) == pytest.approx(4.0 + (36.0 - 4.0) / (PRIOR_BATCHES + 1))
 
 
 def test_pace_is_that_of_ways_and_the_turn_rate_that_of_turns_on_the_spot():

@@ -1,17 +1,14 @@
 import msgspec
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.model.energy_model import (
-    TERMS,
     EnergyEstimate,
     EnergyModel,
     Work,
     estimate,
     integrals,
-    quadratic_form,
 )
 
 MODEL = EnergyModel(
@@ -134,23 +131,3 @@ def test_bounds_are_ordered_and_costs_are_never_negative(confidence, other):
     if other > confidence:
         assert told.high_j(other) >= told.high_j(confidence)
     assert told.high_j(0.95) == pytest.approx(100.0 + 1.644854 * 60.0)
-
-
-def test_the_quadratic_form_is_that_of_the_whole_matrix():
-    rng = np.random.default_rng(1)
-    root = rng.normal(size=(len(TERMS), len(TERMS)))
-    matrix, vector = root @ root.T, rng.normal(size=len(TERMS))
-    lower = tuple(matrix[row, column] for row in range(len(TERMS)) for column in range(row + 1))
-    assert quadratic_form(lower, tuple(vector)) == pytest.approx(vector @ matrix @ vector)
-
-
-def test_work_and_model_travel_as_json():
-    work = Work(path_m=1.0, speed_m_s=0.4)
-    assert msgspec.json.decode(msgspec.json.encode(work), type=Work) == work
-    assert msgspec.json.decode(msgspec.json.encode(MODEL), type=EnergyModel) == MODEL
-
-
-@pytest.mark.parametrize("work", [{"path_m": -1.0}, {"wait_s": float("nan")}, {"speed_m_s": 0.0}, {"turn_rad": -0.1}])
-def test_impossible_work_is_refused(work):
-    with pytest.raises(ValueError, match="expected"):
-        Work(**work)

@@ -92,11 +92,6 @@ def test_charge_and_drop_that_are_unsure_count_between_the_end_and_here_at_what_
     assert one.remaining_j()[1] == pytest.approx(math.hypot(by_charge_j, by_end_j, by_drop_j))
 
 
-def test_an_unsure_health_widens_the_energy_by_what_it_holds():
-    one = with_covariance(straight(), {(4, 4): 0.1**2})
-    assert one.remaining_j()[1] == pytest.approx(RATED_C * 6.5 * 0.1)
-
-
 @pytest.mark.parametrize("correlation", [-1.0, -0.5, 0.5, 1.0])
 def test_errors_of_charge_and_health_that_go_together_add_up_and_others_cancel(correlation):
     by_charge_j, by_health_j = RATED_C * HEALTH * 14.0 * 0.04, RATED_C * 6.5 * 0.1
@@ -105,25 +100,11 @@ def test_errors_of_charge_and_health_that_go_together_add_up_and_others_cancel(c
     assert with_covariance(straight(), entries).remaining_j()[1] == pytest.approx(expected_j)
 
 
-def test_where_the_pack_is_empty_is_no_surer_than_its_curve():
-    # 0.2 V of a curve of 4 V.
-    assert straight(curve_sd_v=0.2).remaining_j()[1] == pytest.approx(RATED_C * HEALTH * 14.0 * 0.05)
-
-
 def test_an_unsure_resistance_moves_the_end_and_the_drop_on_the_way_there():
     one = with_covariance(straight(relaxation_share=0.5), {(3, 3): 0.1**2})
     drop_sd_v = 2.0 * 0.1 * 1.5
     by_end_j, by_drop_j = RATED_C * HEALTH * 14.0 * drop_sd_v / 4.0, RATED_C * HEALTH * 0.5 * drop_sd_v
     assert one.remaining_j()[1] == pytest.approx(math.hypot(by_end_j, by_drop_j))
-
-
-def test_the_interval_is_that_of_a_normal_distribution():
-    mean_j, sd_j = straight(missed_sd=0.02).remaining_j()
-    assert straight(missed_sd=0.02).interval_j() == (
-        mean_j,
-        pytest.approx(mean_j - 1.959964 * sd_j),
-        pytest.approx(mean_j + 1.959964 * sd_j),
-    )
 
 
 def test_a_pack_below_its_end_has_nothing_left_and_no_less_than_nothing():
@@ -141,12 +122,6 @@ def test_a_first_voltage_is_taken_without_what_the_load_drops():
     assert one.soc == pytest.approx(0.5)
     # Of the curve, of one measurement, and of not knowing how far it has relaxed, over 4 V.
     assert one.soc_sd == pytest.approx(math.sqrt(0.08**2 + 0.02**2 + (2.0 * 0.25 * 1.5) ** 2) / 4.0)
-
-
-def test_a_first_voltage_under_a_heavy_load_tells_no_more_than_nothing():
-    one = straight(resistance_ohm=1.0)
-    one.start_from(10.0, 4.0)
-    assert one.soc_sd == pytest.approx(0.3)
 
 
 def test_a_known_charge_begins_without_the_errors_that_went_with_the_old_one():
@@ -177,12 +152,6 @@ def test_a_snapshot_stays_as_it_was_and_can_be_gone_back_to_more_than_once():
         assert one.soc == pytest.approx(0.4)
         one.restore(kept)
         assert (one.soc, one.soc_sd) == (0.5, 0.0)
-
-
-def test_more_than_full_is_told_as_full():
-    one = straight()
-    one.start_at(1.02, 0.0)
-    assert one.soc == 1.0
 
 
 def test_the_expected_voltage_is_that_behind_resistance_and_relaxation_with_the_curves_error():

@@ -53,12 +53,6 @@ def near(place, x_m, y_m):
     return math.hypot(place.x_m - x_m, place.y_m - y_m) < 0.3
 
 
-def test_without_a_map_there_is_nothing_to_explore():
-    explorer = Explorer(TeamMap())
-    assert explorer.choose([robot("r1")], [], 0) == []
-    assert explorer.candidates == []
-
-
 def test_each_idle_robot_gets_its_own_end_of_the_corridor():
     explorer = Explorer(corridor().team_map)
     chosen = places(explorer.choose([robot("r1", 4.0), robot("r2", 5.0)], [], 0))
@@ -98,20 +92,6 @@ def test_where_one_robot_failed_another_may_go():
     assert near(places(explorer.choose([robot("r2")], [], to_ns(1.0)))["r2"], 2.05, 2.75)
 
 
-def test_a_robot_that_failed_everywhere_waits():
-    explorer = Explorer(corridor().team_map)
-    for place in (Point2D(2.05, 2.75), Point2D(7.95, 2.75)):
-        explorer.record_failure("r1", place, 0)
-    assert explorer.choose([robot("r1")], [], to_ns(1.0)) == []
-    assert len(explorer.choose([robot("r1")], [], to_ns(16.0))) == 1
-
-
-def test_a_goal_that_is_taken_is_left_to_the_one_who_has_it():
-    explorer = Explorer(corridor().team_map)
-    chosen = places(explorer.choose([robot("r1", 3.0)], [Busy(Point2D(2.05, 2.75), Point2D(2.05, 2.75))], 0))
-    assert near(chosen["r1"], 7.95, 2.75)
-
-
 def test_asked_in_vain_it_answers_anew_when_the_map_has_grown():
     floor = corridor()
     for x_m in (1.9, 8.0):
@@ -120,32 +100,6 @@ def test_asked_in_vain_it_answers_anew_when_the_map_has_grown():
     assert explorer.choose([robot("r1")], [], 0) == []
     floor.draw(7.9, 2.0, 8.1, 3.5)
     assert near(places(explorer.choose([robot("r1")], [], 1))["r1"], 8.05, 2.75)
-
-
-def test_asked_in_vain_it_answers_anew_when_a_robot_has_found_out_where_it_is():
-    explorer = Explorer(corridor().team_map)
-    lost = Scout("r1", None, 0.2)
-    assert explorer.choose([lost], [], 0) == []
-    assert explorer.idle == {"r1": Plain("place_unknown")}
-    assert len(explorer.choose([robot("r1")], [], 1)) == 1
-    assert explorer.idle == {}
-
-
-def test_asked_in_vain_it_answers_anew_when_a_robot_stands_elsewhere():
-    explorer = Explorer(corridor().team_map)
-    assert explorer.choose([robot("r1", 0.5, 5.5)], [], 0) == []
-    assert len(explorer.choose([robot("r1")], [], 1)) == 1
-
-
-def test_asked_in_vain_it_answers_anew_when_another_failure_has_taken_the_place_of_the_first():
-    floor = corridor()
-    floor.draw(8.0, 1.9, 8.1, 3.6, OCCUPIED)
-    explorer = Explorer(floor.team_map)
-    west = Point2D(2.05, 2.75)
-    explorer.record_failure("r1", west, 0)
-    assert explorer.choose([robot("r1")], [], to_ns(1.0)) == []
-    explorer.record_failure("r2", west, to_ns(14.0))
-    assert len(explorer.choose([robot("r1")], [], to_ns(15.5))) == 1
 
 
 def test_a_stout_robot_is_not_sent_where_it_does_not_fit():
@@ -215,20 +169,6 @@ def test_a_gap_that_was_too_narrow_is_tried_once_more_after_fifteen_seconds_and_
     assert not explorer.has_failures
 
 
-def test_each_robot_is_told_of_the_gap_nearest_to_it():
-    explorer = Explorer(rooms(3).team_map)
-    (choice,) = explorer.choose([robot("r1")], [], 0)
-    explorer.record_failure("r1", choice.place, 0)
-    west, east = Point2D(2.0, 3.1), Point2D(4.6, 3.1)
-    for _ in range(2):
-        explorer.record_gap(west, 0.38, 0)
-        explorer.record_gap(east, 0.39, 0)
-    assert explorer.choose([robot("r1", 2.5, 2.7), robot("r2", 4.2, 2.7)], [], to_ns(60.0)) == []
-    assert explorer.idle == {
-        name: Plain("too_narrow", x_m=place.x_m, y_m=place.y_m) for name, place in (("r1", west), ("r2", east))
-    }
-
-
 def test_failure_at_a_goal_counts_once_for_each_time_a_robot_was_sent_there_through_a_narrow_place():
     explorer = Explorer(rooms(3).team_map)
     (choice,) = explorer.choose([robot("r1")], [], 0)
@@ -240,26 +180,11 @@ def test_failure_at_a_goal_counts_once_for_each_time_a_robot_was_sent_there_thro
     assert explorer.choose([robot("r1")], [], to_ns(120.0)) == []
 
 
-@pytest.mark.parametrize("gap_m", [math.nan, math.inf, -1.0, 0.0, 1e308, "0.4", None, [0.4]])
-def test_a_gap_with_an_invalid_width_shuts_nothing(gap_m):
-    explorer = Explorer(rooms(3).team_map)
-    explorer.record_gap(Point2D(4.6, 3.1), gap_m, 0)
-    assert len(explorer.choose([robot("r1")], [], 1)) == 1
-
-
 def test_a_robot_says_so_if_others_explore_all_frontiers():
     explorer = Explorer(rooms(8).team_map)
     (choice,) = explorer.choose([robot("r1"), robot("r2")], [], 0)
     (left,) = {"r1", "r2"} - {choice.robot}
     assert explorer.idle == {left: Plain("others_explore", frontiers=1)}
-
-
-def test_a_robot_that_has_just_failed_everywhere_says_so():
-    explorer = Explorer(rooms(8).team_map)
-    (choice,) = explorer.choose([robot("r1")], [], 0)
-    explorer.record_failure("r1", choice.place, to_ns(3.0))
-    assert explorer.choose([robot("r1")], [], to_ns(4.0)) == []
-    assert explorer.idle == {"r1": Plain("tried_in_vain", frontiers=1)}
 
 
 def test_with_nothing_unknown_left_a_robot_says_so():
@@ -269,17 +194,6 @@ def test_with_nothing_unknown_left_a_robot_says_so():
     explorer = Explorer(floor.team_map)
     assert explorer.choose([robot("r1")], [], 0) == []
     assert explorer.idle == {"r1": NothingUnknown()}
-
-
-def test_a_robot_with_a_goal_is_no_longer_idle():
-    floor = corridor()
-    for x_m in (1.9, 8.0):
-        floor.draw(x_m, 1.9, x_m + 0.1, 3.6, OCCUPIED)
-    explorer = Explorer(floor.team_map)
-    explorer.choose([robot("r1")], [], 0)
-    floor.draw(7.9, 2.0, 8.1, 3.5)
-    assert len(explorer.choose([robot("r1")], [], 1)) == 1
-    assert explorer.idle == {}
 
 
 @pytest.mark.parametrize(

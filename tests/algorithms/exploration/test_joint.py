@@ -5,12 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.exploration.frontier_paths import FrontierPaths
-from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
+from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, FrontierPaths, Seeker, Situation
 from robrain.algorithms.exploration.strategies import (
     CROWD_PENALTY_M,
     CROWD_RADIUS_M,
-    GAIN_LIMIT_M,
     GAIN_M_PER_M2,
     joint,
 )
@@ -107,28 +105,6 @@ def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():
     assert choice.cost_m == pytest.approx(4.0 - GAIN_M_PER_M2 * 1.5, abs=0.3)
 
 
-def test_of_two_frontiers_as_far_away_the_one_with_more_unknown_floor_is_taken():
-    ends = [candidate(7.0, 1.0, 0.5), candidate(7.0, 5.0, 2.5)]
-    assert goals(assign_frontiers(OPEN, ends, [seeker("r1", 3.0, 3.0)], [])) == {"r1": (7.0, 5.0)}
-
-
-def test_unknown_floor_beyond_the_limit_is_worth_nothing_more():
-    matrix = cost_matrix(
-        OPEN,
-        [candidate(7.0, 3.0, worth * GAIN_LIMIT_M / GAIN_M_PER_M2) for worth in (0.9, 1.0, 10.0)],
-        [seeker("r1", 3.0, 3.0)],
-        [],
-    )
-    assert matrix[0][0] > matrix[0][1] == matrix[0][2]
-
-
-def test_a_frontier_that_another_robot_is_bound_for_is_shunned():
-    ends = [candidate(4.0, 3.0), candidate(9.0, 3.0)]
-    one = [seeker("r1", 2.0, 3.0)]
-    assert goals(assign_frontiers(OPEN, ends, one, [])) == {"r1": (4.0, 3.0)}
-    assert goals(assign_frontiers(OPEN, ends, one, [Point2D(4.0, 3.0)])) == {"r1": (9.0, 3.0)}
-
-
 @given(st.floats(0.0, 8.0))
 @settings(max_examples=20, deadline=None)
 def test_the_penalty_falls_off_with_the_distance_to_a_taken_goal(away_m):
@@ -143,7 +119,3 @@ def test_a_place_where_a_robot_failed_is_not_for_that_robot():
     assert assign_frontiers(OPEN, ends, [seeker("r1", 2.0, 3.0, (4.5, 3.0))], []) == []
     both = [seeker("r1", 2.0, 3.0, (4.5, 3.0)), seeker("r2", 9.0, 3.0)]
     assert goals(assign_frontiers(OPEN, ends, both, [])) == {"r2": (4.0, 3.0)}
-
-
-def test_a_robot_off_the_map_gets_nothing():
-    assert assign_frontiers(OPEN, [candidate(4.0, 3.0)], [seeker("r1", -50.0, 3.0)], []) == []

@@ -108,13 +108,6 @@ def test_without_a_map_what_frontiers_promise_counts_instead():
     assert goals(rooms(situation)) == {"r1": -2.0}
 
 
-def test_nothing_to_choose_from_gives_no_choice():
-    assert rooms(straight([], [seeker("r1")])) == []
-    assert rooms(straight([at(1.0)], [])) == []
-    nowhere = Situation([at(1.0)], [seeker("r1")], [], lambda _: np.array([np.inf]), floor=Look([at(1.0)], [4.0]))
-    assert rooms(nowhere) == []
-
-
 # -- the default ------------------------------------------------------------------------------------------------
 
 

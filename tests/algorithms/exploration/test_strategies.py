@@ -114,10 +114,6 @@ def test_a_stock_strategy_chooses_nothing_without_frontiers_or_robots(name: str)
     assert STOCK[name](on_a_line([A], [])) == []
 
 
-def test_the_stock_strategies_are_registered() -> None:
-    assert {name: STRATEGIES.get(name) for name in STOCK} == STOCK
-
-
 def test_the_goal_that_a_robot_has_counts_as_nearer() -> None:
     bound = Seeker("r1", Point2D(0.0, 0.0), goal=Point2D(5.3, 0.0))
     situation = on_a_line([A, B, C], [bound])

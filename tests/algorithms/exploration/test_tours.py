@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.exploration.frontier_paths import FIELD_KEPT_NS, FrontierFields, FrontierPaths
-from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
+from robrain.algorithms.exploration.situation import (
+    FIELD_KEPT_NS,
+    Busy,
+    FrontierCandidate,
+    FrontierFields,
+    FrontierPaths,
+    Seeker,
+    Situation,
+)
 from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.exploration.tours import CONSIDERED, FAR_M, LEAST_SAVING, Places, auto, plan_tours, tours
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
@@ -84,11 +91,6 @@ def test_of_very_many_frontiers_those_that_promise_most_for_their_distance_are_s
     many = [candidate(3.0 + 0.1 * index, 30.0, unknown_m2=0.1) for index in range(2 * CONSIDERED)]
     best = candidate(2.0, unknown_m2=10.0)
     assert goals(tours(straight([*many, best], [seeker("r1")]))) == {"r1": best.place}
-
-
-def test_shapes_that_do_not_fit_are_refused():
-    with pytest.raises(ValueError, match=r"expected 2 places, got .*\(\(3, 3\), \(2,\), \(1,\)\)"):
-        plan_tours(Places(np.zeros((1, 2)), np.zeros((3, 3)), np.ones(2), np.ones(1), FAR_M))
 
 
 # -- the tours themselves ---------------------------------------------------------------------------------------

@@ -134,29 +134,11 @@ def test_a_start_is_false_if_the_map_knows_the_place_and_most_of_what_is_seen_is
     assert localiser.beginnings == is_lost
 
 
-def test_one_that_is_lost_or_sees_nothing_has_no_start_to_check() -> None:
-    localiser, others = located(START), others_map()
-    assert localiser.check_start(others.log_odds, others.geometry, np.empty((0, 2))) is True
-    assert localiser.lost == ""
-    localiser.part("it was carried")
-    assert localiser.check_start(others.log_odds, others.geometry, beams(0, 10)) is True
-    assert (localiser.lost, localiser.beginnings) == ("it was carried", 0)
-
-
 def test_a_start_is_checked_from_where_the_sensor_was() -> None:
     localiser, others = located(Pose2D(START.x_m + 1.0, START.y_m, math.pi)), others_map()
     T_robot_sensor = Pose2D(1.0, 0.0, -math.pi)
     assert localiser.check_start(others.log_odds, others.geometry, beams(10, 0), T_robot_sensor)
     assert localiser.lost == ""
-
-
-def test_walls_that_were_drawn_less_surely_than_the_map_began_make_the_place_less_sure_on_every_axis() -> None:
-    localiser = located()
-    grid = ROOM.mapped(*ROOM_PLACES, drift=(0.04, 0.0025))
-    map = local_map(grid, anchor=TRUE, variances=(0.01, 0.02, 0.001), drift=(0.01, 0.0005))
-    localiser.see(ROOM.points(TRUE), map)
-    of_map = np.diag(localiser.covariance - localiser.filter.covariance)
-    assert of_map == pytest.approx((0.04, 0.05, 0.003), rel=0.02)
 
 
 def test_a_robot_that_motes_have_placed_is_as_sure_as_they_are_and_no_walls_hold_it_yet() -> None:

@@ -81,24 +81,6 @@ def test_the_answer_is_mean_and_covariance_of_the_posterior(true, seed, loss):
             assert covariance[i, j] == pytest.approx(spread[i, j], abs=0.15 * sigmas[i] * sigmas[j])
 
 
-def test_in_a_large_field_the_robot_is_found_too():
-    motes = np.array([(20.0 * i, 25.0 * j + 3.0 * i) for i in range(4) for j in range(3)])
-    true = Pose2D(33.0, 21.0, -0.7)
-    way = np.array([(0.5 * k - 15.0, 5.0 * math.sin(k / 8)) for k in range(60)])
-    found = find_robot(heard(true, 3, motes, way), LOSS)
-    assert found is not None
-    pose, covariance = found
-    off = np.array((pose.x_m - true.x_m, pose.y_m - true.y_m, math.remainder(pose.yaw_rad - true.yaw_rad, math.tau)))
-    assert off @ np.linalg.solve(covariance, off) < 16.0
-    assert math.hypot(off[0], off[1]) < 3.0
-
-
-def test_a_robot_that_goes_straight_past_motes_in_a_line_may_be_on_either_side():
-    motes = np.array([(4.0 * i, 0.0) for i in range(5)])
-    way = np.array([(0.2 * k - 12.0, 0.0) for k in range(60)])
-    assert find_robot(heard(Pose2D(14.0, 3.0, 0.0), 1, motes, way), LOSS) is None
-
-
 def grids(signals, here):
     """The places that are compared: far and wide, and near; as the module says."""
     low, high = signals.mote_places.min(axis=0) - 6.0, signals.mote_places.max(axis=0) + 6.0
@@ -143,11 +125,3 @@ def test_how_much_another_place_is_better_is_a_ratio_of_likelihoods(off_m, off_r
     odds = better_elsewhere(here, signals, LOSS)
     assert odds == pytest.approx(expected, abs=1e-6)
     assert (odds > 0.0) == is_elsewhere
-
-
-def test_a_mote_that_is_hit_is_as_far_as_the_nearest_that_the_model_knows():
-    signals = Signals(np.zeros((3, 2)), np.zeros(3, np.int64), np.array([(0.0, 0.0)]), np.full(3, -40.0))
-    odds = better_elsewhere(Pose2D(0.0, 0.0, 0.0), signals, LOSS)
-    far, near = grids(signals, Pose2D(0.0, 0.0, 0.0))
-    expected = log_likelihoods(far, signals, LOSS).max() - log_likelihoods(near, signals, LOSS).max()
-    assert odds == pytest.approx(expected, abs=1e-6)

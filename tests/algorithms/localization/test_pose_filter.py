@@ -30,9 +30,9 @@ def is_sound(estimate):
 
 
 @settings(max_examples=60, deadline=None)
-@given(events=st.lists(st.one_of(STEP, SIGNAL, MATCH), max_size=60), spread=st.sampled_from([0.0, math.sqrt(3.0)]))
-def test_the_covariance_stays_symmetric_and_positive_definite_whatever_is_measured(events, spread):
-    estimate = fresh(motes=3, spread=spread, relinearisations=1)
+@given(events=st.lists(st.one_of(STEP, SIGNAL, MATCH), max_size=60))
+def test_the_covariance_stays_symmetric_and_positive_definite_whatever_is_measured(events):
+    estimate = fresh(motes=3)
     for event in events:
         if len(event) == 4:
             mote, x_m, y_m, rssi_dbm = event
@@ -51,65 +51,6 @@ def test_it_stays_sound_over_ten_thousand_precise_measurements():
         estimate.correct((1.0, 0.0, 0.0) if number % 2 else (0.0, 1.0, 0.0), 0.0, 1e-8)
         estimate.hear(RssiSample("m1", Point2D(3.0, 1.0), -75.0), math.inf)
     assert is_sound(estimate)
-
-
-def test_without_measurements_it_is_dead_reckoning_and_grows_less_sure():
-    estimate = fresh()
-    sigmas_m = []
-    for _ in range(100):
-        estimate.move(Twist2D(0.1, 0.0, 0.0))
-        sigmas_m.append(estimate.sigma_m)
-    assert (estimate.pose.x_m, estimate.pose.y_m) == pytest.approx((10.0, 0.0))
-    assert sigmas_m == sorted(sigmas_m)
-    # 3 % of the way ahead, and 0.03 rad/m · (10 m)² / 2 aside.
-    assert estimate.sigma_m == pytest.approx(1.5, rel=0.1)
-
-
-def test_the_prediction_agrees_with_a_cloud_of_robots():
-    drift = DriftModel()
-    rng = np.random.default_rng(2)
-    scale, curve, turn = (rng.normal(0.0, sigma, 40_000) for sigma in (drift.scale, drift.curve_rad_per_m, drift.turn))
-    x, y, yaw = (rng.normal(0.0, sigma, 40_000) for sigma in (0.02, 0.02, 0.01))
-    estimate = fresh()
-    for _ in range(40):
-        estimate.move(Twist2D(0.1, 0.02, 0.03))
-        turned = 0.03 * (1 + turn) + 0.1 * curve
-        turned = turned + rng.normal(
-            0, math.hypot(0.005 * math.sqrt(math.hypot(0.1, 0.02)), 0.01 * math.sqrt(0.03)), 40_000
-        )
-        middle = yaw + turned / 2
-        x += (1 + scale) * (np.cos(middle) * 0.1 - np.sin(middle) * 0.02)
-        y += (1 + scale) * (np.sin(middle) * 0.1 + np.cos(middle) * 0.02)
-        yaw += turned
-    cloud = np.cov(np.stack((x, y, yaw)))
-    assert estimate.covariance == pytest.approx(cloud, rel=0.1, abs=2e-3)
-
-
-@pytest.mark.slow
-def test_errors_of_the_odometry_are_learned_from_what_walls_say():
-    estimate = fresh()
-    true = Pose2D(0.0, 0.0, 0.0)
-    for _ in range(400):
-        # The wheels are 2 % larger than believed, and the robot curves by 0.02 rad/m without noticing.
-        true = true.compose(Pose2D(0.051 * math.cos(0.0005), 0.051 * math.sin(0.0005), 0.001))
-        estimate.move(Twist2D(0.05, 0.0, 0.0))
-        pose = estimate.pose
-        for row, off in (((1.0, 0, 0), true.x_m - pose.x_m), ((0, 1.0, 0), true.y_m - pose.y_m)):
-            estimate.correct(row, off, 0.02**2)
-    scale, curve, _ = estimate.biases
-    assert scale == pytest.approx(0.02, abs=0.006)
-    assert curve == pytest.approx(0.02, abs=0.006)
-    assert estimate.pose.distance_m(true) < 0.05
-
-
-def test_a_signal_that_cannot_be_right_is_refused_and_changes_nothing():
-    estimate = fresh()
-    before = estimate.pose, estimate.covariance
-    heard = estimate.hear(RssiSample("m1", Point2D(2.0, 0.0), -120.0))
-    assert not heard.is_taken
-    assert heard.nis > 10.83
-    assert estimate.pose == before[0]
-    assert np.array_equal(estimate.covariance, before[1])
 
 
 def test_a_mote_that_always_sounds_weak_does_not_draw_the_robot_away():
@@ -141,9 +82,3 @@ def test_memory_is_bounded_however_many_motes_are_heard():
         estimate.hear(RssiSample(f"m{number}", Point2D(float(number % 7), 3.0), -75.0))
     assert estimate.whole_covariance.shape == (10, 10)
     assert is_sound(estimate)
-
-
-@pytest.mark.parametrize("key", DriftModel.__struct_fields__)
-def test_a_negative_drift_is_refused_by_name(key):
-    with pytest.raises(ValueError, match=key):
-        DriftModel(**{key: -0.1})

@@ -162,69 +162,17 @@ def test_a_signal_is_taken_in_by_statistical_linear_regression(
     innovation = rssi_dbm - middle - mean[slot]
     variance = row @ covariance[:SIZE, :SIZE] @ row + left + NOISE_DB2
     expected = kalman(mean[:SIZE], covariance[:SIZE, :SIZE], row, innovation, left + NOISE_DB2)
-    told = kernels.update_by_signal(mean, covariance, SIZE, slot, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 0)
+    told = kernels.update_by_signal(mean, covariance, SIZE, slot, *SIGNAL, rssi_dbm, *RADIO, NO_GATE)
     assert told == pytest.approx((innovation**2 / variance, innovation, variance), rel=1e-6)
     assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-6)
     assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-6)
-
-
-@settings(deadline=None, max_examples=40)
-@given(states(), st.floats(-95.0, -55.0))
-def test_a_signal_is_linearised_anew_about_where_it_puts_the_robot(
-    state: tuple[Floats, Floats], rssi_dbm: float
-) -> None:
-    mean, covariance = state
-    prior = mean[:SIZE].copy(), covariance[:SIZE, :SIZE].copy()
-    at, spread = prior[0][:2], prior[1][:2, :2]
-    first = None
-    for _ in range(3):
-        slopes, middle, left = regression(at, spread)
-        row = np.zeros(SIZE)
-        row[:2], row[6] = slopes, 1.0
-        innovation = rssi_dbm - (middle + slopes @ (prior[0][:2] - at) + prior[0][6])
-        first = first or (innovation, row @ prior[1] @ row + left + NOISE_DB2)
-        expected = kalman(*prior, row, innovation, left + NOISE_DB2)
-        at, spread = expected[0][:2], expected[1][:2, :2]
-    assert first is not None
-    told = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, kernels.ROOT_3, 2)
-    assert told == pytest.approx((first[0] ** 2 / first[1], *first), rel=1e-6)
-    assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-5)
-    assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-5)
-
-
-@settings(deadline=None, max_examples=40)
-@given(states(), st.floats(-95.0, -55.0))
-def test_without_a_spread_the_tangent_is_taken(state: tuple[Floats, Floats], rssi_dbm: float) -> None:
-    mean, covariance = state
-    step = 1e-6
-    row = np.zeros(SIZE)
-    for axis in range(2):
-        unit = step * np.eye(2)[axis]
-        row[axis] = (strength_dbm(mean[:2] + unit) - strength_dbm(mean[:2] - unit)) / (2.0 * step)
-    row[7] = 1.0
-    innovation = rssi_dbm - strength_dbm(mean[:2]) - mean[7]
-    expected = kalman(mean[:SIZE], covariance[:SIZE, :SIZE], row, innovation, NOISE_DB2)
-    kernels.update_by_signal(mean, covariance, SIZE, 7, *SIGNAL, rssi_dbm, *RADIO, NO_GATE, 0.0, 0)
-    assert mean[:SIZE] == pytest.approx(expected[0], abs=1e-5)
-    assert covariance[:SIZE, :SIZE] == pytest.approx(expected[1], abs=1e-5)
-
-
-def test_beside_a_mote_the_far_field_ends_for_the_slope_too() -> None:
-    """At 0.05 m the strength is that of 0.1 m, and the tangent is bounded by it."""
-    mean, covariance = np.zeros(CAPACITY), np.diag(np.full(CAPACITY, 1e-3))
-    mean[:2] = MOTE[0] + 0.03, MOTE[1] + 0.04
-    slope = np.array((0.03, 0.04)) * -DB_PER_FOLD / 0.1**2
-    variance = 1e-3 * (slope @ slope) + 1e-3 + NOISE_DB2
-    innovation = -20.0 - (AT_1_M_DBM - DB_PER_FOLD * math.log(0.1))
-    told = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, -20.0, *RADIO, NO_GATE, 0.0, 0)
-    assert told == pytest.approx((innovation**2 / variance, innovation, variance))
 
 
 def test_a_signal_at_the_gate_is_taken_and_one_beyond_it_changes_nothing() -> None:
     for gate, is_taken in ((100.0, True), (1.0, False)):
         mean, covariance = np.zeros(CAPACITY), np.diag(np.full(CAPACITY, 1e-2))
         before = mean.copy(), covariance.copy()
-        nis, _, _ = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, -55.0, *RADIO, gate, kernels.ROOT_3, 0)
+        nis, _, _ = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, -55.0, *RADIO, gate)
         assert 1.0 < nis < 100.0
         assert np.array_equal(mean, before[0]) != is_taken
         assert np.array_equal(covariance, before[1]) != is_taken

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization import pose_filter as kernels
 from robrain.algorithms.localization.pose_filter import DriftModel, PoseFilter
 from robrain.algorithms.localization.pose_mixture import PARTS_MAX, PoseMixture
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
@@ -91,37 +90,6 @@ def test_what_is_put_somewhere_or_doubted_is_one_filter():
         assert len(mixture) > 1
         change(mixture)
         assert len(mixture) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("yaw_rad", [-0.9, -0.4, 0.0, 0.5, 0.9])
-def test_a_robot_that_does_not_know_its_yaw_finds_it_on_its_way(yaw_rad):
-    rng = np.random.default_rng(3)
-    errors, errors_of_one = [], []
-    for _ in range(20):
-        mixture, one = fresh(0.6), fresh(0.6, parts_max=1)
-        true = Pose2D(0.0, 0.0, yaw_rad)
-        for step in range(60):
-            true = true.compose(Pose2D(0.1, 0.0, 0.0))
-            mote = step % 6
-            rssi_dbm = PathLoss().mean_dbm(true.distance_m(MOTES[mote])) + 4.0 * rng.standard_normal()
-            for each in (mixture, one):
-                each.move(Twist2D(0.1, 0.0, 0.0))
-                each.hear(heard(mote, rssi_dbm))
-        off = [[each.pose.x_m - true.x_m, each.pose.y_m - true.y_m] for each in (mixture, one)]
-        errors.append(np.array(off[0]) @ np.linalg.solve(mixture.covariance[:2, :2], off[0]))
-        errors_of_one.append(np.array(off[1]) @ np.linalg.solve(one.covariance[:2, :2], off[1]))
-    assert np.mean(errors) < 3.0  # 2 if the covariance is right
-    assert np.mean(errors) <= np.mean(errors_of_one) + 0.5
-
-
-def test_the_two_most_alike_are_the_closest_pair():
-    poses = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 1.0], [0.1, 0.0, 0.02], [-3.0, 1.0, -1.0]])
-    covariances = np.tile(np.diag([0.1, 0.1, 0.01]), (4, 1, 1))
-    first, second, loss = kernels.closest_pair(poses, covariances, np.full(4, 0.25))
-    assert (first, second) == (0, 2)
-    assert 0 < loss < 0.05
-    assert kernels.closest_pair(poses[[0, 0]], covariances[:2], np.full(2, 0.5))[2] == pytest.approx(0.0, abs=1e-9)
 
 
 class SumOfThree:

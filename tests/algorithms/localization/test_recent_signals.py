@@ -24,14 +24,6 @@ def full(records, motes):
     return signals
 
 
-def test_at_first_nothing_was_heard():
-    signals = RecentSignals()
-    assert not signals.has_received
-    assert len(signals) == 0
-    assert signals.nis(Pose2D(0.0, 0.0, 0.0), PathLoss()) == 0.0
-    assert not signals.can_find(100.0)
-
-
 @pytest.mark.parametrize(
     ("records", "motes", "way_m", "is_enough"),
     [(24, 4, 2.01, True), (23, 4, 2.01, False), (24, 3, 2.01, False), (24, 4, 2.0, False), (64, 9, 50.0, True)],
@@ -46,14 +38,6 @@ def test_memory_is_bounded_and_the_latest_count():
         signals.hear(sample(0, -float(number)))
     assert len(signals) == RECORDS
     assert signals.seen_from_here().rssi_dbm.tolist() == [-float(number) for number in range(10, RECORDS + 10)]
-
-
-def test_what_is_forgotten_was_heard_all_the_same():
-    signals = full(30, 5)
-    signals.forget()
-    assert len(signals) == 0
-    assert signals.has_received
-    assert not signals.can_find(10.0)
 
 
 @settings(deadline=None)

@@ -14,17 +14,3 @@ def test_ten_times_the_distance_costs_ten_times_the_exponent():
     assert loss.mean_dbm(1.0) == -55.0
     assert loss.mean_dbm(10.0) == pytest.approx(-79.0)
     assert loss.mean_dbm(0.0) == loss.mean_dbm(NEAREST_M) == pytest.approx(-31.0)
-
-
-@pytest.mark.parametrize("name", ["exponent", "decorrelation_m", "fading_db"])
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
-def test_what_has_to_be_above_zero_is_refused_by_name(name, value):
-    with pytest.raises(ValueError, match=f"{name} > 0"):
-        PathLoss(**{name: value})
-
-
-def test_there_may_be_no_shadowing_but_not_less():
-    assert PathLoss(shadowing_db=0.0).shadowing_db == 0.0
-    for value in (-0.1, float("nan")):
-        with pytest.raises(ValueError, match="shadowing_db >= 0"):
-            PathLoss(shadowing_db=value)

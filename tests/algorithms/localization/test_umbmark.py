@@ -55,17 +55,6 @@ def test_with_what_was_found_the_squares_close() -> None:
     assert left.largest_m < 0.1 * errors.largest_m
 
 
-def test_a_robot_without_errors_has_none() -> None:
-    errors = odometry_errors([SquareEnd(0.0, 0.0, 0.0)], [SquareEnd(0.0, 0.0, 0.0)], SIDE_M, TRACK_M)
-    assert (errors.track_factor, errors.wheel_ratio, errors.largest_m) == (1.0, 1.0, 0.0)
-
-
-def test_several_squares_count_by_their_centre_of_gravity() -> None:
-    scattered = [SquareEnd(0.02, 0.0), SquareEnd(-0.02, 0.04), SquareEnd(0.0, -0.04)]
-    errors = odometry_errors(scattered, [SquareEnd(0.0, 0.0)], SIDE_M, TRACK_M)
-    assert errors.largest_m == pytest.approx(0.0, abs=1e-12)
-
-
 def test_headings_count_for_more_than_places_as_they_are_measured_more_exactly() -> None:
     errors = odometry_errors([SquareEnd(0.0, 0.0, -0.04)], [SquareEnd(0.0, 0.0, 0.04)], SIDE_M, TRACK_M)
     assert 0.007 < errors.corner_rad < 0.01

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
 GEOMETRY = GridGeometry(0.1, -1.0, -2.0, 40, 30)
@@ -24,32 +24,6 @@ def look(grid: OccupancyGrid, range_m: float, *, stamp_ms: int = 0, ignore: np.n
 
 def say(grid: OccupancyGrid, value: int, stamp_ms: int) -> int:
     return grid.merge_patch(14, 23, np.array([[value]], np.int8), stamp_ms)
-
-
-def test_row_zero_is_at_the_lowest_y_and_cells_are_found_by_their_middle() -> None:
-    assert GEOMETRY.shape == (30, 40)
-    assert GEOMETRY.cell_of(-0.95, -1.95) == (0, 0)
-    assert GEOMETRY.cell_of(-1.05, -2.15) == (-2, -1)
-    middle = GEOMETRY.center_of(0, 0)
-    assert middle == Point2D(pytest.approx(-0.95), pytest.approx(-1.95))
-    assert GEOMETRY.contains(29, 39)
-    assert not GEOMETRY.contains(30, 39)
-    assert not GEOMETRY.contains(0, -1)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        ((0.0, 0.0, 0.0, 4, 4), "resolution_m"),
-        ((math.nan, 0.0, 0.0, 4, 4), "resolution_m"),
-        ((0.1, math.inf, 0.0, 4, 4), "origin"),
-        ((0.1, 0.0, 0.0, 0, 4), "width"),
-        ((0.1, 0.0, 0.0, 4, -1), "height"),
-    ],
-)
-def test_geometry_without_cells_is_refused(arguments: tuple[float, float, float, int, int], named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        GridGeometry(*arguments)
 
 
 @pytest.mark.parametrize(
@@ -113,27 +87,6 @@ def test_later_statement_wins_and_an_older_one_is_passed_over() -> None:
     assert say(grid, 100, 6) == 1
     assert grid.classes()[14, 23] == OCCUPIED
     assert grid.version == 3
-
-
-def test_patch_without_a_statement_changes_nothing() -> None:
-    grid = OccupancyGrid(GEOMETRY)
-    say(grid, 100, 5)
-    assert say(grid, -1, 9) == 0
-    assert grid.classes()[14, 23] == OCCUPIED
-    assert grid.version == 1
-
-
-def test_patch_carries_one_map_into_another() -> None:
-    teller, hearer = OccupancyGrid(GEOMETRY), OccupancyGrid(GEOMETRY)
-    rng = np.random.default_rng(2)
-    angles_rad = np.linspace(-math.pi, math.pi, 60, endpoint=False)
-    for stamp_ms in range(5):
-        teller.integrate_scan(MIDDLE, angles_rad, rng.uniform(0.2, 1.6, 60), 1.5, stamp_ms, NOBODY)
-        patch = teller.pop_patch()
-        assert patch is not None
-        on_the_wire = np.frombuffer(patch.cells.tobytes(), np.int8).reshape(patch.cells.shape)
-        hearer.merge_patch(patch.row, patch.column, on_the_wire, patch.stamp_ms)
-        assert (hearer.classes() == teller.classes()).all()
 
 
 @pytest.mark.parametrize(("row", "column"), [(-1, 0), (0, -1), (29, 0), (0, 38)])

@@ -46,10 +46,10 @@ def assert_equal(grid, reference):
     walls = {cell for cell, evidence in reference.evidence.items() if evidence > 0}
     for cell in walls:
         surface = reference.surfaces[cell]
-        assert grid.surface_hits[cell] == surface.hits
-        assert grid.surface_at[cell] == pytest.approx(surface.at, abs=1e-4)
-        assert grid.surface_view[cell] == pytest.approx(surface.view, abs=1e-4)
-        assert grid.surface_drift[cell] == pytest.approx(surface.drift)
+        assert grid.surfaces.hits[cell] == surface.hits
+        assert grid.surfaces.at[cell] == pytest.approx(surface.at, abs=1e-4)
+        assert grid.surfaces.seen_along[cell] == pytest.approx(surface.view, abs=1e-4)
+        assert grid.surfaces.drift[cell] == pytest.approx(surface.drift)
     assert {tuple(cell) for cell in grid.recent_surfaces().tolist()} == walls & reference.recent
 
 
@@ -111,7 +111,7 @@ def test_without_surfaces_the_cells_are_the_same(seed):
         without.integrate_scan(*scan)
     assert np.array_equal(with_surfaces.log_odds, without.log_odds)
     assert np.array_equal(with_surfaces.dirty, without.dirty)
-    assert without.surface_hits.shape == (1, 1)
+    assert without.surfaces.hits.shape == (1, 1)
 
 
 def test_of_many_beams_that_ended_in_a_cell_the_older_ones_fade():
@@ -122,7 +122,7 @@ def test_of_many_beams_that_ended_in_a_cell_the_older_ones_fade():
         grid.integrate_scan(*scan)
         reference.scan(*scan)
         assert_equal(grid, reference)
-    assert grid.surface_hits.max() == 30
+    assert grid.surfaces.hits.max() == 30
 
 
 def test_a_box_that_is_erased_is_as_if_never_seen():
@@ -177,21 +177,6 @@ def test_after_all_is_forgotten_the_grid_is_new():
         grid.integrate_scan(*scan)
         reference.scan(*scan)
         assert_equal(grid, reference)
-
-
-def test_a_change_of_one_cell_is_a_change():
-    grid = OccupancyGrid(GEOMETRY)
-    one_cell = Pose2D(0.0, 2.0, 0.0), np.zeros(1), np.array([0.05]), RANGE_M, 5, NOBODY
-    assert grid.integrate_scan(*one_cell) == 1
-    assert grid.version == 1
-    grid.begin_stretch()
-    grid.begin_stretch()
-    assert (grid.version, grid.known_count) == (2, 0), "one cell is forgotten"
-    grid.integrate_scan(*one_cell)
-    assert grid.erase(0, 0, *GEOMETRY.shape) == 1
-    assert (grid.version, grid.known_count) == (4, 0)
-    grid.count_drawn(1, 1)
-    assert (grid.version, grid.known_count) == (5, 1)
 
 
 def test_cells_that_were_drawn_from_outside_are_counted():

@@ -98,35 +98,3 @@ def test_sensor_outside_or_in_a_wall_measures_zero(sensor: Pose2D) -> None:
     occupied = NOTHING.copy()
     occupied[29, 39] = True
     assert cast_rays(occupied, GEOMETRY, sensor, AHEAD, 9.0, NO_CIRCLES)[0] == 0.0
-
-
-def test_bytes_serve_as_obstacles_like_booleans() -> None:
-    occupied = NOTHING.copy()
-    occupied[:, 20] = True
-    angles_rad = np.linspace(-1.0, 1.0, 9)
-    from_booleans = cast_rays(occupied, GEOMETRY, SENSOR, angles_rad, 9.0, NO_CIRCLES)
-    from_bytes = cast_rays(occupied.astype(np.uint8) * 255, GEOMETRY, SENSOR, angles_rad, 9.0, NO_CIRCLES)
-    assert (from_booleans == from_bytes).all()
-
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"occupied": np.zeros((3, 3), np.bool_)}, "obstacles"),
-        ({"angles_rad": np.zeros((1, 1))}, "angles"),
-        ({"circles": np.zeros(3)}, "circles"),
-        ({"sensor": Pose2D(0.0, math.inf, 0.0)}, "pose"),
-        ({"range_max_m": 0.0}, "range_max_m"),
-    ],
-)
-def test_arguments_that_do_not_fit_are_refused(change: dict[str, object], named: str) -> None:
-    arguments = {
-        "occupied": NOTHING,
-        "geometry": GEOMETRY,
-        "sensor": SENSOR,
-        "angles_rad": AHEAD,
-        "range_max_m": 1.0,
-        "circles": NO_CIRCLES,
-    }
-    with pytest.raises(ValueError, match=named):
-        cast_rays(**(arguments | change))

@@ -1,7 +1,5 @@
 """A mote field over its whole life: energy and readings are accounted for, and plans do what they are for."""
 
-import math
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -130,22 +128,3 @@ def test_full_memory_loses_readings() -> None:
     where = site(1, log_readings=720)
     life = live(where, routing=Routing.NONE, tours_per_day=1.0)
     assert life.delivery_ratio == pytest.approx(0.5, abs=0.01)
-
-
-def test_equal_fields_have_equal_lives() -> None:
-    plan = {"tours_per_day": 1.0, "goal_days": 400.0, "takes_turns": True}
-    assert live(site(7), **plan) == live(site(7), **plan)
-
-
-@pytest.mark.parametrize(
-    ("fields", "named"),
-    [
-        ({"routing": Routing.NONE}, "tours_per_day"),
-        ({"tours_per_day": -1.0}, "tours_per_day"),
-        ({"replan_days": 0.0}, "replan_days"),
-        ({"goal_days": math.inf}, "goal_days"),
-    ],
-)
-def test_plan_without_sense_is_refused(fields: dict[str, object], named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        FieldPlan(**fields)

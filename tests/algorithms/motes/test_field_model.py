@@ -62,13 +62,6 @@ def test_tour_is_near_the_shortest_of_all_orders(places: list[Point2D]) -> None:
     assert tour_m(ORIGIN, [places[index] for index in order]) <= 1.25 * best_m + 1e-6
 
 
-def test_crossed_tour_is_untangled() -> None:
-    # The nearest place next would cross its own way: 0, 1, then over to the far side and back.
-    places = [Point2D(10.0, 0.0), Point2D(0.0, 12.0), Point2D(10.0, 12.0), Point2D(0.0, 24.0), Point2D(10.0, 24.0)]
-    order = shortest_order(ORIGIN, places)
-    assert tour_m(ORIGIN, [places[index] for index in order]) == pytest.approx(68.0)
-
-
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
 def test_relays_connect_every_part(seed: int) -> None:

@@ -65,11 +65,6 @@ def test_bound_of_a_chain_is_the_life_of_the_mote_at_the_sink() -> None:
     assert lifetime_bound_days(graph, [ENERGY.capacity_j] * 3, ENERGY, RATE_HZ) == pytest.approx(expected_days)
 
 
-def test_bound_is_asked_only_of_fields_that_reach_the_sink() -> None:
-    with pytest.raises(ValueError, match="all reach the sink"):
-        lifetime_bound_days(line(9.0, 30.0), [1.0, 1.0], ENERGY, RATE_HZ)
-
-
 def test_nearly_empty_mote_is_spared() -> None:
     # Mote 2 reaches the sink by mote 0 or by mote 1, which are alike but for what they have left.
     graph = line(5.0, 5.0, 14.0)

@@ -1,7 +1,6 @@
 """The known floor divided at its narrow places."""
 
 import numpy as np
-import pytest
 
 from robrain.algorithms.exploration.map_look import NO_ROOM, floor_rooms
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
@@ -56,15 +55,3 @@ def test_a_corridor_is_parted_from_the_rooms_along_it():
         classes[20, middle - 4 : middle + 4] = FREE
     rooms = floor_rooms(classes, CELL_M)
     assert len({rooms[10, 45], rooms[45, 15], rooms[45, 45], rooms[45, 75]}) == 4
-
-
-def test_a_map_without_floor_has_no_room():
-    assert (floor_rooms(np.full((5, 6), UNKNOWN, np.int8), CELL_M) == NO_ROOM).all()
-
-
-@pytest.mark.parametrize(
-    ("classes", "resolution_m"), [(np.zeros(3, np.int8), 0.1), (walled(), 0.0), (walled(), float("nan"))]
-)
-def test_other_shapes_and_resolutions_are_refused(classes, resolution_m):
-    with pytest.raises(ValueError, match="expected classes"):
-        floor_rooms(classes, resolution_m)

@@ -20,13 +20,6 @@ def test_border_of_known_floor_is_a_frontier_named_by_its_middle() -> None:
     assert find_frontiers(room()) == [Frontier(row=9, column=9, cells=20)]
 
 
-def test_wall_ends_a_frontier() -> None:
-    classes = room()
-    classes[:, 10] = OCCUPIED
-    classes[15:20, 10] = UNKNOWN
-    assert find_frontiers(classes) == [Frontier(row=17, column=9, cells=5)]
-
-
 def test_arena_edge_is_no_frontier() -> None:
     assert find_frontiers(np.full((9, 9), FREE)) == []
 
@@ -40,13 +33,6 @@ def test_only_reachable_cells_count() -> None:
     reachable = np.zeros((20, 60), np.bool_)
     reachable[:6] = True
     assert find_frontiers(room(), reachable) == [Frontier(row=2, column=9, cells=6)]
-
-
-def test_cells_that_touch_at_a_corner_are_one_group() -> None:
-    classes = np.full((12, 12), UNKNOWN)
-    for k in range(6):
-        classes[k + 2, : k + 3] = FREE
-    assert len(find_frontiers(classes, min_cells=1)) == 1
 
 
 def test_long_frontier_is_shared_out_in_even_pieces() -> None:
@@ -77,13 +63,6 @@ def test_every_frontier_cell_is_in_one_piece_and_every_piece_is_named_by_one_of_
     assert len({(frontier.row, frontier.column) for frontier in frontiers}) == len(frontiers)
 
 
-def test_arguments_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ValueError, match="reachable"):
-        find_frontiers(room(), np.ones((2, 2), np.bool_))
-    with pytest.raises(ValueError, match="split_cells"):
-        find_frontiers(room(), split_cells=0)
-
-
 def test_unknown_floor_beyond_a_frontier_counts_as_far_as_its_reach() -> None:
     assert unknown_beyond(room(), 10, 9, 4) == 4 * 9
     assert unknown_beyond(room(), 0, 9, 4) == 4 * 5, "beyond the map is nothing"
@@ -96,10 +75,6 @@ def test_unknown_floor_behind_a_wall_is_not_beyond_a_frontier() -> None:
     assert unknown_beyond(classes, 10, 9, 4) == 2 * 9
     classes[14, 12] = UNKNOWN
     assert unknown_beyond(classes, 10, 9, 4) == 2 * 9 + 9 + 1, "a door leads there"
-
-
-def test_in_a_wall_there_is_no_frontier() -> None:
-    assert unknown_beyond(np.full((9, 9), OCCUPIED), 4, 4, 3) == 0
 
 
 @given(arrays(np.bool_, st.tuples(st.integers(0, 12), st.integers(0, 12))), st.booleans())

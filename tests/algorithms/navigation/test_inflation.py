@@ -22,14 +22,3 @@ def test_clearance_is_the_euclidean_distance_to_the_nearest_obstacle(occupied: n
 def test_arena_edge_counts_as_an_obstacle() -> None:
     clearance = clearance_m(np.zeros((5, 7), np.bool_), 1.0, 10.0)
     assert clearance[2].tolist() == [1.0, 2.0, 3.0, 3.0, 3.0, 2.0, 1.0]
-
-
-@pytest.mark.parametrize(("resolution_m", "limit_m"), [(0.0, 1.0), (0.1, 0.0), (0.1, float("nan"))])
-def test_lengths_that_are_not_positive_are_refused(resolution_m: float, limit_m: float) -> None:
-    with pytest.raises(ValueError, match="expected resolution_m > 0 and limit_m > 0"):
-        clearance_m(np.zeros((2, 2), np.bool_), resolution_m, limit_m)
-
-
-def test_cells_that_are_no_grid_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"\(H, W\)"):
-        clearance_m(np.zeros(4, np.bool_), 0.1, 1.0)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.navigation_grid import COMFORT_M, DISCOMFORT, NavigationGrid
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
@@ -62,33 +62,6 @@ def test_who_is_there_already_has_one_waypoint_there():
     assert len(navigation(hall()).path(WEST, WEST, snap_m=SNAP_M)) == 1
 
 
-def test_a_path_goes_round_a_wall_with_the_clearance_that_is_needed():
-    classes = hall()
-    classes[:28, 30] = OCCUPIED
-    path = navigation(classes).path(WEST, EAST, snap_m=SNAP_M)
-    walls = [GEOMETRY.center_of(row, column) for row, column in np.argwhere(classes == OCCUPIED)]
-    for x_m, y_m in along(WEST, path):
-        nearest_m = min(math.dist((x_m, y_m), (wall.x_m, wall.y_m)) for wall in walls)
-        assert nearest_m > NEEDED_M - GEOMETRY.resolution_m
-    assert max(point.y_m for point in path) > 2.8
-
-
-@pytest.mark.parametrize("between", [UNKNOWN, OCCUPIED])
-def test_there_is_no_path_through_what_is_unknown_or_occupied(between):
-    classes = hall()
-    classes[:, 28:32] = between
-    assert navigation(classes).path(WEST, EAST, snap_m=SNAP_M) is None
-
-
-def test_a_door_is_passed_if_the_robot_fits_and_not_if_it_does_not():
-    classes = hall()
-    classes[:, 30] = OCCUPIED
-    classes[18:24, 30] = FREE  # 0.6 m
-    assert navigation(classes).path(WEST, EAST, snap_m=SNAP_M) is not None
-    classes[20:24, 30] = OCCUPIED  # 0.2 m
-    assert navigation(classes).path(WEST, EAST, snap_m=SNAP_M) is None
-
-
 def test_where_there_is_room_a_path_keeps_away_from_walls():
     classes = hall()
     classes[18:23, 20:40] = OCCUPIED
@@ -96,26 +69,6 @@ def test_where_there_is_room_a_path_keeps_away_from_walls():
     path = grid.path(WEST, EAST, snap_m=SNAP_M)
     beside = [abs(y_m - 2.05) for x_m, y_m in along(WEST, path) if 2.2 < x_m < 3.8]
     assert min(beside) > 0.25 + NEEDED_M + 0.1
-
-
-def test_a_circle_to_avoid_is_driven_round():
-    circle = (3.05, 2.05, 0.8)
-    path = navigation(hall()).path(WEST, EAST, snap_m=SNAP_M, avoid=[circle])
-    distances_m = [math.dist(place, circle[:2]) for place in along(WEST, path)]
-    assert min(distances_m) > circle[2] - GEOMETRY.resolution_m
-
-
-def test_circles_that_close_the_hall_leave_no_path():
-    closed = [(3.05, y_m, 0.6) for y_m in (0.5, 1.5, 2.5, 3.5)]
-    assert navigation(hall()).path(WEST, EAST, snap_m=SNAP_M, avoid=closed) is None
-
-
-def test_circles_hold_for_one_path_only():
-    grid = navigation(hall())
-    before = grid.traversable.copy()
-    grid.path(WEST, EAST, snap_m=SNAP_M, avoid=[(3.05, 2.05, 1.5)])
-    assert np.array_equal(grid.traversable, before)
-    assert grid.without([]) is grid.traversable
 
 
 @pytest.mark.slow
@@ -163,15 +116,6 @@ def test_ways_are_metres_on_open_floor_and_infinite_where_there_is_none():
     )
     assert grid.ways_m(WEST, [near, beyond, here], snap_m=SNAP_M) == [pytest.approx(2.0, abs=0.2), math.inf, 0.0]
     assert grid.ways_m(EAST, [near], snap_m=SNAP_M) == [math.inf]
-
-
-def test_costs_lie_between_open_floor_and_the_tightest_place():
-    grid = navigation(hall())
-    costs = grid.cost[grid.traversable]
-    assert costs.min() == 1.0
-    assert 1.0 < costs.max() <= 1.0 + DISCOMFORT
-    assert grid.cost[20, 30] == 1.0  # 2 m from any wall
-    assert NEEDED_M + COMFORT_M < 2.0
 
 
 @settings(max_examples=30)
@@ -258,16 +202,6 @@ def test_ways_through_narrow_places_are_not_measured_through_a_slanting_wall():
     assert grid.ways_m(WEST, [GEOMETRY.cell_of(EAST.x_m, EAST.y_m)], snap_m=SNAP_M) == [math.inf]
 
 
-def test_waypoints_leave_out_the_first_cell_unless_it_is_the_only_one():
-    grid = navigation(hall())
-    for count in (1, 2, 3):
-        cells = np.array([(20, 30 + step) for step in range(count)], np.int32)
-        found = grid.waypoints(cells)
-        assert len(found) == max(1, count - 1)
-        last = GEOMETRY.center_of(20, 29 + count)
-        assert (found[-1].x_m, found[-1].y_m) == pytest.approx((last.x_m, last.y_m))
-
-
 @pytest.mark.parametrize("options", [{}, {"unknown_cost": 3.0}, {"preferred_m": 0.4}])
 def test_updated_grid_is_the_one_that_would_be_built_anew(options):
     draw = np.random.default_rng(6)
@@ -282,21 +216,3 @@ def test_updated_grid_is_the_one_that_would_be_built_anew(options):
         assert np.array_equal(grid.traversable, anew.traversable)
         assert np.array_equal(grid.cost, anew.cost)
         assert np.array_equal(grid.narrow, anew.narrow)
-
-
-def test_on_open_floor_the_way_is_straight_in_any_direction():
-    start, goal = Point2D(1.05, 1.05), Point2D(5.05, 2.85)
-    path = navigation(hall()).path(start, goal, snap_m=SNAP_M)
-    assert length_m(start, path) == pytest.approx(math.dist((1.05, 1.05), (5.05, 2.85)), abs=0.05)
-
-
-def test_unknown_floor_is_driven_on_only_with_the_clearance_that_is_needed():
-    classes = hall()
-    classes[:, 28:33] = UNKNOWN
-    classes[:, 30] = OCCUPIED
-    classes[18:24, 30] = UNKNOWN  # 0.6 m
-    grid = NavigationGrid(classes, GEOMETRY, NEEDED_M, unknown_cost=3.0)
-    assert grid.path(WEST, EAST, snap_m=SNAP_M) is not None
-    classes[20:24, 30] = OCCUPIED  # 0.2 m
-    grid = NavigationGrid(classes, GEOMETRY, NEEDED_M, unknown_cost=3.0)
-    assert grid.path(WEST, EAST, snap_m=SNAP_M) is None

@@ -83,21 +83,6 @@ def test_the_noise_of_one_range_does_not_shut_a_way_and_a_post_does():
     assert passage(post, 0.0, 0.0, 0.0, 0.2).free_m == pytest.approx(0.5 - math.sqrt(0.17**2 - 0.1**2))
 
 
-def test_what_stands_beyond_something_straight_ahead_is_no_wall_beside_the_way():
-    """Another robot of the same size stands 0.05 m in front of it."""
-    angles = np.radians(np.arange(90.0, 270.0, 2.0))
-    mate = np.stack((0.45 + 0.2 * np.cos(angles), 0.2 * np.sin(angles)))
-    found = passage(np.concatenate([walls(0.25, 0.25), mate], axis=1), 0.0, 0.0, 0.0, 0.2)
-    assert found.free_m == pytest.approx(0.05, abs=0.03)
-    assert (found.left_m, found.right_m) == pytest.approx((0.25, 0.25))
-
-
-def test_what_is_behind_or_far_ahead_is_not_squeezed_between():
-    for begin_m, end_m in ((-1.0, -0.2), (0.5, 1.0)):
-        found = passage(walls(0.22, 0.22, from_m=begin_m, to_m=end_m), 0.0, 0.0, 0.0, 0.2)
-        assert (found.left_m, found.right_m) == (math.inf, math.inf)
-
-
 @given(st.floats(0.2, 0.3), st.floats(0.2, 0.3), COORDINATES, COORDINATES, st.floats(-4, 4))
 def test_a_passage_is_the_same_wherever_it_lies(left_m, right_m, x_m, y_m, heading_rad):
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)

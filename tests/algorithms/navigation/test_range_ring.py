@@ -18,13 +18,6 @@ def test_contact_covers_half_a_sector_to_either_side(sector: int, turns: int) ->
     assert bump_sector(direction_rad + 1.01 * HALF_RAD) == (sector + 1) % BUMP_SECTORS
 
 
-@pytest.mark.parametrize("sector", range(BUMP_SECTORS))
-def test_direction_of_a_contact_presses_that_contact(sector: int) -> None:
-    (direction_rad,) = bump_directions_rad(1 << sector)
-    assert -math.pi < direction_rad <= math.pi
-    assert bump_sector(direction_rad) == sector
-
-
 def test_directions_are_those_of_all_contacts_whose_bits_are_set() -> None:
     assert bump_directions_rad(0) == []
     assert bump_directions_rad(0b1000_0101) == pytest.approx([0.0, math.pi / 2, -math.pi / 4])

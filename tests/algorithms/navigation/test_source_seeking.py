@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation.source_seeking import FIT_MIN, MOTES_MAX, SAMPLES_MAX, FieldSamples, _inverse
+from robrain.algorithms.navigation.source_seeking import MOTES_MAX, SAMPLES_MAX, FieldSamples
 from robrain.protocol.model.geometry import Point2D
 
 
@@ -74,10 +74,6 @@ def test_readings_in_line_give_the_slope_along_alone():
     assert fit.slope[1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_too_few_readings_make_no_fit():
-    assert sampled(paraboloid, CIRCLE[: FIT_MIN - 1]).fit(Point2D(0.0, 0.0), 1.0, 2.5) is None
-
-
 def test_of_a_mote_the_latest_reading_counts_and_memory_is_bounded():
     samples = FieldSamples()
     for number in range(2 * SAMPLES_MAX):
@@ -89,9 +85,3 @@ def test_of_a_mote_the_latest_reading_counts_and_memory_is_bounded():
     for number in range(2 * MOTES_MAX):
         samples.hear(f"m{number}", Point2D(1.0, 0.0), 1.0, 1.0)
     assert len(samples) == SAMPLES_MAX + MOTES_MAX
-
-
-def test_the_inverse_is_that_of_the_matrix():
-    rows = np.random.default_rng(1).standard_normal((9, 4))
-    matrix = (rows.T @ rows).tolist()
-    assert np.allclose(np.array(_inverse(matrix)) @ np.array(matrix), np.eye(4))

@@ -8,7 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
+from robrain.algorithms.navigation.wheel_bases import (
+    WHEEL_ANGLES_RAD,
+    Ackermann,
+    Differential,
+    Mecanum,
+    Omni,
+    OmniBase,
+    WheelBase,
+)
 from robrain.protocol.model.checked import convert
 from robrain.protocol.model.geometry import Twist2D
 
@@ -21,6 +29,15 @@ MECANUMS = st.builds(Mecanum, wheelbase_m=SIZES, track_m=SIZES, **COMMON)
 DIFFERENTIALS = st.builds(Differential, track_m=SIZES, wheels_per_side=st.integers(1, 2), **COMMON)
 CARS = st.builds(Ackermann, wheelbase_m=SIZES, track_m=SIZES, steering_max_rad=st.floats(0.2, 1.0), **COMMON)
 PLAIN = {"wheel_radius_m": 0.1, "encoder_ticks_per_turn": 100}
+
+
+@given(st.builds(OmniBase, wheel_radius_m=SIZES, wheel_distance_m=SIZES), st.builds(Twist2D, SPEEDS, SPEEDS, SPEEDS))
+def test_each_wheel_rolls_with_the_floor_under_it(base: OmniBase, twist: Twist2D) -> None:
+    for angle, speed in zip(WHEEL_ANGLES_RAD, base.wheel_speeds_rad_s(twist), strict=True):
+        x, y = base.wheel_distance_m * math.cos(angle), base.wheel_distance_m * math.sin(angle)
+        at_wheel_x, at_wheel_y = twist.forward_m_s - twist.yaw_rad_s * y, twist.left_m_s + twist.yaw_rad_s * x
+        along_tangent = -math.sin(angle) * at_wheel_x + math.cos(angle) * at_wheel_y
+        assert speed * base.wheel_radius_m == pytest.approx(along_tangent, abs=1e-9)
 
 
 def as_tuple(twist: Twist2D) -> tuple[float, float, float]:

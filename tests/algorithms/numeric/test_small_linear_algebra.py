@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.scan_match import eigen
 from robrain.algorithms.numeric.small_linear_algebra import (
     covariance_of,
     dot,
@@ -84,19 +83,6 @@ def test_least_solution_is_the_shortest_that_solves(seed: int, count: int) -> No
 def test_least_solution_leaves_out_a_row_that_depends_on_others() -> None:
     rows = np.array([[1.0, 0.0, 2.0], [2.0, 0.0, 4.0], [0.0, 3.0, 0.0]])
     assert least_solution(rows, np.array([5.0, 10.0, 6.0])) == pytest.approx([1.0, 2.0, 2.0])
-
-
-@given(seeds, st.integers(0, 3))
-def test_eigenvectors_make_the_matrix_again_and_values_are_those_of_numpy(seed: int, rank: int) -> None:
-    root = drawn(seed, 3, 3)[:, :rank]
-    matrix = root @ root.T
-    values, vectors = np.empty(3), np.empty((3, 3))
-    eigen(matrix.copy(), values, vectors)
-    size = float(np.abs(matrix).max())
-    np.testing.assert_allclose(values, np.linalg.eigvalsh(matrix), rtol=1e-12, atol=1e-14 * size)
-    np.testing.assert_allclose((vectors * values) @ vectors.T, matrix, atol=1e-14 * size)
-    np.testing.assert_allclose(vectors.T @ vectors, np.eye(3), atol=1e-14)
-    assert values.tolist() == sorted(values.tolist())
 
 
 @given(seeds)

@@ -38,7 +38,7 @@ def _walls(grid: OccupancyGrid, row: int, column: int, around: int) -> list[tupl
         (i, j)
         for i in range(row - around, row + around + 1)
         for j in range(column - around, column + around + 1)
-        if 0 <= i < height and 0 <= j < width and grid.log_odds[i, j] > 0 and grid.surface_hits[i, j] > 0
+        if 0 <= i < height and 0 <= j < width and grid.log_odds[i, j] > 0 and grid.surfaces.hits[i, j] > 0
     ]
 
 
@@ -47,7 +47,7 @@ def line_near(grid: OccupancyGrid, end: Floats, beam: Floats) -> Line | None:
     column, row = np.floor(end + HIT_DEPTH_CELLS * beam).astype(int)
     if not grid.geometry.contains(row, column):
         return None
-    at, view = grid.surface_at.astype(float), grid.surface_view.astype(float)
+    at, view = grid.surfaces.at.astype(float), grid.surfaces.seen_along.astype(float)
     facing = [cell for cell in _walls(grid, row, column, AROUND_CELLS) if view[cell] @ beam > OPPOSITE]
     near = [cell for cell in facing if math.dist(at[cell], end) < REACH_CELLS]
     if not near:
@@ -60,7 +60,7 @@ def line_near(grid: OccupancyGrid, end: Floats, beam: Floats) -> Line | None:
     else:
         return None
     places = np.array([at[cell] for cell in cells])
-    hits = [min(int(grid.surface_hits[cell]), 8) for cell in cells]
+    hits = [min(int(grid.surfaces.hits[cell]), 8) for cell in cells]
     values, vectors = np.linalg.eigh(np.cov(places.T, aweights=hits, bias=True))
     if values[0] > 0.15 * values[1]:
         return None
@@ -91,7 +91,7 @@ def lies(grid: OccupancyGrid, sensor: Pose2D, points: Floats) -> Lies:
 
 def fit_of(grid: OccupancyGrid, sensor: Pose2D, points: Floats) -> tuple[float, int, float, float]:
     """Share of beams that end near a wall, how many end where the map is known, mean drift of the walls (m², rad²)."""
-    at = grid.surface_at.astype(float)
+    at = grid.surfaces.at.astype(float)
     known, drifts = 0, []
     for end in _ends(grid, sensor, points)[0]:
         column, row = np.floor(end).astype(int)
@@ -99,7 +99,7 @@ def fit_of(grid: OccupancyGrid, sensor: Pose2D, points: Floats) -> tuple[float, 
             continue
         near = [cell for cell in _walls(grid, row, column, 2) if math.dist(at[cell], end) <= FIT_CELLS]
         if near:
-            drifts.append(grid.surface_drift[min(near, key=lambda cell: math.dist(at[cell], end))])
+            drifts.append(grid.surfaces.drift[min(near, key=lambda cell: math.dist(at[cell], end))])
         known += bool(near) or grid.log_odds[row, column] != 0
     m2, rad2 = np.mean(drifts, axis=0).tolist() if drifts else (0.0, 0.0)
     return len(drifts) / max(known, 1), known, m2, rad2

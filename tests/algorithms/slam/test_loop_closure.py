@@ -3,11 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.localization.scan_match import Direction, ScanFit
-from robrain.algorithms.slam.loop_closure import Contradiction, Lying, geometry_of, lay_on, moved
-from robrain.algorithms.slam.submap import Submap
+from robrain.algorithms.slam.loop_closure import Contradiction, Lying, geometry_of, lay_on
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
-from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
 
 SURE = 0.05, 0.02
@@ -86,23 +83,6 @@ def test_the_frame_of_a_submaps_cells_is_on_the_teams_lattice():
     assert submap.evidence[row, column] > 0  # the wall on the left
     row, column = geometry.cell_of(1.55, 3.05)
     assert submap.evidence[row, column] < 0
-
-
-def test_a_guess_is_moved_by_what_the_directions_say():
-    directions = [Direction((1.0, 0.0, 0.0), 0.1, 9.0), Direction((0.0, 0.0, 2.0), 0.04, 9.0)]
-    assert off(moved(Pose2D(1.0, 2.0, 3.13), ScanFit(directions, 1.0, 9)), Pose2D(1.1, 2.0, 3.15)) == pytest.approx(
-        (0.0, 0.0, 0.0), abs=1e-9
-    )
-
-
-def test_the_frame_of_a_submap_that_begins_anywhere_is_on_the_lattice():
-    submap = Submap()
-    submap.take(40, 70, np.full((3, 5), OCCUPIED, np.int8), 1)
-    team = GridGeometry(0.2, -3.0, 1.0, 120, 80)
-    geometry = geometry_of(submap, team)
-    assert (submap.row, submap.column) == (32, 64)
-    assert (geometry.origin_x_m, geometry.origin_y_m) == pytest.approx((-3.0 + 0.2 * 64, 1.0 + 0.2 * 32))
-    assert geometry.shape == (32, 32)
 
 
 @pytest.mark.parametrize(("count", "is_enough"), [(19, False), (20, True)])

@@ -24,19 +24,12 @@ from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 ROOM_MAP = ROOM.mapped(*ROOM_PLACES).log_odds
-WALLS = np.argwhere(ROOM_MAP > 0)
-CROPPED = ROOM_MAP[WALLS[:, 0].min() : WALLS[:, 0].max() + 1, WALLS[:, 1].min() : WALLS[:, 1].max() + 1]
-"""The room without anything around it: walls lie in the first and in the last rows and columns."""
 STEP = 1 << LEVELS
 MARGIN = 60
 
 
 def off(pose, other):
     return pose.distance_m(other), abs(math.remainder(pose.yaw_rad - other.yaw_rad, math.tau))
-
-
-def cropped_geometry(origin_x_m=0.0, origin_y_m=0.0):
-    return GridGeometry(0.1, origin_x_m, origin_y_m, CROPPED.shape[1], CROPPED.shape[0])
 
 
 @settings(deadline=None, max_examples=30)
@@ -49,30 +42,6 @@ def test_a_scan_is_found_on_the_map_in_whatever_direction_it_was_made(place, yaw
     assert off_rad < math.tau / YAWS
 
 
-@pytest.mark.parametrize("origin", [(0.0, 0.0), (-3.7, 12.3)])
-@pytest.mark.parametrize("corner", [(0.3, 0.3), (7.6, 0.3), (0.3, 5.6), (7.6, 5.6)])
-def test_a_place_at_the_edge_of_the_map_is_found_wherever_its_origin_is(origin, corner):
-    true = Pose2D(*corner, 2.0)
-    (score, found), *_ = search_places(CROPPED, cropped_geometry(*origin), ROOM.points(true), 1)
-    first_m = 0.1 * WALLS.min(axis=0)
-    there = Pose2D(true.x_m - first_m[1] + origin[0], true.y_m - first_m[0] + origin[1], true.yaw_rad)
-    assert off(found, there)[0] < 0.2
-    assert off(found, there)[1] < math.tau / YAWS
-    assert 0.7 < score <= 1.0
-
-
-def test_unknown_cells_around_what_is_known_make_no_difference():
-    points = ROOM.points(Pose2D(2.3, 4.1, 0.8))
-    large = np.zeros((200, 300), np.int8)
-    large[70 : 70 + CROPPED.shape[0], 110 : 110 + CROPPED.shape[1]] = CROPPED
-    here = search_places(CROPPED, cropped_geometry(), points, 20)
-    there = search_places(large, GridGeometry(0.1, -11.0, -7.0, 300, 200), points, 20)
-    assert len(here) == len(there) > 0
-    for (score, one), (other_score, other) in zip(here, there, strict=True):
-        assert score == other_score
-        assert off(one, other) == pytest.approx((0.0, 0.0), abs=1e-9)
-
-
 def test_places_come_best_first_and_no_more_of_them_than_asked_for():
     points = ROOM.points(Pose2D(2.3, 4.1, 0.8))
     found = search_places(ROOM_MAP, GEOMETRY, points, 1000)
@@ -81,23 +50,6 @@ def test_places_come_best_first_and_no_more_of_them_than_asked_for():
     assert scores == sorted(scores, reverse=True)
     for count in (0, 1, 3):
         assert search_places(ROOM_MAP, GEOMETRY, points, count) == found[:count]
-
-
-def test_all_places_are_on_the_floor():
-    for _, pose in search_places(ROOM_MAP, GEOMETRY, ROOM.points(Pose2D(0.4, 0.4, 0.8)), 1000):
-        assert ROOM_MAP[GEOMETRY.cell_of(pose.x_m, pose.y_m)] < 0
-        assert -math.pi <= pose.yaw_rad <= math.pi
-
-
-def test_of_two_equal_rooms_both_are_told():
-    twins = np.zeros((GEOMETRY.height, 2 * GEOMETRY.width), np.int8)
-    twins[:, : GEOMETRY.width] = twins[:, GEOMETRY.width :] = ROOM_MAP
-    true = Pose2D(2.3, 4.1, 0.8)
-    found = search_places(twins, GridGeometry(0.1, 0.0, 0.0, *twins.shape[::-1]), ROOM.points(true), 64)
-    for x_m in (true.x_m, true.x_m + 12.0):
-        nearest_m, _ = min(off(pose, Pose2D(x_m, true.y_m, true.yaw_rad)) for _, pose in found)
-        assert nearest_m < 0.2
-    assert found[1][0] == pytest.approx(found[0][0], rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -111,12 +63,6 @@ def test_of_two_equal_rooms_both_are_told():
 )
 def test_where_there_is_nothing_nothing_is_found(log_odds, points):
     assert search_places(log_odds, GridGeometry(0.1, 0.0, 0.0, *log_odds.shape[::-1]), points, 10) == []
-
-
-def test_walls_that_are_not_on_the_map_are_found_nowhere():
-    angles_rad = np.linspace(0.0, math.tau, 200)
-    ring = np.column_stack((np.cos(angles_rad), np.sin(angles_rad))) * 20.0
-    assert search_places(ROOM_MAP, GEOMETRY, ring, 10) == []
 
 
 def test_memory_for_places_is_bounded():

@@ -30,9 +30,9 @@ def test_surfaces_that_a_mate_tells_beside_the_cells_of_its_submap_are_left_out(
     submap.surfaces = surfaces_in(*corners, (32 + beside[0], 64 + beside[1]))
     grid = submap.grid(TEAM)
     assert grid.geometry.shape == (32, 64)
-    assert np.argwhere(grid.surface_hits).tolist() == [[0, 0], [0, 63], [31, 0], [31, 63]]
+    assert np.argwhere(grid.surfaces.hits).tolist() == [[0, 0], [0, 63], [31, 0], [31, 63]]
     for row, column in ((0, 0), (31, 63)):
-        assert grid.surface_at[row, column].tolist() == [column + 0.5, row + 0.5]
+        assert grid.surfaces.at[row, column].tolist() == [column + 0.5, row + 0.5]
 
 
 def test_a_surface_lies_in_its_cell_where_it_was_told_and_was_seen_from_there() -> None:
@@ -41,8 +41,8 @@ def test_a_surface_lies_in_its_cell_where_it_was_told_and_was_seen_from_there() 
     submap.surfaces = surfaces_in((3, 7))
     submap.surfaces["right"], submap.surfaces["up"], submap.surfaces["view"] = PARTS // 4, -PARTS // 2, 64
     grid = submap.grid(TEAM)
-    assert grid.surface_at[3, 7].tolist() == [7.75, 3.0]
-    assert grid.surface_view[3, 7] == pytest.approx((0.0, 1.0), abs=1e-7)
+    assert grid.surfaces.at[3, 7].tolist() == [7.75, 3.0]
+    assert grid.surfaces.seen_along[3, 7] == pytest.approx((0.0, 1.0), abs=1e-7)
     assert (grid.geometry.origin_x_m, grid.geometry.origin_y_m) == (TEAM.origin_x_m, TEAM.origin_y_m)
 
 
@@ -89,14 +89,6 @@ def test_a_step_leaves_the_submap_that_it_was_computed_from_as_it_was() -> None:
     assert (submap.evidence[:3, :3] > 0).all()
     assert submap.stamp_ms[0, 0] == 2
     assert submap.occupied == 9
-
-
-def test_nothing_was_seen_of_a_submap_without_cells() -> None:
-    submap = Submap()
-    assert submap.is_empty
-    assert (submap.size, submap.occupied, submap.version) == (0, 0, 0)
-    assert submap.after(0, 0, np.full((8, 8), FREE, np.int8), 0).is_newest
-    assert submap.box == (0, 0, 0, 0)
 
 
 @pytest.mark.parametrize(("row", "column"), [(5, 9), (-3, -40), (31, 32), (32, 31)])

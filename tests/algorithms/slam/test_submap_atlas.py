@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.slam import submap_atlas
-from robrain.algorithms.slam.submap import BLOCK_CELLS, PARTS, SIDE_MAX_CELLS, SURFACE, TILE_CELLS, Submap, moved_box
+from robrain.algorithms.slam.submap import BLOCK_CELLS, SURFACE, TILE_CELLS, Submap, moved_box
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -116,28 +116,6 @@ def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, pla
     }
 
 
-def test_a_submap_that_is_moved_before_anything_is_known_of_it_begins_there():
-    atlas = SubmapAtlas(GEOMETRY)
-    atlas.move(("r1", 0), Pose2D(1.0, 0.0, 0.0))
-    assert atlas.submaps == {}
-    atlas.take(("r1", 0), 3, 4, ONE, 5)
-    assert atlas.grid.classes()[3, 6] == OCCUPIED
-    atlas.withdraw(("r1", 0))
-    atlas.take(("r1", 0), 3, 4, ONE, 5)
-    assert atlas.grid.classes()[3, 4] == OCCUPIED
-
-
-def test_a_forgotten_atlas_knows_neither_cells_nor_places():
-    atlas = SubmapAtlas(GEOMETRY)
-    atlas.move(("r1", 1), Pose2D(1.0, 0.0, 0.0))
-    atlas.take(("r1", 0), 3, 4, ONE, 5)
-    atlas.forget()
-    assert atlas.submaps == {}
-    assert atlas.grid.known_count == 0
-    atlas.take(("r1", 1), 3, 4, ONE, 5)
-    assert atlas.grid.classes()[3, 4] == OCCUPIED
-
-
 def test_no_more_submaps_are_held_than_fit(monkeypatch):
     monkeypatch.setattr(submap_atlas, "SUBMAPS_MAX", 2)
     atlas = SubmapAtlas(GEOMETRY)
@@ -229,32 +207,12 @@ def test_the_times_of_a_submap_are_those_of_its_tiles():
     assert submap.stamp_ms[:, 0].tolist() == [0, 0, 0, 9, 7, 8, 0, 0]
 
 
-@pytest.mark.parametrize("column", [SIDE_MAX_CELLS, -SIDE_MAX_CELLS, SIDE_MAX_CELLS - 10])
-def test_a_submap_that_would_get_too_large_stays_as_it_is(column):
-    submap = Submap()
-    submap.take(0, 0, ONE, 5)
-    with pytest.raises(ValueError, match=f"at most {SIDE_MAX_CELLS} cells a side"):
-        submap.take(0, column, np.full((1, 20), FREE), 6)
-    assert submap.evidence.shape == (BLOCK_CELLS, BLOCK_CELLS)
-    assert submap.version == 1
-
-
-def test_a_submap_does_not_grow_for_a_box_that_is_refused():
-    atlas = SubmapAtlas(GEOMETRY)
-    atlas.take(("r1", 0), 0, 0, ONE, 5)
-    with pytest.raises(ValueError, match="begins where a tile does"):
-        atlas.take(("r1", 0), 1000, 1001, ONE, np.zeros((1, 1), np.int32))
-    assert atlas.submaps["r1", 0].evidence.shape == (BLOCK_CELLS, BLOCK_CELLS)
-
-
 @given(boxes(), PLACE)
 def test_a_moved_box_holds_the_cells_of_the_box(box, place):
     row, column, cells = box
-    origin = (GEOMETRY.origin_x_m, GEOMETRY.origin_y_m)
+    grid = (GEOMETRY.resolution_m, GEOMETRY.origin_x_m, GEOMETRY.origin_y_m)
     height, width = cells.shape
-    first_row, first_column, end_row, end_column = moved_box(
-        place, (row, column, row + height, column + width), GEOMETRY.resolution_m, origin
-    )
+    first_row, first_column, end_row, end_column = moved_box(place, (row, column, row + height, column + width), grid)
     for i in (0, height - 1):
         for j in (0, width - 1):
             middle = GEOMETRY.center_of(row + i, column + j)
@@ -263,35 +221,6 @@ def test_a_moved_box_holds_the_cells_of_the_box(box, place):
             assert first_row <= at_row < end_row
             assert first_column <= at_column < end_column
     assert (end_row - first_row) <= height + width + 2
-
-
-def test_the_grid_of_a_finished_submap_has_its_walls_where_they_are_in_their_cells():
-    submap = Submap(Pose2D(1.0, 2.0, 0.5))
-    submap.take(40, -3, np.array([[OCCUPIED, FREE]]), 5)
-    submap.surfaces = np.array(
-        [(40, -3, 16, -32, 64), (40, -2, 0, 0, 0), (4000, 0, 0, 0, 0)], SURFACE
-    )  # the last two are no walls of it
-    grid = submap.grid(GEOMETRY)
-    row, column = grid.geometry.cell_of(GEOMETRY.center_of(40, -3).x_m, GEOMETRY.center_of(40, -3).y_m)
-    assert grid.log_odds[row, column] > 0
-    assert grid.log_odds[row, column + 1] < 0
-    assert grid.surface_hits[row, column] > 0
-    assert grid.surface_at[row, column].tolist() == [column + 0.5 + 16 / PARTS, row + 0.5 - 32 / PARTS]
-    assert grid.surface_view[row, column].tolist() == pytest.approx([0.0, 1.0], abs=1e-6)
-
-
-def test_a_submap_that_is_finished_has_its_surfaces_and_one_of_which_nothing_is_known_has_none():
-    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
-    surfaces = np.zeros(3, SURFACE)
-    atlas.set_surfaces(("r1", 1), surfaces)
-    assert atlas.submaps == {}
-    atlas.take(("r1", 1), 0, 0, np.full((2, 2), OCCUPIED, np.int8), 5)
-    submap = atlas.submaps["r1", 1]
-    assert submap.surfaces is None
-    version = submap.version
-    atlas.set_surfaces(("r1", 1), surfaces)
-    assert submap.surfaces is surfaces
-    assert submap.version == version + 1
 
 
 def test_patches_that_change_nothing_on_the_map_leave_its_version():

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.model.geometry import IDENTITY, Pose2D
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 
@@ -98,45 +98,6 @@ def test_submaps_that_are_moved_into_a_frame_together_lie_as_if_moved_one_by_one
 ONE = np.full((2, 2), OCCUPIED, np.int8)
 
 
-def test_a_submap_comes_and_goes_with_its_frame():
-    atlas = SubmapAtlas(GEOMETRY)
-    atlas.take(("r1", 5), 4, 6, ONE, 10)
-    assert atlas.grid.known_count == 4
-    atlas.move(("r1", 5), IDENTITY, OWN)
-    assert atlas.grid.known_count == 0
-    assert atlas.place_of(("r1", 5)) is None
-    assert atlas.place_of(("r1", 5), OWN) == IDENTITY
-    atlas.move(("r1", 5), ASIDE)
-    assert np.argwhere(atlas.grid.classes() == OCCUPIED).tolist() == [[5, 8], [5, 9], [6, 8], [6, 9]]
-
-
-def test_cells_of_a_submap_in_another_frame_are_kept_and_change_nothing_on_the_map():
-    atlas = SubmapAtlas(GEOMETRY)
-    atlas.move(("r1", 5), ASIDE, OWN)
-    version = atlas.grid.version
-    assert atlas.take(("r1", 5), 4, 6, ONE, 10) == 0
-    assert atlas.take(("r1", 5), 4, 6, ONE, 5) == 0
-    assert atlas.grid.version == version
-    atlas.change_frame(OWN)
-    assert atlas.grid.known_count == 4
-    assert atlas.grid.version > version
-
-
-def test_a_place_that_is_told_before_the_cells_counts_with_its_frame():
-    atlas = SubmapAtlas(GEOMETRY, OWN)
-    atlas.move(("r1", 5), IDENTITY)
-    atlas.move(("r1", 5), ASIDE, OWN)
-    assert atlas.place_of(("r1", 5), OWN) is None, "there is no submap yet"
-    assert atlas.take(("r1", 5), 4, 6, ONE, 10) == 4
-    assert atlas.place_of(("r1", 5), OWN) == ASIDE
-
-
-def test_a_submap_of_which_no_place_was_told_lies_in_the_arena_frame():
-    atlas = SubmapAtlas(GEOMETRY, OWN)
-    assert atlas.take(("r1", 5), 4, 6, ONE, 10) == 0
-    assert atlas.place_of(("r1", 5)) == IDENTITY
-
-
 @pytest.mark.parametrize("frame", FRAMES)
 def test_the_same_frame_again_is_no_change(frame):
     atlas = SubmapAtlas(GEOMETRY, frame)
@@ -146,13 +107,3 @@ def test_the_same_frame_again_is_no_change(frame):
     atlas.change_frame(frame)
     atlas.move(("r1", 5), ASIDE, frame)
     assert atlas.grid.version == version
-
-
-def test_a_withdrawn_submap_leaves_the_map_of_its_frame():
-    atlas = SubmapAtlas(GEOMETRY)
-    for key, frame in ((("r1", 5), OWN), (("r2", 7), ARENA)):
-        atlas.move(key, IDENTITY, frame)
-        atlas.take(key, 4, 6, ONE, 10)
-    atlas.withdraw(("r1", 5))
-    assert atlas.grid.known_count == 4
-    assert atlas.composed(OWN).known_count == 0

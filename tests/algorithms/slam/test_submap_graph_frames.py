@@ -70,26 +70,6 @@ def test_a_frame_that_joins_another_is_surest_where_it_was_found():
     assert max(variances) < 1.0, "the steps between them hold the others"
 
 
-def test_an_error_of_the_turn_counts_more_the_farther_a_submap_lies():
-    graph = walked(*ROW)
-    graph.change_frame(OWN, ARENA, IDENTITY, ROW[0], np.diag((0.01, 0.01, 0.04)))
-    for node, anchor in zip(graph.own.values(), ROW, strict=True):
-        away_m2 = 0.5 * 0.04 * anchor.distance_m(ROW[0]) ** 2
-        assert node.covariance[0, 0] >= 0.01 + away_m2
-        assert node.covariance[2, 2] >= 0.04
-    first = graph.own[10].covariance
-    assert first == pytest.approx(BEGINNING + np.diag((0.01, 0.01, 0.04)))
-
-
-def test_what_was_known_along_one_axis_is_known_along_the_turned_one():
-    graph = SubmapGraph("r1", GraphSpec())
-    graph.begin(10, IDENTITY, IDENTITY, 0, np.array([[0.04, 0.01, 0.002], [0.01, 0.02, -0.001], [0.002, -0.001, 0.01]]))
-    graph.own[10].frame = OWN
-    graph.change_frame(OWN, ARENA, Pose2D(0.0, 0.0, math.pi / 2), IDENTITY, np.zeros((3, 3)))
-    expected = np.array([[0.02, -0.01, 0.001], [-0.01, 0.04, 0.002], [0.001, 0.002, 0.01]])
-    assert graph.own[10].covariance == pytest.approx(expected)
-
-
 @settings(deadline=None, max_examples=30)
 @given(st.floats(-3.1, 3.1), st.integers(0, 1000))
 def test_a_covariance_is_turned_as_any_matrix_is(yaw_rad, seed):
@@ -155,16 +135,6 @@ def test_submaps_in_other_frames_stay():
     assert graph.own[11].covariance is before
 
 
-def test_without_submaps_in_the_frame_nothing_changes():
-    graph = walked(*ROW[:2], frame=ARENA)
-    graph.solve(nowhere, no_doubt)
-    graph.change_frame(OWN, ARENA, Pose2D(1.0, 0.0, 0.0), IDENTITY, JOINED)
-    assert not graph.has_news
-    assert graph.own[10].T_arena_local == IDENTITY
-    graph.part(5, OWN)
-    assert not graph.has_news
-
-
 def test_submaps_of_two_frames_are_not_closed_with_each_other():
     graph = walked(ROW[0], frame=ARENA)
     graph.begin(11, ROW[1], IDENTITY, 1, BEGINNING, OWN)
@@ -202,16 +172,6 @@ def test_a_trajectory_that_leaves_its_frame_keeps_what_holds_its_submaps_togethe
     graph.part(0, OWN)
     graph.solve(nowhere, no_doubt)
     assert off(graph.own[13].pose, Pose2D(12.1, 0.1, 0.0)) == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
-
-
-def test_closures_between_submaps_that_stay_are_kept():
-    graph = walked(*ROW[:2], frame=ARENA)
-    graph.begin(12, ROW[2], IDENTITY, 1, JOINED, ARENA)
-    graph.close(11, ROW[1], THIRD, ROW[1], SURE)
-    graph.close(12, ROW[2], MATE, ROW[2], SURE)
-    graph.part(1, MapFrame(12, "r1"))
-    assert graph.rests_on("r3")
-    assert not graph.rests_on("r2")
 
 
 def test_frames_are_ordered_by_when_they_began_and_the_arena_frame_comes_first():

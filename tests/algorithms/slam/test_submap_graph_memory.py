@@ -61,12 +61,6 @@ def test_before_a_robot_has_begun_it_makes_no_submap():
     assert SubmapGraph("r1", GraphSpec()).solve(nowhere, no_doubt) == {}
 
 
-def test_the_yaw_of_the_submap_before_makes_the_place_of_the_next_one_less_sure():
-    graph = walked(Pose2D(0.0, 0.0, 0.0), Pose2D(3.0, 4.0, 0.0))
-    across = np.array(((16.0, -12.0, -4.0), (-12.0, 9.0, 3.0), (-4.0, 3.0, 0.0))) * 0.0004
-    assert graph.own[11].covariance == pytest.approx(np.diag((0.0125, 0.0216, 0.0005)) + across, abs=1e-12)
-
-
 def test_an_error_of_yaw_moves_a_straight_way_of_several_submaps_as_one():
     graph = walked(*(Pose2D(3.0 * n, 0.0, 0.0) for n in range(5)))
     for_sure = walked(*(Pose2D(0.0, 0.0, 0.0) for _ in range(5)))
@@ -111,15 +105,6 @@ def test_after_a_frozen_submap_the_others_follow_from_where_it_lies():
     graph.solve(lambda key, _frame: there if key == ("r1", 10) else None, no_doubt)
     for number, anchor in ((11, ROW[1]), (12, ROW[2])):
         assert off(graph.own[number].pose, there.compose(anchor)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
-
-
-def test_what_was_known_of_a_frozen_submap_is_still_a_loop_closure():
-    graph = walked(*ROW, spec=GraphSpec(submaps_max=3))
-    graph.close(13, Pose2D(0.5, 0.0, 0.0), ("r1", 10), Pose2D(0.5, 0.1, 0.0), SURE)
-    graph.solve(lambda key, _frame: IDENTITY if key == ("r1", 10) else None, no_doubt)
-    assert off(graph.own[13].T_arena_local.compose(Pose2D(0.5, 0.0, 0.0)), Pose2D(0.5, 0.1, 0.0)) == pytest.approx(
-        (0.0, 0.0, 0.0), abs=0.005
-    )
 
 
 def test_closures_with_a_withdrawn_submap_are_withdrawn_from_either_end():
@@ -168,16 +153,6 @@ def test_a_mate_that_is_unsure_of_its_place_is_no_reason_to_doubt_a_closure():
         assert (graph.own[10].covariance[0, 0] == pytest.approx(1e-4 * (1.0 - share), rel=1e-4)) == is_believed
 
 
-def test_an_old_submap_of_its_own_that_is_unsure_is_no_reason_to_doubt_a_closure_either():
-    graph = SubmapGraph("r1", GraphSpec())
-    graph.begin(10, ROW[0], IDENTITY, 0, 1e-6 * np.eye(3))
-    graph.begin(11, Pose2D(4.0, 0.0, 0.0), IDENTITY, 0, np.diag((0.25, 0.25, 1e-6)))
-    graph.begin(12, Pose2D(8.0, 0.0, 0.0), IDENTITY, 0, np.diag((1e-6, 1e-6, 1e-8)))
-    graph.close(10, ROW[0], ("r1", 11), Pose2D(0.6, 0.0, 0.0), SURE)
-    graph.solve(nowhere, no_doubt)
-    assert graph.own[11].pose.x_m == pytest.approx(3.4, abs=0.05)
-
-
 @pytest.mark.parametrize("close", ["close", "add_robot_closure"])
 @pytest.mark.parametrize("count", [1, 2, 9])
 def test_all_closures_with_mates_make_a_robot_no_surer_than_one_mate_is(close, count):
@@ -191,24 +166,6 @@ def test_all_closures_with_mates_make_a_robot_no_surer_than_one_mate_is(close, c
     )
 
 
-def test_closures_with_its_own_submaps_do_not_make_mates_count_less():
-    graph = walked(*ROW[:3])
-    for number in range(3):
-        graph.close(12, Pose2D(8.0 + 2.0 * number, 0.0, 0.0), ("r1", 10), Pose2D(8.0 + 2.0 * number, 0.0, 0.0), SURE)
-    graph.close(10, ROW[0], MATE, ROW[0], 1e6 * np.eye(3))
-    graph.solve(at_home, lambda _key: (0.0025, 0.0025, 1e-4))
-    assert graph.own[10].covariance[0, 0] == pytest.approx(1 / (1 / 0.01 + 1 / 0.0025), rel=0.02)
-
-
-def test_a_robot_rests_on_mates_only_if_a_closure_holds_it_there():
-    graph = walked(*ROW[:2])
-    graph.close(11, ROW[1], ("r1", 10), ROW[1], SURE)
-    assert not graph.rests_on("r2")
-    graph.close(11, ROW[1], MATE, ROW[1], SURE)
-    assert graph.rests_on("r2")
-    assert not graph.rests_on("r3")
-
-
 @pytest.mark.parametrize(
     ("x_m", "yaw_rad", "is_moved"),
     [(0.0098, 0.0, False), (0.0105, 0.0, True), (0.0, 0.0019, False), (0.0, -0.0022, True)],
@@ -217,31 +174,6 @@ def test_a_submap_is_moved_where_it_would_move_by_enough(x_m, yaw_rad, is_moved)
     graph = walked(ROW[0], spec=GraphSpec(moved_m=0.01, moved_rad=0.002))
     graph.close(10, IDENTITY, MATE, Pose2D(x_m, 0.0, yaw_rad), 1e4 * SURE)
     assert (10 in graph.solve(at_home, no_doubt)) == is_moved
-
-
-def test_a_mates_closures_stand_apart_on_the_own_submap_and_are_as_few():
-    graph = walked(ROW[0], spec=GraphSpec(closures_per_pair=2, apart_m=1.0))
-    even = np.diag((1e3, 1e3, 1e3))
-
-    def close(x_m, off_m):
-        graph.add_robot_closure(10, Pose2D(x_m, 0.0, 0.0), MATE, Pose2D(x_m + off_m, 0.0, 0.0), even)
-        graph.solve(at_home, no_doubt)
-        lies_m = graph.own[10].T_arena_local.x_m
-        graph.has_news = True
-        return lies_m
-
-    assert close(0.0, 0.0) == pytest.approx(0.0, abs=0.005)
-    assert close(0.9, 0.04) == pytest.approx(0.04, abs=0.006), "in place of the first, which is near"
-    assert close(2.0, 0.08) == pytest.approx(0.06, abs=0.006)
-    assert close(4.0, 0.12) == pytest.approx(0.10, abs=0.006), "in place of the oldest"
-
-
-def test_what_a_mate_tells_is_news():
-    graph = walked(ROW[0])
-    graph.add_robot_closure(10, ROW[0], MATE, ROW[0], SURE)
-    assert graph.has_news
-    graph.solve(at_home, no_doubt)
-    assert not graph.has_news
 
 
 @pytest.mark.parametrize("close", ["close", "add_robot_closure"])
@@ -268,27 +200,6 @@ def test_a_closure_adds_its_information_to_what_was_known(seed):
     assert graph.own[10].covariance == pytest.approx(np.linalg.inv(np.linalg.inv(prior) + told), rel=1e-4, abs=1e-6)
 
 
-POSITIVE = st.floats(1e-3, 1e3)
-
-
-@settings(deadline=None)
-@given(st.tuples(*[st.floats(-10.0, 10.0)] * 9), POSITIVE)
-def test_what_is_a_square_is_information(entries, scale):
-    root = np.array(entries).reshape(3, 3)
-    matrix = scale * root @ root.T
-    if np.diag(matrix).max() > 1e-6:
-        assert is_information(matrix)
-
-
-@settings(deadline=None)
-@given(st.integers(0, 100_000), POSITIVE, st.integers(1, 3))
-def test_what_has_a_negative_eigenvalue_is_no_information(seed, scale, negative):
-    rng = np.random.default_rng(seed)
-    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    values = np.array([-1.0 if n < negative else 1.0 for n in range(3)]) * rng.uniform(0.2, 1.0, 3)
-    assert not is_information(scale * turn @ np.diag(values) @ turn.T)
-
-
 @pytest.mark.parametrize(
     ("matrix", "is_one"),
     [
@@ -309,7 +220,3 @@ def test_what_has_a_negative_eigenvalue_is_no_information(seed, scale, negative)
 )
 def test_information_is_what_a_covariance_can_be_the_inverse_of(matrix, is_one):
     assert is_information(matrix) is is_one
-
-
-def test_a_symmetric_matrix_is_told_by_its_upper_triangle():
-    assert symmetric((1.0, 2.0, 3.0, 4.0, 5.0, 6.0)).tolist() == [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]

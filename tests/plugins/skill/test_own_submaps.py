@@ -217,8 +217,8 @@ def test_mates_and_drift_are_handed_on_to_the_map() -> None:
     own.integrate(START, np.array([0.0]), np.array([1.0]), 6.0, 7, np.array([(1.95, 3.4, 0.2)]), (0.04, 0.01))
     assert len(own.surfaces()) == 0, "the beam ended at a mate"
     own.integrate(START, np.array([1.0]), np.array([1.0]), 6.0, 8, NOBODY, (0.04, 0.01))
-    (row,), (column,) = np.nonzero(own.grid.surface_hits)
-    assert own.grid.surface_drift[row, column] == pytest.approx((0.04, 0.01))
+    (row,), (column,) = np.nonzero(own.grid.surfaces.hits)
+    assert own.grid.surfaces.drift[row, column] == pytest.approx((0.04, 0.01))
 
 
 def ghost_on(own: OwnSubmaps) -> bool:
