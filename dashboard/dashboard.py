@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import viser
 
 from robrain.dashboard.layers.scene import Scene
-from robrain.dashboard.panels.page import ClientPage, set_theme
-from robrain.dashboard.panels.page_context import Inquiries, PageContext, Panel, PanelContext
+from robrain.dashboard.panels.page import Inquiries, Page, PageContext, Panel, PanelContext, set_theme
 from robrain.dashboard.replay.replay_source import ReplaySource
 from robrain.dashboard.server.asker import Asker
 from robrain.dashboard.server.server import close_server, open_server
@@ -28,7 +27,7 @@ PERIOD_S = 0.1
 UNWATCHED_PERIOD_S = 1.0
 """Period of drawing without a browser, so that the first one finds a current picture."""
 PANEL_PX = 440
-PageAction = Callable[[ClientPage], None]
+PageAction = Callable[[Page], None]
 COMMANDS: tuple[tuple[str, Any, PageAction], ...] = (
     ("Camera: overview", "O", lambda page: page.show_overview()),
     ("Camera: from above", "T", lambda page: page.show_top()),
@@ -77,7 +76,7 @@ class Dashboard:
         panels = [panel for panel in made if panel is not None]
         asker = Asker(wire)
         self._context = PageContext(self.view, self._scene, asker, Inquiries(self.view, asker), panels, wire)
-        self._pages: dict[int, ClientPage] = {}
+        self._pages: dict[int, Page] = {}
         self._connected: deque[viser.ClientHandle] = deque()
         self._drawn_s: float | None = None
         self._server.on_client_connect(self._connected.append)
@@ -137,7 +136,7 @@ class Dashboard:
         for layer in self._scene.layers:
             layer.needed = layer in seen if self._pages else layer.wanted
 
-    def _step_page(self, page: ClientPage, now_s: float) -> None:
+    def _step_page(self, page: Page, now_s: float) -> None:
         """Update one browser's page; an error there does not affect other browsers."""
         if not page.retry.is_due(now_s):
             return
@@ -162,7 +161,7 @@ class Dashboard:
                 continue
             try:
                 with client.atomic():
-                    self._pages[client.client_id] = ClientPage(client, self._context)
+                    self._pages[client.client_id] = Page(client, self._context)
             except Exception:  # viser may raise any exception; other browsers must not be affected
                 logger.exception("a browser's page cannot be built; reload it")
 

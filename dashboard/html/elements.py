@@ -38,8 +38,6 @@ TASK_STATES: dict[TaskState, tuple[str, str]] = {
 """Shape and class of each."""
 CLOSE_MARK = '<div class="rb-close-mark"></div>'
 """Marks the close button of a window, which follows it; Escape presses that button."""
-Tile = tuple[str, str, str, str]
-"""A figure with its label: label, `data-testid`, value, and its kind: good, warn, bad or empty."""
 
 
 def render(template: str, macro: str, **values: object) -> str:
@@ -50,11 +48,6 @@ def render(template: str, macro: str, **values: object) -> str:
 def note(words: str, testid: str = "") -> str:
     """A note in place of an empty table."""
     return render("elements", "note", words=words, testid=testid)
-
-
-def tile(label: str, testid: str, value: str, kind: str = "") -> Tile:
-    """One figure of `render("elements", "tiles", …)`."""
-    return label, testid, value, kind
 
 
 def cut(value: str, longest: int = TEXT_MAX) -> str:
@@ -69,6 +62,11 @@ def figure(value: float | None, form: str) -> str:
     ('1.2 m', '–')
     """
     return NONE if value is None or math.isnan(value) else form.format(value)
+
+
+def percent(share: float | None) -> str:
+    """A share of 1 in whole percent; a dash if it is not known."""
+    return NONE if share is None or math.isnan(share) else f"{100 * share:.0f} %"
 
 
 def clock_text(time_s: float) -> str:
@@ -91,7 +89,8 @@ def _macros(template: str) -> TemplateModule:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters |= {"cut": cut, "figure": figure, "clock": clock_text, "span": span_text, "css": css}
+    environment.filters |= {"cut": cut, "figure": figure, "percent": percent, "degrees": math.degrees}
+    environment.filters |= {"clock": clock_text, "span": span_text, "css": css}
     environment.globals |= {
         "NONE": NONE,
         "CONDITIONS": CONDITIONS,

@@ -7,13 +7,12 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
-from robrain.dashboard.html.elements import CONDITIONS, NONE, Tile, clock_text, cut, figure, note, render, tile
+from robrain.dashboard.html.elements import CONDITIONS, cut, note, render
 from robrain.dashboard.html.task_html import short_id
 from robrain.dashboard.state import headline
 from robrain.dashboard.state.alerts import Alert, alerts_of
 from robrain.dashboard.state.shown_robot import RobotHealth, ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.recording.drawing.labels import natural_key, span_text
 
@@ -26,8 +25,6 @@ REGIONS = 20
 RULES = 50
 GATEWAYS = 20
 FORWARDERS = 6
-WELL, POOR = 0.95, 0.8
-"""Thresholds of the delivery ratio and of the coverage: good from the first, bad below the second (chosen)."""
 GRADES: dict[headline.Grade, tuple[str, str]] = {
     headline.Grade.GOOD: ("●", "good"),
     headline.Grade.WARN: ("◐", "warn"),
@@ -84,58 +81,22 @@ def strip_html(view: ShownTeam, now_s: float, troubles: Sequence[Alert] = ()) ->
 
 
 def summary_html(view: ShownTeam, now_s: float) -> str:
-    """The team's figures."""
-    explored = view.explored_fraction
-    floor = f"{view.known_area_m2:.0f} m²"
-    if explored is not None:
-        first = [tile("Explored", "explored", f"{100 * explored:.1f} %"), tile("Known floor", "known-area", floor)]
-    else:
-        first = [tile("Known floor", "explored", floor), tile("Motes", "motes", str(len(view.motes)))]
-    halted = sum(robot.halted for robot in view.robots.values())
-    up = view.coordinator_up
-    tiles = [
-        *first,
-        tile("Time", "sim-time", NONE if view.sim_time_s is None else clock_text(view.sim_time_s)),
-        tile("Speed-up", "speed", figure(view.speed, "× {:.1f}")),
-        tile("Coordinator", "coordinator", "up" if up else "lost", "good" if up else "bad"),
-        tile("Done / open", "tasks", NONE if view.team is None else f"{view.team.tasks_done} / {view.team.tasks_open}"),
-        tile("Messages / s", "messages-per-s", figure(view.messages_per_s, "{:.0f}")),
-        tile("Halted", "halted-robots", f"{halted} of {len(view.robots)}", "bad" if halted else ""),
-        *_accuracy_tiles(view, now_s),
-    ]
-    return render("team", "figures", all_tiles=tiles)
+    """The team's figures, with the accuracy of map and positions.
 
-
-def _accuracy_tiles(view: ShownTeam, now_s: float) -> list[Tile]:
-    """Accuracy of map and positions: by the ground truth if there is one, else by the robots' reports."""
-    kind = ""
-    if view.truth is None:
-        vitals = headline.vitals_of(view, now_s)
-        agreement = vitals.least_agreement
-        if math.isfinite(agreement):
-            kind = GRADES[headline.agreement_grade(agreement)][1]
-        return [
-            tile("Lidar on map", "map-agreement", figure(100 * agreement, "{:.0f} %"), kind),
-            tile("Lowest", "map-agreement-robot", cut(vitals.least_agreement_robot, 20) or NONE),
-            tile("Position", "position", figure(vitals.worst_sigma_m, "± {:.2f} m")),
-            tile("Least certain", "position-robot", cut(vitals.worst_sigma_robot, 20) or NONE),
-        ]
-    wrong = doubled_m = None
-    if (of_map := headline.judged_map(view)) is not None:
-        wrong, doubled_m, kind = (
-            100 * of_map.share_off,
-            of_map.doubled_walls_m,
-            GRADES[headline.map_grade(of_map.share_off)][1],
-        )
-    known = [robot.accuracy for robot in view.truth.robots if robot.accuracy is not None]
-    error_m = max((each.error_m for each in known if each.error_m is not None), default=None)
-    silent_s = sum(each.silent_divergence_s for each in known)
-    return [
-        tile("Map error", "map-off", figure(wrong, "{:.1f} %"), kind),
-        tile("Doubled walls", "map-doubled", figure(doubled_m, "{:.1f} m")),
-        tile("Worst error", "position-error", figure(error_m, "{:.2f} m")),
-        tile("Silently off", "silently-off", f"{silent_s:.1f} s", "bad" if silent_s > 0 else ""),
-    ]
+    That is by the ground truth if there is one, else by the robots' reports.
+    """
+    vitals, of_map = headline.vitals_of(view, now_s), headline.judged_map(view)
+    agreement = vitals.least_agreement
+    return render(
+        "team",
+        "figures",
+        view=view,
+        halted=sum(robot.halted for robot in view.robots.values()),
+        vitals=vitals,
+        of_map=of_map,
+        map_kind="" if of_map is None else GRADES[headline.map_grade(of_map.share_off)][1],
+        agreement_kind="" if math.isnan(agreement) else GRADES[headline.agreement_grade(agreement)][1],
+    )
 
 
 def robots_html(view: ShownTeam, now_s: float, selected: str = "") -> str:
@@ -187,26 +148,11 @@ def field_html(view: ShownTeam) -> str:
     field = view.team.mote_field if view.team is not None else None
     if view.team is None or not isinstance(field, MoteFieldState):
         return ""
-    stamp_ns = view.team.stamp_ns
-    living = field.motes - field.dead
-    tiles = [
-        tile("Delivered", "field-delivered", f"{100 * field.delivery_ratio:.0f} %", _kind(field.delivery_ratio)),
-        tile("Floor covered", "field-covered", f"{100 * field.coverage:.0f} %", _kind(field.coverage)),
-        tile("Age of data", "field-age", span_text(field.age_s)),
-        tile("Oldest", "field-oldest", span_text(field.oldest_s)),
-        tile("Motes alive", "field-alive", f"{living} of {field.motes}", "bad" if field.dead else ""),
-        tile("First dead", "field-first-dead", _ago(field.first_dead_ns, stamp_ns)),
-        tile("Half dead", "field-half-dead", _ago(field.half_dead_ns, stamp_ns)),
-        tile("All dead", "field-last-dead", _ago(field.last_dead_ns, stamp_ns)),
-    ]
-    if field.on_duty < living:
-        tiles.insert(5, tile("On duty", "field-duty", f"{field.on_duty} of {living}"))
     return render(
         "team",
         "mote_field",
         field=field,
-        all_tiles=tiles,
-        stamp_ns=stamp_ns,
+        stamp_ns=view.team.stamp_ns,
         forwarders_max=FORWARDERS,
         gateways_max=GATEWAYS,
     )
@@ -235,11 +181,3 @@ def task_text(robot: ShownRobot, view: ShownTeam) -> str:
         return f"{what} {status.state}" + (f": {reason}" if reason else "")
     known = (short_id(summary.task), summary.why) if summary is not None else ()
     return ": ".join(filter(None, known)) or "no task"
-
-
-def _kind(share: float) -> str:
-    return "good" if share >= WELL else "warn" if share >= POOR else "bad"
-
-
-def _ago(then_ns: int | None, now_ns: int) -> str:
-    return NONE if then_ns is None else f"{span_text(max(0.0, to_seconds(now_ns - then_ns)))} ago"

@@ -14,7 +14,7 @@ import zenoh
 from robrain.dashboard.html.elements import CLOSE_MARK, render
 from robrain.dashboard.html.team_html import NAMES_SHOWN, acknowledgements
 from robrain.dashboard.panels.gui_values import set_visible
-from robrain.dashboard.panels.page_context import BY, Panel, PanelContext, RowActions
+from robrain.dashboard.panels.page import BY, Panel, PanelContext, RowActions
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.team.team_messages import Halt

@@ -6,9 +6,8 @@ import viser
 
 from robrain.dashboard.html.elements import render
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
-from robrain.dashboard.panels.page_context import Panel, PanelContext, RowActions
-from robrain.dashboard.replay.replay_index import Mark
-from robrain.dashboard.replay.replay_source import SPEEDS, ReplaySource
+from robrain.dashboard.panels.page import Panel, PanelContext, RowActions
+from robrain.dashboard.replay.replay_source import SPEEDS, Mark, ReplaySource
 from robrain.dashboard.state.shown_team import ShownTeam
 
 if TYPE_CHECKING:  # loads the comparison of recordings

@@ -19,8 +19,7 @@ from robrain.dashboard.html.robot_html import (
 )
 from robrain.dashboard.panels.function_form import FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_options, set_value
-from robrain.dashboard.panels.page_context import Page, PluginsOf, RowActions, Tab
-from robrain.dashboard.server.asker import QueryOutcome
+from robrain.dashboard.panels.page import Page, PluginsOf, RowActions, Tab
 from robrain.dashboard.server.hand_pilot import HandPilot, Velocity
 from robrain.protocol.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
@@ -264,11 +263,11 @@ class RobotTab(Tab):
             return
         set_html(self._result, render("elements", "message", kind="soft", words=f"{what} was asked …"))
 
-        def show(answer: QueryOutcome[bytes]) -> None:
+        def show(reply: bytes | None, error: str) -> None:
             if self._function is function and self._page.selected == robot:
-                set_html(self._result, result_html(what, answer.known or b"", answer.error))
-            elif answer.error:
-                self._page.tell(f"{robot}: {what}", error=answer.error)
+                set_html(self._result, result_html(what, reply or b"", error))
+            elif error:
+                self._page.notify(f"{robot}: {what}", error=error)
 
         names = {"robot": robot, "plugin": plugin, "function": function.name}
         self._page.context.asker.ask(ROBOT_CALL, arguments, show, timeout_s=CALL_TIMEOUT_S, **names)
@@ -276,12 +275,12 @@ class RobotTab(Tab):
     def _ask_host(self, verb: str, plugin: str) -> None:
         robot, context = self._page.selected, self._page.context
         if not plugin or not robot:
-            self._page.tell(f"Nothing to {verb}", "Select a robot, and a plugin or its name.", color="yellow")
+            self._page.notify(f"Nothing to {verb}", "Select a robot, and a plugin or its name.", color="yellow")
             return
 
-        def show(answer: QueryOutcome[list[PluginInfo]]) -> None:
-            self._page.tell(f"{robot}: {verb} {plugin}", "done", error=answer.error)
-            if verb == "unload" and not answer.error:
+        def show(_: list[PluginInfo] | None, error: str) -> None:
+            self._page.notify(f"{robot}: {verb} {plugin}", "done", error=error)
+            if verb == "unload" and not error:
                 set_value(self._to_load, plugin)  # so that one click loads it again
             context.inquiries.ask_again(robot)
 

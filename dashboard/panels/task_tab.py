@@ -12,8 +12,7 @@ from robrain.dashboard.html.elements import CLOSE_MARK, cut, render
 from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue_html
 from robrain.dashboard.panels.function_form import FormField, FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
-from robrain.dashboard.panels.page_context import BY, Page, RowActions, Tab
-from robrain.dashboard.server.asker import QueryOutcome
+from robrain.dashboard.panels.page import BY, Page, RowActions, Tab
 from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
 from robrain.protocol.model.geometry import Point2D
@@ -88,7 +87,7 @@ class TaskTab(Tab):
 
     def row_actions(self) -> RowActions:
         """`why` explains a task, `cancel` cancels it."""
-        return {"why": self.ask_why, "cancel": self.cancel}
+        return {"why": self.explain, "cancel": self.cancel}
 
     def accept_place(self, place: Point2D) -> bool:
         """Add the task of the form at a place that was clicked, if a person wants that."""
@@ -103,20 +102,19 @@ class TaskTab(Tab):
     def cancel(self, task: str) -> None:
         """Cancel a task."""
 
-        def show(answer: QueryOutcome[TaskRecord]) -> None:
-            self._page.tell(f"Cancel {task}", "done", error=answer.error)
+        def show(_: TaskRecord | None, error: str) -> None:
+            self._page.notify(f"Cancel {task}", "done", error=error)
 
         request = TaskRequest(id=task, by=BY, why="cancelled on the dashboard")
         self._page.context.asker.ask(TASK_CANCEL, request, show)
 
-    def ask_why(self, task: str) -> None:
+    def explain(self, task: str) -> None:
         """Show why a task stands as it does, in a window of this browser alone."""
 
-        def show(answer: QueryOutcome[TaskWhy]) -> None:
-            try:
-                html = explanation_html(answer.reply)
-            except ValueError as error:
-                html = render("elements", "message", kind="bad", words=cut(str(error), 400))
+        def show(explanation: TaskWhy | None, error: str) -> None:
+            html = render("elements", "message", kind="bad", words=cut(error, 400))
+            if explanation is not None:
+                html = explanation_html(explanation)
             gui = self._page.client.gui
             modal = gui.add_modal(f"Why: {task[:40]}")
             with modal:
@@ -161,10 +159,8 @@ class TaskTab(Tab):
             return
         self._show("soft", f"{submission.task.id}: sent …")
 
-        def show(answer: QueryOutcome[TaskRecord]) -> None:
-            try:
-                record = answer.reply
-            except ValueError as error:
+        def show(record: TaskRecord | None, error: str) -> None:
+            if record is None:
                 self._show("bad", f"✕ {error}")
             else:
                 self._show("good", f"✓ {record.task.id} is {record.state.value}")
@@ -185,8 +181,8 @@ class TaskTab(Tab):
         set_html(self._planning, render("tasks", "planning", status=status))
 
     def _set_objective(self, objective: Objective) -> None:
-        def show(answer: QueryOutcome[PlanningStatus]) -> None:
-            self._page.tell("Planning", f"objective from now on: {objective}", error=answer.error)
+        def show(_: PlanningStatus | None, error: str) -> None:
+            self._page.notify("Planning", f"objective from now on: {objective}", error=error)
 
         request = ObjectiveRequest(objective=objective, by=BY)
         self._page.context.asker.ask(COORDINATOR_OBJECTIVE, request, show)

@@ -13,7 +13,7 @@ from robrain.dashboard.html.team_html import (
     summary_html,
 )
 from robrain.dashboard.panels.gui_values import set_html, set_visible
-from robrain.dashboard.panels.page_context import Page, Tab
+from robrain.dashboard.panels.page import Page, Tab
 
 CHART_PERIOD_S = 2.0
 MANY_ROWS = 25

@@ -9,7 +9,7 @@ from robrain.dashboard.html.team_html import (
 from robrain.dashboard.layers.floor_layers import FieldLayer
 from robrain.dashboard.layers.layer import LayerSwitch
 from robrain.dashboard.panels.gui_values import set_html, set_value, set_visible
-from robrain.dashboard.panels.page_context import Page, Tab
+from robrain.dashboard.panels.page import Page, Tab
 from robrain.recording.drawing.palette import HEAT
 
 OVERVIEW, TOP = "Overview", "Top view"

@@ -3,15 +3,15 @@
 The page holds viser's own player (`get_scene_serializer`). Texts in the picture are drawn, never run.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from robrain.dashboard.layers.scene import Scene
-from robrain.dashboard.replay.replay_index import MessageDecoder
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.table.topics import ROBOT_MAP
 from robrain.recording.errors import check_absent, writing
+from robrain.recording.reader.recorded_message import RecordedMessage, received, topic_named_by
 from robrain.recording.replay.player import Player
 
 FRAME_S = 0.1
@@ -46,16 +46,13 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
     # The scene is made by a server without clients, on a port that is not published.
     server = open_server("127.0.0.1", 0)
     try:
-        scene, view, decoder = Scene(server), ShownTeam(), MessageDecoder()
-        _frame(scene, player, decoder)
+        scene, view = Scene(server), ShownTeam()
+        _frame(scene, player)
         serializer = server.get_scene_serializer()
         messages = player.seek(0.0)
         for frame in range(frames + 1):
             now_s = player.position_s
-            for recorded in messages:
-                received = decoder.decode(recorded)
-                if received is not None:
-                    view.apply(received, now_s)
+            _apply(messages, view, now_s)
             scene.draw(view, now_s)
             serializer.insert_sleep(frame_s)
             show(0.9 * frame / frames)
@@ -67,12 +64,17 @@ def _page(player: Player, show: Callable[[float], None], frames_max: int) -> tup
     return page, frames + 1
 
 
-def _frame(scene: Scene, player: Player, decoder: MessageDecoder) -> None:
+def _frame(scene: Scene, player: Player) -> None:
     """Point the camera at the whole map, which the first frame does not have; viser's player does so only once."""
     end = ShownTeam()
-    for recorded in player.seek(player.duration_s):
-        received = decoder.decode(recorded)
-        if received is not None and received.topic is ROBOT_MAP:
-            end.apply(received, player.duration_s)
+    messages = player.seek(player.duration_s)
+    _apply([message for message in messages if topic_named_by(message.topic_key) is ROBOT_MAP], end, player.duration_s)
     scene.draw(end, 0.0)
     scene.draw(ShownTeam(), 0.0)
+
+
+def _apply(messages: Iterable[RecordedMessage], view: ShownTeam, now_s: float) -> None:
+    for recorded in messages:
+        known = received(recorded)
+        if known is not None:
+            view.apply(known, now_s)

@@ -3,8 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Generic
+from typing import Any
 
 import zenoh
 
@@ -18,27 +17,8 @@ WAITING_MAX = 64
 TIMEOUT_S = 5.0
 
 
-@dataclass(frozen=True)
-class QueryOutcome(Generic[R]):
-    """The outcome of a query: a reply, or the reason why there is none."""
-
-    known: R | None = None
-    error: str = ""
-
-    @property
-    def reply(self) -> R:
-        """The reply.
-
-        Raises:
-            ValueError: there is none; the text gives the reason.
-
-        """
-        if self.error or self.known is None:
-            raise ValueError(self.error or "an empty answer")
-        return self.known
-
-
-Then = Callable[[QueryOutcome[R]], None]
+Then = Callable[[R | None, str], None]
+"""Receives the reply of a query; or None, and the reason why there is none."""
 
 
 class Asker:
@@ -52,7 +32,7 @@ class Asker:
     def __init__(self, endpoint: Endpoint | None) -> None:
         self._endpoint = endpoint
         self._pool = ThreadPoolExecutor(WORKERS, thread_name_prefix="robrain-ask")
-        self._answers: deque[tuple[Then[Any], QueryOutcome[Any]]] = deque()
+        self._answers: deque[tuple[Then[Any], Any, str]] = deque()
         self._waiting = 0
 
     def ask(
@@ -64,24 +44,25 @@ class Asker:
             return
         self._waiting += 1
         if self._waiting > WAITING_MAX:
-            self._answers.append((then, QueryOutcome(error="too many questions wait for an answer already; try again")))
+            self._answers.append((then, None, "too many questions wait for an answer already; try again"))
             return
 
         def work() -> None:
             try:
-                answer = QueryOutcome(endpoint.ask(topic, request, timeout_s=timeout_s, **names))
+                reply = endpoint.ask(topic, request, timeout_s=timeout_s, **names)
             except (RobrainError, zenoh.ZError) as error:
-                answer = QueryOutcome(error=str(error))
-            self._answers.append((then, answer))
+                self._answers.append((then, None, str(error)))
+            else:
+                self._answers.append((then, reply, "" if reply is not None else "an empty answer"))
 
         self._pool.submit(work)
 
     def deliver(self) -> None:
         """Hand over the answers that have arrived."""
         for _ in range(len(self._answers)):
-            then, answer = self._answers.popleft()
+            then, reply, error = self._answers.popleft()
             self._waiting -= 1
-            then(answer)
+            then(reply, error)
 
     def close(self) -> None:
         """Send no more queries; returns when queries under way are answered or have timed out."""

@@ -1,6 +1,6 @@
 """The parts of the page, in one registry: tabs, floating panels, and layers of the picture.
 
-A part is a class derived from `Tab` or `Panel` (`panels/page_context.py`), or from `Layer` (`layers/layer.py`). Another
+A part is a class derived from `Tab` or `Panel` (`panels/page.py`), or from `Layer` (`layers/layer.py`). Another
 distribution adds a part by an entry point:
 
     [project.entry-points."robrain.dashboard_parts"]

@@ -17,7 +17,7 @@ from rich.text import Text
 from robrain.deploy.command_line.terminal import console, results, text_column
 from robrain.protocol.safe_text import safe_text
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.invariants.findings import INVARIANTS, InvariantState, Ruling, cases_text
+from robrain.recording.invariants.invariant import INVARIANTS, InvariantState, Ruling
 from robrain.recording.invariants.judging import broken
 from robrain.recording.reader.checking import Severity, Verdict
 from robrain.recording.reader.contents import KeyContents, RecordingContents
@@ -255,7 +255,7 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
     for heading in ("invariant", "", "cases"):
         table.add_column(heading, overflow="fold")
     for ruling in rulings:
-        table.add_row(INVARIANTS[ruling.invariant], *_standing(ruling))
+        table.add_row(INVARIANTS[ruling.invariant], *_verdict(ruling))
     console.print(table)
     for ruling in rulings:
         if ruling.breaches:
@@ -267,12 +267,11 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
     console.print()
 
 
-def _standing(ruling: Ruling) -> tuple[Text, str]:
-    cases = cases_text(ruling.invariant, ruling.cases)
-    match ruling.standing:
+def _verdict(ruling: Ruling) -> tuple[Text, str]:
+    match ruling.state:
         case InvariantState.KEPT:
-            return Text("kept", "green"), cases
+            return Text("kept", "green"), ruling.cases_text
         case InvariantState.BROKEN:
-            return Text(f"broken ({ruling.broken})", "red"), cases
+            return Text(f"broken ({ruling.broken})", "red"), ruling.cases_text
         case InvariantState.NOT_JUDGED:
-            return Text("not judged", "yellow"), ruling.why
+            return Text("not judged", "yellow"), ruling.reason

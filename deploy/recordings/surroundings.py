@@ -11,8 +11,7 @@ import numpy as np
 from robrain.protocol.extras import missing_package
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.errors import RecordingError
-from robrain.recording.invariants.findings import MissingEvidence
-from robrain.recording.invariants.invariant_judge import NOWHERE, FloorCharger, Surroundings
+from robrain.recording.invariants.invariant import NOWHERE, FloorCharger, MissingEvidence, Surroundings
 from robrain.recording.provenance import MAP_ATTACHMENT, MAP_YAML_ATTACHMENT, Provenance
 from robrain.recording.reader.reading import read_provenance
 

@@ -25,7 +25,8 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.reader.reading import RecordedMessage, read_messages
+from robrain.recording.reader.reading import read_messages
+from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.reader.two_runs import Difference, compare_messages
 from robrain.recording.writer.recorder import RecordingSummary, RunDigest
 from robrain.recording.writer.recording_file import check_writable

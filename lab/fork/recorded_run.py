@@ -30,13 +30,8 @@ from robrain.recording.provenance import (
     RunSetup,
     software_versions,
 )
-from robrain.recording.reader.reading import (
-    RecordedMessage,
-    RecordingInfo,
-    read_messages,
-    recording_info,
-    topic_named_by,
-)
+from robrain.recording.reader.reading import RecordingInfo, read_messages, recording_info
+from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by
 from robrain.sim.errors import ScenarioError
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario

@@ -20,7 +20,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.refusals import RefusalCode, Refused
 from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
-from robrain.recording.invariants import findings as recorded
+from robrain.recording.invariants.invariant import Invariant
 from robrain.recording.invariants.judging import Judging
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskOnce
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind
@@ -73,7 +73,7 @@ class TeamRule(StrEnum):
 class Broken(msgspec.Struct, frozen=True):
     """An invariant that does not hold."""
 
-    invariant: TeamRule | recorded.Invariant
+    invariant: TeamRule | Invariant
     """The latter is judged by messages alone, as of recordings."""
     at_s: float
     what: str

@@ -3,7 +3,7 @@
 The kernels that merge patches are loaded with the first patch: a page must be seen before.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import numpy as np
@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, geometry_of
-from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 
 if TYPE_CHECKING:  # loads kernels
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from typing import NamedTuple
-
-from robrain.protocol.model.grid_geometry import OCCUPIED
 
 
 class DrawnFloor(NamedTuple):
@@ -133,11 +130,6 @@ class ComposedMap:
         """RGB image uint8 (height, width, 3), a pixel a cell, row 0 at the lowest y; (1, 1, 3) before any patch."""
         floor = self.floor
         return np.array([[unknown]], np.uint8) if floor is None else floor.picture(unknown, free, occupied)
-
-    def wall_boxes(self) -> NDArray[np.float32]:
-        """Rectangles that cover the occupied cells: float32 (N, 4), middle x, y and sizes, metres, arena frame."""
-        floor = self.floor
-        return np.empty((0, 4), np.float32) if floor is None else floor.wall_boxes()
 
     def known_bounds_m(self) -> tuple[float, float, float, float] | None:
         """x_min, y_min, x_max, y_max of the known area, metres, arena frame; None before the first patch."""

@@ -48,8 +48,27 @@ class MapAt:
         self._kept: list[_Kept] = []
         self._packed: dict[SubmapKey, tuple[int, MapPatch]] = {}
         """The last copy of each submap, and the version it is of: most submaps do not change from copy to copy."""
+        self._map = ComposedMap()
+        self._since_copy = 0
 
-    def keep(self, atlas: SubmapAtlas, place: Place) -> None:
+    def handle(self, payload: bytes, place: Place) -> None:
+        """The next patch of the recording, which stands at `place`; a copy of the map is kept now and then."""
+        if self._map.atlas is not None and self._since_copy >= self._between:
+            self._keep(self._map.atlas, place)
+            self._since_copy = 0
+        self._map.handle(payload)
+        self._since_copy += 1
+
+    def atlas_at(self, place: Place) -> SubmapAtlas | None:
+        """The map before `place`; None before the first patch."""
+        kept = next((kept for kept in reversed(self._kept) if kept.place <= place), None)
+        known = ComposedMap() if kept is None else ComposedMap(_restored(kept))
+        start = (0, 0) if kept is None else kept.place
+        for payload in self._patches(start, place):
+            known.handle(payload)
+        return known.atlas
+
+    def _keep(self, atlas: SubmapAtlas, place: Place) -> None:
         """Keep a copy of the map as it is before `place`."""
         geometry = atlas.grid.geometry
         submaps = []
@@ -62,37 +81,6 @@ class MapAt:
             self._packed[key] = submap.version, packed
             submaps.append(packed)
         self._kept.append(_Kept(place, geometry, submaps))
-
-    def builder(self) -> "MapBuilder":
-        """Reads all patches once, in order, and keeps copies for later."""
-        return MapBuilder(self, self._between)
-
-    def atlas_at(self, place: Place) -> SubmapAtlas | None:
-        """The map before `place`; None before the first patch."""
-        kept = next((kept for kept in reversed(self._kept) if kept.place <= place), None)
-        view = ComposedMap() if kept is None else ComposedMap(_restored(kept))
-        start = (0, 0) if kept is None else kept.place
-        for payload in self._patches(start, place):
-            view.handle(payload)
-        return view.atlas
-
-
-class MapBuilder:
-    """Merges patches one after the other and has a copy kept now and then."""
-
-    def __init__(self, store: MapAt, between: int) -> None:
-        self._store = store
-        self._between = between
-        self._view = ComposedMap()
-        self._since = 0
-
-    def handle(self, payload: bytes, place: Place) -> None:
-        """The next patch, which stands at `place`."""
-        if self._view.atlas is not None and self._since >= self._between:
-            self._store.keep(self._view.atlas, place)
-            self._since = 0
-        self._view.handle(payload)
-        self._since += 1
 
 
 def patches_of(robot: str, atlas: SubmapAtlas, now_ns: int) -> list[MapPatch]:
@@ -112,7 +100,7 @@ class KnownMap:
     """Merges recorded patches on request, or when many wait. Patches that do not decode or fit are skipped."""
 
     def __init__(self) -> None:
-        self._view = ComposedMap()
+        self._map = ComposedMap()
         self._pending: list[bytes] = []
 
     @property
@@ -127,11 +115,11 @@ class KnownMap:
             self.merged()
 
     def merged(self) -> ComposedMap:
-        """The map with all that was taken."""
+        """The map with all patches so far."""
         for payload in self._pending:
-            self._view.handle(payload)
+            self._map.handle(payload)
         self._pending.clear()
-        return self._view
+        return self._map
 
     def patches(self, by: str, now_ns: int) -> list[MapPatch]:
         """Messages with the whole map for a receiver that has none, published by `by`."""

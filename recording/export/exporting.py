@@ -8,7 +8,8 @@ from typing import Any, Protocol
 
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.tables import Cell, Row, Table
-from robrain.recording.reader.reading import read_messages, recording_info, topic_named_by
+from robrain.recording.reader.reading import read_messages, recording_info
+from robrain.recording.reader.recorded_message import topic_named_by
 
 ROWS_A_GROUP = 10_000
 """Rows of a Parquet file that are held until they are written together."""

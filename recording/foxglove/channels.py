@@ -4,7 +4,7 @@
 latest that was kept. The same messages in the same order give the same channels, at the recording or later.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
@@ -42,6 +42,7 @@ from robrain.protocol.table.topics import (
     ROBOT_STATE,
     TASK_EVENT,
 )
+from robrain.recording.drawing.drawn_map import DrawnFloor
 from robrain.recording.drawing.map_at import KnownMap
 from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, mote_color, style_of
 from robrain.recording.foxglove import messages as make
@@ -66,6 +67,8 @@ TRAIL_POINTS = 200
 BATTERY_SCHEMA = "robrain.Battery"
 LINES_MAX = 1000
 """Log lines between two calls of `due`."""
+LINE_TOPICS = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
+"""Topics of which each message becomes a log line."""
 
 
 ROBOT_HEIGHT_M = 0.25
@@ -226,12 +229,12 @@ class FoxgloveChannels:
     """Derives the visual channels of one run. Messages that do not decode are left out."""
 
     def __init__(self) -> None:
-        self._states: dict[str, bytes] = {}
+        self._latest: dict[str, dict[str, bytes]] = {
+            topic.name: {} for topic in (ROBOT_STATE, ARENA_SCAN, ROBOT_PATH, MOTE_READING)
+        }
+        """The latest payloads that were not drawn yet, by topic and key."""
         self._decoded: dict[str, RobotState] = {}
         self._indices: dict[str, int] = {}
-        self._scans: dict[str, bytes] = {}
-        self._paths: dict[str, bytes] = {}
-        self._readings: dict[str, bytes] = {}
         self.known_map = KnownMap()
         """The map so far."""
         self._lines: list[tuple[Topic[Any], bytes]] = []
@@ -241,21 +244,15 @@ class FoxgloveChannels:
         self._map_view = self.known_map.merged()
         self._map_shown = self._walls_shown = 0
         self._due_ns: dict[str, int] = {}
-        self._keep: dict[str, Callable[[str, bytes], None]] = {
-            ROBOT_STATE.name: self._states.__setitem__,
-            ARENA_SCAN.name: self._scans.__setitem__,
-            ROBOT_PATH.name: self._paths.__setitem__,
-            MOTE_READING.name: self._readings.__setitem__,
-            ROBOT_MAP.name: lambda _key, payload: self.known_map.handle(payload),
-        }
-        self._reported = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
 
     def handle(self, topic: Topic[Any], key: str, payload: bytes) -> None:
         """The next recorded message; topics that are not drawn are ignored."""
-        keep = self._keep.get(topic.name)
-        if keep is not None:
-            keep(key, payload)
-        elif topic.name in self._reported and len(self._lines) < LINES_MAX:
+        latest = self._latest.get(topic.name)
+        if latest is not None:
+            latest[key] = payload
+        elif topic is ROBOT_MAP:
+            self.known_map.handle(payload)
+        elif topic.name in LINE_TOPICS and len(self._lines) < LINES_MAX:
             self._lines.append((topic, payload))
 
     def restart(self) -> None:
@@ -268,7 +265,7 @@ class FoxgloveChannels:
         """The messages that are due at `now_ns` of the recorder's clock."""
         if self._lines:
             yield from self._received_lines(now_ns)
-        if self._is_due("transforms", TRANSFORMS_NS, now_ns) and self._states:
+        if self._is_due("transforms", TRANSFORMS_NS, now_ns) and self._latest[ROBOT_STATE.name]:
             self._decode_states()
             poses = [
                 (state.robot, state.pose, state.stamp_ns) for state in self._decoded.values() if state.pose is not None
@@ -277,13 +274,12 @@ class FoxgloveChannels:
                 yield VisualMessage(visual_topics.TRANSFORMS, make.transforms(poses), now_ns)
         if self._is_due("scans", SCANS_NS, now_ns):
             with_points = self._is_due("points", 2 * SCANS_NS, now_ns)
-            for scan in self._decoded_all(self._scans, Scan):
+            for scan in self._drain(ARENA_SCAN, Scan):
                 channel = visual_topics.of_robot(scan.robot, "scan")
                 yield VisualMessage(channel, make.laser_scan(scan, scan.stamp_ns), now_ns)
                 if with_points:
                     channel = visual_topics.of_robot(scan.robot, "points")
                     yield VisualMessage(channel, make.scan_points(scan, scan.stamp_ns), now_ns)
-            self._scans.clear()
         if self._is_due("robots", ROBOTS_NS, now_ns) and self._decoded:
             yield from self._robots(now_ns)
         if self._is_due("marks", MARKS_NS, now_ns):
@@ -307,7 +303,7 @@ class FoxgloveChannels:
         return True
 
     def _decode_states(self) -> None:
-        for state in self._decoded_all(self._states, RobotState):
+        for state in self._drain(ROBOT_STATE, RobotState):
             self._decoded[state.robot] = state
             self._indices.setdefault(state.robot, len(self._indices))
             if state.pose is not None:
@@ -315,7 +311,6 @@ class FoxgloveChannels:
                 if not trail or state.pose.distance_m(trail[-1]) >= TRAIL_STEP_M:
                     trail.append(Point2D(state.pose.x_m, state.pose.y_m))
                     del trail[:-TRAIL_POINTS]
-        self._states.clear()
 
     def _robots(self, now_ns: int) -> Iterator[VisualMessage]:
         robots = robots_scene(self._decoded, self._indices, now_ns)
@@ -328,12 +323,12 @@ class FoxgloveChannels:
                 yield VisualMessage(visual_topics.of_robot(state.robot, "battery"), _battery(state), now_ns)
 
     def _marks(self, now_ns: int) -> Iterator[VisualMessage]:
-        for path in self._decoded_all(self._paths, PlannedPath):
+        for path in self._drain(ROBOT_PATH, PlannedPath):
             channel = visual_topics.of_robot(path.robot, "path")
             yield VisualMessage(channel, make.poses_in_frame(path.points, path.stamp_ns, z_m=0.05), now_ns)
-        self._paths.clear()
-        if self._readings and self._is_due("motes", 2 * MARKS_NS, now_ns):
-            readings = list(self._decoded_all(self._readings, MoteReading))
+        received = self._latest[MOTE_READING.name]
+        if received and self._is_due("motes", 2 * MARKS_NS, now_ns):
+            readings = [reading for payload in received.values() if (reading := self._decode(payload, MoteReading))]
             entities = [entity for reading in readings if (entity := mote_entity(reading, now_ns))]
             if readings:
                 yield VisualMessage(visual_topics.MOTES, scene_update(entities, now_ns), now_ns)
@@ -358,8 +353,8 @@ class FoxgloveChannels:
         view = self._map_view
         if view.grid is not None and self._walls_shown != view.version and self._is_due("walls", WALLS_NS, now_ns):
             self._walls_shown = view.version
-            walls = walls_entity(view.wall_boxes(), now_ns)
-            yield VisualMessage(visual_topics.WALLS, scene_update([walls], now_ns), now_ns)
+            boxes = DrawnFloor(view.grid.geometry, view.grid.classes()).wall_boxes()
+            yield VisualMessage(visual_topics.WALLS, scene_update([walls_entity(boxes, now_ns)], now_ns), now_ns)
             yield VisualMessage(visual_topics.WALL_POINTS, make.wall_points(view.grid, now_ns), now_ns)
 
     def _received_lines(self, now_ns: int) -> Iterator[VisualMessage]:
@@ -389,7 +384,9 @@ class FoxgloveChannels:
         level = "warning" if event.state in ("failed", "lost_contact") else "info"
         return make.log(event.stamp_ns, level, "task", f"{event.task.id} {event.state}{holder}{reason}")
 
-    def _decoded_all(self, payloads: dict[str, bytes], kind: type[Kind]) -> Iterator[Kind]:
+    def _drain(self, topic: Topic[Any], kind: type[Kind]) -> Iterator[Kind]:
+        """The latest messages of a topic, which are then forgotten."""
+        payloads, self._latest[topic.name] = self._latest[topic.name], {}
         for payload in payloads.values():
             message = self._decode(payload, kind)
             if message is not None:

@@ -1,38 +1,22 @@
-"""No task is done twice, and none is at two robots: invariants of tasks, and the changes of tasks as they were made.
+"""Invariants of tasks: none is lost, none is at two robots, none is done twice.
 
 A task ends once, and no robot works on it afterwards. No two robots do it for longer than a lease.
 """
 
-from collections.abc import Mapping
-from enum import Enum, auto
-
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
-from robrain.recording.invariants.findings import (
-    DoneAgain,
-    Invariant,
-    MissingEvidence,
-    Reopened,
-    StillAtDone,
-    TaskAtTwo,
-)
-from robrain.recording.invariants.invariant_judge import Handler, InvariantJudge, Surroundings
+from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.model.tasks.task import FREE_AFTER_S, LOST_AFTER_S, MEMBER_PREFIX, TaskState
+from robrain.recording.invariants.invariant import Invariant, InvariantJudge, MissingEvidence, Surroundings
+
+LEASE_NS = to_ns(FREE_AFTER_S)
+"""For this long two robots may be at a task, or a robot at a task that was done: the lease and its guard time."""
+SILENT_NS = to_ns(1.0)
+"""A robot that is silent for this long is not counted as being at its task; its time starts again."""
 
 ENDED_KEPT = 100_000
 """Ended tasks that are remembered (chosen: some 20 MB)."""
-
-
-class ChangeKind(Enum):
-    """The kind of an event."""
-
-    NEWS = auto()
-    """A change of a task that has not ended, or is new."""
-    AFTER_END = auto()
-    """A change of a task that had ended."""
-    REPEAT = auto()
-    """A change that was reported before, or one before it."""
 
 
 class TaskChanges:
@@ -51,25 +35,22 @@ class TaskChanges:
         """Whether the first change of all was received."""
         self.has_gap = False
         """Whether changes in between are missing."""
-        self._last_change = 0
-        self._tasks = 0
-
-    @property
-    def tasks(self) -> int:
+        self.tasks = 0
         """Number of tasks in the messages."""
-        return self._tasks
+        self._last_change = 0
 
-    def handle(self, event: TaskEvent, time_ns: int) -> ChangeKind:
-        """The next event."""
-        known = self._known(event.task.id)
+    def handle(self, event: TaskEvent, time_ns: int) -> bool:
+        """The next event; returns whether it is a change of a task that had ended. Repeated changes have no effect."""
+        ended = self.ended.get(event.task.id)
+        known = ended[0] if ended is not None else self.open.get(event.task.id)
         if known is not None and not _is_later(event, known):
-            return ChangeKind.REPEAT
+            return False
         self._count(event.change)
-        self._tasks += known is None
-        if event.task.id in self.ended:
+        self.tasks += known is None
+        if ended is not None:
             if event.state.ended:
-                self.ended[event.task.id] = event, self.ended[event.task.id][1]
-            return ChangeKind.AFTER_END
+                self.ended[event.task.id] = event, ended[1]
+            return True
         if event.state.ended:
             self.open.pop(event.task.id, None)
             self.ended[event.task.id] = event, time_ns
@@ -77,16 +58,12 @@ class TaskChanges:
                 del self.ended[next(iter(self.ended))]
         else:
             self.open[event.task.id] = event
-        return ChangeKind.NEWS
+        return False
 
     def done_ns(self, task: str) -> int | None:
         """Time at which a task was done first; None if it was not."""
         ended = self.ended.get(task)
         return ended[1] if ended is not None and ended[0].state is TaskState.DONE else None
-
-    def _known(self, task: str) -> TaskEvent | None:
-        ended = self.ended.get(task)
-        return ended[0] if ended is not None else self.open.get(task)
 
     def _count(self, change: int) -> None:
         if change == 0:  # an older coordinator, which did not number them
@@ -107,9 +84,135 @@ def _is_later(event: TaskEvent, known: TaskEvent) -> bool:
     )
 
 
-STILL_AT_NS = to_ns(FREE_AFTER_S)
-"""A robot may continue with a task that was done for this long: until it learns of it, or its lease ends."""
-SILENT_NS = to_ns(1.0)
+FORGOTTEN_AFTER_NS = to_ns(1.0)
+"""A count that is too small for this long is not a change in transit (chosen: two summaries)."""
+ABANDONED_AFTER_NS = to_ns(10.0)
+"""A coordinator gives a task back after 2 s at the latest (chosen: five times that)."""
+AWAY_AFTER_NS = to_ns(2.0)
+"""A coordinator that is silent for this long is absent, and starts to listen again."""
+NAMED_MAX = 5
+
+_Given = tuple[str, str, int]
+"""Task, robot and epoch."""
+
+
+class TaskKept(InvariantJudge):
+    """Compares the coordinator's counts with its changes, and the robots' reports with both."""
+
+    invariant = Invariant.TASK_KEPT
+
+    def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
+        super().__init__(surroundings, start_ns)
+        self._changes = TaskChanges()
+        self._changed_ns: dict[str, int] = {}
+        self._begins_empty: bool | None = None
+        self._summary_ns: int | None = None
+        self._summary_seq: int | None = None
+        self._may_lack = False
+        """Whether summaries are missing since the last change, so that changes may be as well."""
+        self._too_few: tuple[int, int] | None = None
+        """Tasks that are missing, and since when."""
+        self._agreed_ns = start_ns
+        self._reported_missing = 0
+        self._since_ns: dict[_Given, int] = {}
+        """Since when a task has been at its robot without a report of it."""
+        self._reported: set[_Given] = set()
+        self._received_ns: dict[str, int] = {}
+
+    def lacks(self) -> MissingEvidence | None:
+        """Evidence that is missing."""
+        if self._summary_ns is None:
+            return MissingEvidence.SUMMARIES
+        if not self._is_complete:
+            return MissingEvidence.START
+        return MissingEvidence.EVENTS if self._changes.has_gap or self._may_lack else None
+
+    @property
+    def _is_complete(self) -> bool:
+        """Whether all tasks that are open can be known."""
+        return self._changes.is_from_start or bool(self._begins_empty)
+
+    def handle_event(self, event: TaskEvent, time_ns: int) -> None:
+        """Follow the changes of tasks."""
+        self._changes.handle(event, time_ns)
+        self._may_lack = False  # the number of this one shows it
+        self.cases = self._changes.tasks
+        self._changed_ns[event.task.id] = time_ns
+        if event.state.ended:
+            self._changed_ns.pop(event.task.id)
+
+    def handle_state(self, state: RobotState, time_ns: int) -> None:
+        """Record the robot's report of its tasks."""
+        self._received_ns[state.robot] = time_ns
+        for status in (state.task, state.next_task, state.task_before):
+            if status is not None and not status.state.ended:
+                given = (status.id, state.robot, status.epoch)
+                if given in self._since_ns:
+                    self._since_ns[given] = time_ns
+
+    def handle_summary(self, summary: TeamState, time_ns: int) -> None:
+        """Compare the number of open tasks, and find tasks that no robot has."""
+        if self._begins_empty is None:
+            self._begins_empty = summary.tasks_open == 0 and self._changes.tasks == 0
+        if self._summary_ns is None or time_ns - self._summary_ns > AWAY_AFTER_NS:
+            self._since_ns.clear()
+        self._summary_ns = time_ns
+        self._may_lack |= self._summary_seq is not None and summary.seq not in (self._summary_seq + 1, 0)
+        self._summary_seq = summary.seq
+        if self._changes.has_gap or self._may_lack:  # open tasks, and their robots, are unknown
+            self._since_ns.clear()
+            return
+        if summary.unwritable:  # it must not change tasks that it cannot write
+            self._since_ns.clear()
+        if self._is_complete:
+            self._compare_counts(summary, time_ns)
+        self._find_abandoned(summary, time_ns)
+
+    def _compare_counts(self, summary: TeamState, time_ns: int) -> None:
+        missing = len(self._changes.open) - summary.tasks_open
+        if missing <= self._reported_missing:
+            self._reported_missing = max(0, missing)
+            self._too_few, self._agreed_ns = None, time_ns
+            return
+        if self._too_few is None or self._too_few[0] != missing:
+            self._too_few = missing, time_ns
+        if time_ns - self._too_few[1] < FORGOTTEN_AFTER_NS:
+            return
+        lost = missing - self._reported_missing
+        candidates = self._candidates(lost)
+        tasks = candidates[:NAMED_MAX]
+        names = ", ".join(tasks) + (" …" if len(candidates) > NAMED_MAX else "")
+        which = names if len(candidates) == lost else f"{lost} of {names}"
+        text = f"the coordinator no longer knows {which}, which {'has' if lost == 1 else 'have'} not ended"
+        self.break_(time_ns, "tasks_forgotten", text, {"missing": lost, "tasks": tasks, "of": len(candidates)})
+        self._reported_missing, self._too_few, self._agreed_ns = missing, None, time_ns
+
+    def _candidates(self, missing: int) -> list[str]:
+        """Open tasks that the coordinator may have lost: those that changed since its count was right, if enough."""
+        latest = sorted(self._changes.open, key=lambda task: -self._changed_ns.get(task, 0))
+        lately = [task for task in latest if self._changed_ns.get(task, 0) >= self._agreed_ns]
+        return lately if len(lately) >= missing else latest
+
+    def _find_abandoned(self, summary: TeamState, time_ns: int) -> None:
+        up = {robot.name for robot in summary.robots if robot.up}
+        since: dict[_Given, int] = {}
+        for task, event in self._changes.open.items():
+            robot = event.robot
+            if not robot or robot.startswith(MEMBER_PREFIX) or event.state is TaskState.QUEUED:
+                continue
+            given = (task, robot, event.epoch)
+            since[given] = self._since_ns.get(given, time_ns)
+            silent_ns = time_ns - self._received_ns.get(robot, self._start_ns)
+            if robot in up and silent_ns > to_ns(LOST_AFTER_S):
+                since[given] = time_ns  # the coordinator receives a robot whose messages are missing here
+            elif time_ns - since[given] > ABANDONED_AFTER_NS and given not in self._reported:
+                self._reported.add(given)
+                for_s = round(to_seconds(time_ns - since[given]), 3)
+                text = f"{task} is still {event.state} at {robot}, which has not reported it for {for_s:.1f} s"
+                values = {"task": task, "robot": robot, "state": event.state, "for_s": for_s}
+                self.break_(time_ns, "task_abandoned", text, values)
+        self._since_ns = since
+        self._reported &= since.keys()
 
 
 class _StillAt:
@@ -135,20 +238,17 @@ class TaskOnce(InvariantJudge):
         self._has_received = False
         self._reopened: set[str] = set()
 
-    def handlers(self) -> Mapping[type, Handler]:
-        """Handlers by type of message."""
-        return {TaskEvent: self._handle_event, RobotState: self._handle_state}
-
     def lacks(self) -> MissingEvidence | None:
         """Evidence that is missing."""
         if self._changes.has_gap:
             return MissingEvidence.EVENTS
         return None if self._has_received or self._changes.tasks else MissingEvidence.TASKS
 
-    def _handle_event(self, event: TaskEvent, time_ns: int) -> None:
+    def handle_event(self, event: TaskEvent, time_ns: int) -> None:
+        """Judge a change of a task that had ended."""
         task = event.task.id
         before = self._changes.ended.get(task)
-        if self._changes.handle(event, time_ns) is not ChangeKind.AFTER_END:
+        if not self._changes.handle(event, time_ns):
             self.cases += event.state is TaskState.DONE and before is None
             return
         assert before is not None  # it had ended
@@ -157,11 +257,17 @@ class TaskOnce(InvariantJudge):
         (self._reopened.discard if event.state.ended else self._reopened.add)(task)
         if event.state is TaskState.DONE and ended.state is TaskState.DONE:
             changes, first_s = (ended.change, event.change), self.time_s(ended_ns)
-            self.break_(time_ns, DoneAgain(task=task, robot=event.robot, changes=changes, first_s=first_s))
+            by = f", by {event.robot}" if event.robot else ""
+            again = f"{task} is done again{by} (change {event.change})"
+            text = f"{again}, after it was done at {first_s:g} s (change {ended.change})"
+            values = {"task": task, "robot": event.robot, "changes": changes, "first_s": first_s}
+            self.break_(time_ns, "done_again", text, values)
         elif not was_reopened:
-            self.break_(time_ns, Reopened(task=task, ended=ended.state, state=event.state))
+            text = f"{task} becomes {event.state}, after it had ended as {ended.state}"
+            self.break_(time_ns, "reopened", text, {"task": task, "ended": ended.state, "state": event.state})
 
-    def _handle_state(self, state: RobotState, time_ns: int) -> None:
+    def handle_state(self, state: RobotState, time_ns: int) -> None:
+        """Judge whether the robot works on a task that was done."""
         self._has_received = True
         status, robot = state.task, state.robot
         at = status.id if status is not None and status.state is TaskState.RUNNING else ""
@@ -174,16 +280,11 @@ class TaskOnce(InvariantJudge):
             still = self._still[robot] = _StillAt(at, time_ns)
         still.last_ns = time_ns
         for_ns = time_ns - still.since_ns
-        if for_ns > STILL_AT_NS and not still.is_reported:
+        if for_ns > LEASE_NS and not still.is_reported:
             still.is_reported = True
-            for_s = round(to_seconds(for_ns), 3)
-            self.break_(time_ns, StillAtDone(task=at, robot=robot, done_s=self.time_s(done_ns), for_s=for_s))
-
-
-BOTH_NS = to_ns(FREE_AFTER_S)
-"""For as long two robots may be at a task: the lease and its guard time."""
-SILENT_NS = to_ns(1.0)
-"""A robot that is silent for this long is not counted as being at its task; its time starts again."""
+            done_s, for_s = self.time_s(done_ns), round(to_seconds(for_ns), 3)
+            text = f"{robot} has been at {at} for {for_s:.1f} s, although it was done at {done_s:g} s"
+            self.break_(time_ns, "still_at_done", text, {"task": at, "robot": robot, "done_s": done_s, "for_s": for_s})
 
 
 class _At:
@@ -209,15 +310,12 @@ class TaskAtOne(InvariantJudge):
         self._reported: set[tuple[str, str, str]] = set()
         self._has_received = False
 
-    def handlers(self) -> Mapping[type, Handler]:
-        """Handlers by type of message."""
-        return {RobotState: self._handle_state}
-
     def lacks(self) -> MissingEvidence | None:
         """Evidence that is missing."""
         return None if self._has_received else MissingEvidence.ROBOTS
 
-    def _handle_state(self, state: RobotState, time_ns: int) -> None:
+    def handle_state(self, state: RobotState, time_ns: int) -> None:
+        """Judge whether another robot is at the same task."""
         self._has_received = True
         status, robot = state.task, state.robot
         task = status.id if status is not None and status.state is TaskState.RUNNING else ""
@@ -244,17 +342,20 @@ class TaskAtOne(InvariantJudge):
         robots.pop(robot, None)
         if not robots:
             del self._at[task]
-            self._reported = {told for told in self._reported if told[0] != task}
+            self._reported = {pair for pair in self._reported if pair[0] != task}
 
     def _compare(self, task: str, robot: str, at: _At, time_ns: int) -> None:
-        for other, mate in self._at[task].items():
-            if other == robot or time_ns - mate.last_ns > SILENT_NS:
+        for other, other_at in self._at[task].items():
+            if other == robot or time_ns - other_at.last_ns > SILENT_NS:
                 continue
-            both_ns = time_ns - max(at.since_ns, mate.since_ns)
+            both_ns = time_ns - max(at.since_ns, other_at.since_ns)
             one, two = sorted((robot, other))
-            if both_ns <= BOTH_NS or (task, one, two) in self._reported:
+            if both_ns <= LEASE_NS or (task, one, two) in self._reported:
                 continue
             self._reported.add((task, one, two))
             epochs = (self._at[task][one].epoch, self._at[task][two].epoch)
             for_s = round(to_seconds(both_ns), 3)
-            self.break_(time_ns, TaskAtTwo(task=task, robots=(one, two), epochs=epochs, for_s=for_s))
+            robots = f"{one} (epoch {epochs[0]}) and {two} (epoch {epochs[1]})"
+            text = f"{robots} have both been at {task} for {for_s:.1f} s"
+            values = {"task": task, "robots": (one, two), "epochs": epochs, "for_s": for_s}
+            self.break_(time_ns, "task_at_two", text, values)

@@ -16,12 +16,12 @@ from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.table.topic import JSON, Topic
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.invariants.findings import Ruling
-from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings
+from robrain.recording.invariants.invariant import NOWHERE, Ruling, Surroundings
 from robrain.recording.invariants.judging import Judging, broken
 from robrain.recording.provenance import SUMMARY_METADATA
 from robrain.recording.reader.contents import has_numbers, several_senders
-from robrain.recording.reader.reading import RecordedMessage, read_messages, recording_info, topic_named_by
+from robrain.recording.reader.reading import read_messages, recording_info
+from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by
 
 LISTED_OF_A_KIND = 5
 """Findings of one kind and key that are listed one by one; the rest is counted."""
@@ -115,13 +115,11 @@ def check_recording(
     info = recording_info(path)
     check = _Check(info.start_ns, Judging(surroundings, info.start_ns))
     if info.truncated:
-        check.add(Severity.PROBLEM, CheckKind.TRUNCATED, "", 0, "its end is missing: `robrain recover` makes it whole")
+        check.add(CheckKind.TRUNCATED, "", 0, "its end is missing: `robrain recover` makes it whole")
     if info.counts and not any(is_visual(key) or topic_named_by(key) for key in info.counts):
-        check.add(
-            Severity.PROBLEM, CheckKind.PROVENANCE, "", 0, "no key is a topic of robrain: another program recorded it"
-        )
+        check.add(CheckKind.PROVENANCE, "", 0, "no key is a topic of robrain: another program recorded it")
     elif not info.versions:
-        check.add(Severity.NOTE, CheckKind.PROVENANCE, "", 0, "it does not say which software made it")
+        check.add(CheckKind.PROVENANCE, "", 0, "it does not say which software made it", Severity.NOTE)
     for message in read_messages(path, on_progress):
         check.handle(message)
     if not info.truncated:
@@ -132,7 +130,7 @@ def check_recording(
         problems=check.severities[Severity.PROBLEM],
         notes=check.severities[Severity.NOTE],
         findings=check.findings,
-        more={kind: count for kind, count in check.untold.items() if count},
+        more={kind: count for kind, count in check.unlisted.items() if count},
         invariants=check.judging.finish(),
     )
 
@@ -142,7 +140,7 @@ class _Check:
         self.judging = judging
         self.findings: list[RecordingFinding] = []
         self.severities: Counter[Severity] = Counter()
-        self.untold: Counter[str] = Counter()
+        self.unlisted: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self._start_ns = start_ns
         self._reported: Counter[tuple[CheckKind, str]] = Counter()
@@ -150,11 +148,11 @@ class _Check:
         self._last_ns: int | None = None
         self._unknown: set[str] = set()
 
-    def add(self, severity: Severity, kind: CheckKind, key: str, at_ns: int, text: str) -> None:
+    def add(self, kind: CheckKind, key: str, at_ns: int, text: str, severity: Severity = Severity.PROBLEM) -> None:
         self.severities[severity] += 1
         self._reported[kind, key] += 1
         if self._reported[kind, key] > LISTED_OF_A_KIND:
-            self.untold[kind.value] += 1
+            self.unlisted[kind.value] += 1
             return
         time_s = to_seconds(at_ns - self._start_ns) if at_ns else 0.0
         self.findings.append(RecordingFinding(severity=severity, kind=kind, key=key, time_s=time_s, text=text))
@@ -164,13 +162,11 @@ class _Check:
         self.counts[key] += 1
         if self._last_ns is not None and now_ns < self._last_ns:
             by_s = to_seconds(self._last_ns - now_ns)
-            self.add(
-                Severity.PROBLEM, CheckKind.TIME_BACK, key, now_ns, f"recorded {by_s:g} s before the message before it"
-            )
+            self.add(CheckKind.TIME_BACK, key, now_ns, f"recorded {by_s:g} s before the message before it")
         elif self._last_ns is not None and now_ns - self._last_ns > to_ns(JUMP_S):
             by_s = to_seconds(now_ns - self._last_ns)
             text = f"recorded {by_s:.0f} s after the message before it: its clock was set, or the recorder stood still"
-            self.add(Severity.PROBLEM, CheckKind.TIME_JUMP, key, now_ns, text)
+            self.add(CheckKind.TIME_JUMP, key, now_ns, text)
         self._last_ns = now_ns
         if is_visual(key):
             return
@@ -192,18 +188,18 @@ class _Check:
         for key in sorted(counts.keys() | self.counts.keys()):
             if counts.get(key, 0) != self.counts[key]:
                 text = f"its index says {counts.get(key, 0)} messages, there are {self.counts[key]}"
-                self.add(Severity.PROBLEM, CheckKind.COUNT, key, 0, text)
+                self.add(CheckKind.COUNT, key, 0, text)
         if not summary:
-            self.add(Severity.NOTE, CheckKind.PROVENANCE, "", 0, f"it has no metadata {SUMMARY_METADATA}")
+            self.add(CheckKind.PROVENANCE, "", 0, f"it has no metadata {SUMMARY_METADATA}", Severity.NOTE)
             return
         written = sum(count for key, count in self.counts.items() if not is_visual(key))
         lost, dropped = int(summary.get("lost", 0)), int(summary.get("dropped", 0))
         if lost or dropped:
             text = f"its recorder could not write {lost} messages and had no room for {dropped}"
-            self.add(Severity.PROBLEM, CheckKind.LOST, "", 0, text)
+            self.add(CheckKind.LOST, "", 0, text)
         if "part" not in summary and int(summary.get("messages", written)) - lost != written:
             text = f"its recorder says {summary['messages']} messages, there are {written}"
-            self.add(Severity.PROBLEM, CheckKind.COUNT, "", 0, text)
+            self.add(CheckKind.COUNT, "", 0, text)
 
     def _topic_of(self, key: str, now_ns: int) -> Topic[Any] | None:
         topic = topic_named_by(key)
@@ -211,7 +207,7 @@ class _Check:
             return topic
         if key not in self._unknown:
             self._unknown.add(key)
-            self.add(Severity.NOTE, CheckKind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic")
+            self.add(CheckKind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic", Severity.NOTE)
         return None
 
     def _decode(self, topic: Topic[Any], message: RecordedMessage) -> Any:
@@ -221,25 +217,23 @@ class _Check:
             return topic.payloads.read(message.payload)
         except BadPayload as error:
             text = f"is malformed: {error}"
-            self.add(Severity.PROBLEM, CheckKind.MALFORMED, message.topic_key, message.log_time_ns, text)
+            self.add(CheckKind.MALFORMED, message.topic_key, message.log_time_ns, text)
             return None
 
     def _check_order(self, before: RecordedMessage, message: RecordedMessage, *, has_numbers: bool) -> None:
         key, now_ns = message.topic_key, message.log_time_ns
         if message.publish_time_ns < before.publish_time_ns:
             by_s = to_seconds(before.publish_time_ns - message.publish_time_ns)
-            self.add(
-                Severity.PROBLEM, CheckKind.STAMP_BACK, key, now_ns, f"its stamp is {by_s:g} s before the one before"
-            )
+            self.add(CheckKind.STAMP_BACK, key, now_ns, f"its stamp is {by_s:g} s before the one before")
         if not has_numbers:
             return
         missing = message.sequence - before.sequence - 1
         if message.sequence < before.sequence:
             text = f"its sender counts again from {message.sequence}, after {before.sequence}"
-            self.add(Severity.NOTE, CheckKind.RESTART, key, now_ns, text)
+            self.add(CheckKind.RESTART, key, now_ns, text, Severity.NOTE)
         elif missing > 0:
             text = f"{missing} of its sender's messages are missing, {before.sequence + 1} to {message.sequence - 1}"
-            self.add(Severity.PROBLEM, CheckKind.GAP, key, now_ns, text)
+            self.add(CheckKind.GAP, key, now_ns, text)
 
 
 def _sender_of(message: Any) -> str:

@@ -16,13 +16,8 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from robrain.recording.errors import RecordingError
-from robrain.recording.reader.reading import (
-    RecordedMessage,
-    check_readable,
-    describing_damage,
-    is_truncated,
-    recorded_message,
-)
+from robrain.recording.reader.reading import check_readable, describing_damage, is_truncated, recorded_message
+from robrain.recording.reader.recorded_message import RecordedMessage
 
 CHUNKS_AT_HAND = 32
 """Chunks kept in memory after they were read: those around the current place."""

@@ -12,14 +12,8 @@ from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.table.topic import Role, Topic
 from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_PATH
 from robrain.recording.provenance import HOST_METADATA, MANIFESTS_METADATA, RUN_METADATA, VERSIONS_METADATA
-from robrain.recording.reader.reading import (
-    RecordedMessage,
-    RecordingInfo,
-    read_front,
-    read_messages,
-    recording_info,
-    topic_named_by,
-)
+from robrain.recording.reader.reading import RecordingInfo, read_front, read_messages, recording_info
+from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by
 
 OnProgress = Callable[[float], None]
 SILENT_PERIODS = 5.0

@@ -5,10 +5,9 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import IO, cast
 
 import msgspec
 import zstandard
@@ -16,13 +15,10 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Chunk, DataEnd, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.tasks.old_form import upgraded_json
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.provenance import (
@@ -33,37 +29,13 @@ from robrain.recording.provenance import (
     VERSIONS_METADATA,
     Provenance,
 )
+from robrain.recording.reader.recorded_message import RecordedMessage
 
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
 """Exceptions that mcap raises over damaged bytes; a wrong checksum is a ValueError."""
 
-"""In the keys of messages that hold tasks."""
-
 PROGRESS_RECORDS = 1000
 """Number of records between two progress reports."""
-
-
-class RecordedMessage(NamedTuple):
-    """One message out of a recording."""
-
-    topic_key: str
-    """The key it had on the wire, its team included."""
-    log_time_ns: int
-    """The run's clock when it was recorded."""
-    payload: bytes
-    encoding: str
-    """Encoding of the channel, `json` for our own messages."""
-    publish_time_ns: int = 0
-    """The sender's stamp, or the time of recording where it gave none."""
-    sequence: int = 0
-    """The sender's number of the message, modulo 2**32."""
-
-
-@lru_cache(maxsize=4096)
-def topic_named_by(key: str) -> Topic[Any] | None:
-    """The topic of a key; None for a key that is not of the wire."""
-    found = topic_of(key)
-    return None if found is None else found[0]
 
 
 def recorded_message(channel: Channel, message: Message) -> RecordedMessage:
@@ -136,59 +108,40 @@ def recording_info(path: Path) -> RecordingInfo:
         RecordingError: there is no such file, it is no recording, or it is damaged.
     """
     versions = read_front(path)[0].get(VERSIONS_METADATA, {})
-    with _opened(path) as stream:
-        size_bytes = stream.seek(0, os.SEEK_END)
-        truncated = is_truncated(path)
-        if not truncated:
-            stream.seek(0)
+    truncated = is_truncated(path)
+    counts: Counter[str] = Counter()
+    start_ns = end_ns = 0
+    recorder: dict[str, str] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    summary = None
+    if not truncated:
+        with _opened(path) as stream:
             reader = make_reader(stream)
             summary = reader.get_summary()
-            if summary is not None and summary.statistics is not None:
-                run = {metadata.name: metadata.metadata for metadata in reader.iter_metadata()}
-                return _info_of_summary(path, size_bytes, summary, versions, run.get(SUMMARY_METADATA, {}))
-    counts: Counter[str] = Counter()
-    start_ns = end_ns = None
-    for message in _messages(path):
-        counts[message.topic_key] += 1
-        # The wall's clock may have been set back in between.
-        start_ns = message.log_time_ns if start_ns is None else min(start_ns, message.log_time_ns)
-        end_ns = message.log_time_ns if end_ns is None else max(end_ns, message.log_time_ns)
+            metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    if summary is not None and summary.statistics is not None:
+        statistics = summary.statistics
+        for channel_id, count in sorted(statistics.channel_message_counts.items()):
+            counts[summary.channels[channel_id].topic] += count
+        start_ns, end_ns = statistics.message_start_time, statistics.message_end_time
+        recorder = metadata.get(SUMMARY_METADATA, {})
+    else:
+        for message in _messages(path):
+            # The wall's clock may have been set back in between.
+            start_ns = min(start_ns, message.log_time_ns) if counts else message.log_time_ns
+            end_ns = max(end_ns, message.log_time_ns)
+            counts[message.topic_key] += 1
     return RecordingInfo(
         path=path,
-        size_bytes=size_bytes,
-        messages=_of_the_wire(counts),
-        start_ns=start_ns or 0,
-        duration_s=to_seconds((end_ns or 0) - (start_ns or 0)),
+        size_bytes=path.stat().st_size,
+        messages=sum(count for channel, count in counts.items() if not is_visual(channel)),
+        start_ns=start_ns,
+        duration_s=to_seconds(end_ns - start_ns),
         counts=dict(counts),
         truncated=truncated,
         versions=versions,
-        digest="",
-    )
-
-
-def _of_the_wire(counts: Counter[str]) -> int:
-    return sum(count for channel, count in counts.items() if not is_visual(channel))
-
-
-def _info_of_summary(
-    path: Path, size_bytes: int, summary: Summary, versions: dict[str, str], message_text: dict[str, str]
-) -> RecordingInfo:
-    statistics = summary.statistics
-    assert statistics is not None
-    counts: Counter[str] = Counter()
-    for channel_id, count in sorted(statistics.channel_message_counts.items()):
-        counts[summary.channels[channel_id].topic] += count
-    return RecordingInfo(
-        path=path,
-        size_bytes=size_bytes,
-        messages=_of_the_wire(counts),
-        start_ns=statistics.message_start_time,
-        duration_s=to_seconds(statistics.message_end_time - statistics.message_start_time),
-        counts=dict(counts),
-        truncated=False,
-        versions=versions,
-        digest=message_text.get("digest", ""),
-        summary=message_text,
+        digest=recorder.get("digest", ""),
+        summary=recorder,
     )
 
 

@@ -1,5 +1,6 @@
 """Recovery of a file that is damaged or lacks its end, and derived channels for a file without them."""
 
+import contextlib
 import os
 from collections.abc import Callable
 from io import BufferedReader, BufferedWriter
@@ -16,90 +17,18 @@ from robrain.recording.errors import RecordingError, writing
 from robrain.recording.foxglove.channels import FoxgloveChannels, VisualMessage
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.provenance import RECOVERY_METADATA, VISUAL_METADATA
-from robrain.recording.reader.reading import (
-    DAMAGE,
-    check_readable,
-    describing_damage,
-    is_truncated,
-    topic_named_by,
-    whole_reads,
-)
+from robrain.recording.reader.reading import DAMAGE, check_readable, describing_damage, is_truncated, whole_reads
+from robrain.recording.reader.recorded_message import topic_named_by
 
 CHUNK_BYTES = 1024 * 1024
-
-
-def copy_recording(
-    source: Path,
-    path: Path,
-    *,
-    visual: FoxgloveChannels | None = None,
-    metadata: Callable[["RecordingCopy"], tuple[str, dict[str, str]]],
-    on_progress: Callable[[float], None] | None = None,
-) -> "RecordingCopy":
-    """Write all that can be read of `source` to a new file with index and summary.
-
-    Messages, schemas, metadata and attachments are taken over as they are.
-
-    Args:
-        source: an MCAP file.
-        path: a file that does not exist yet.
-        visual: derives channels to add; the source's own are then skipped.
-        metadata: name and values of a record about the copy, asked at its end.
-        on_progress: called with the share of the source that has been read, 0 to 1.
-
-    Raises:
-        RecordingError: the source is no recording, or the new file exists or cannot be written; none is left then.
-    """
-    check_readable(source)
-    truncated = is_truncated(source)
-    with writing(path):
-        target = path.open("xb")
-    try:
-        with writing(path, "; make room there"), target:
-            copy = RecordingCopy(target, visual)
-            copy.truncated = truncated
-            with describing_damage(source):
-                stream = source.open("rb")
-            with stream:
-                if not truncated:
-                    with describing_damage(source):
-                        copy.learn(stream)
-                _copy_all(source, stream, copy, on_progress)
-            copy.finish(*metadata(copy))
-    except BaseException:  # also Ctrl-C: half a copy must not pass for a recording
-        path.unlink(missing_ok=True)
-        raise
-    if on_progress is not None:
-        on_progress(1.0)
-    return copy
-
-
-def _copy_all(
-    source: Path, stream: BufferedReader, copy: "RecordingCopy", on_progress: Callable[[float], None] | None
-) -> None:
-    size_bytes = os.fstat(stream.fileno()).st_size
-    records = StreamReader(whole_reads(stream), emit_chunks=True).records
-    whole_bytes = 0
-    while not copy.ended:
-        try:
-            record = next(records, None)
-        except (EndOfFile, *DAMAGE):
-            break  # records after one whose length is wrong cannot be found
-        except OSError as error:
-            raise RecordingError(source, f"cannot read {source}: {error.strerror or error}") from error
-        if record is None:
-            break
-        whole_bytes = stream.tell()
-        copy.handle(record)
-        if on_progress is not None:
-            on_progress(whole_bytes / size_bytes)
-    copy.unread_bytes = 0 if copy.ended and not copy.truncated else size_bytes - whole_bytes
 
 
 class RecordingCopy:
     """A new file, to which the records of another are handed one by one."""
 
-    def __init__(self, target: BufferedWriter, visual: FoxgloveChannels | None = None) -> None:
+    def __init__(self, target: BufferedWriter, visual: FoxgloveChannels | None, *, truncated: bool) -> None:
+        self.truncated = truncated
+        """Whether the end of the source is missing."""
         self._writer = Writer(target, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._started = False
         self._schemas: dict[int, Schema] = {}
@@ -111,21 +40,18 @@ class RecordingCopy:
         self.undescribed = 0
         self.visual_messages = 0
         self.unread_bytes = 0
-        self.truncated = False
         self.ended = False
         self._visual = visual
         self._visual_ids: dict[str, int] = {}
         self._visual_schemas: dict[str, int] = {}
         self._now_ns: int | None = None
 
-    def learn(self, stream: BufferedReader) -> None:
+    def read_descriptions(self, stream: BufferedReader) -> None:
         """Read the descriptions of channels from the summary of a source that has one."""
-        try:
+        with contextlib.suppress(EndOfFile, *DAMAGE):  # the index is damaged; the records before it may be whole
             summary = make_reader(stream).get_summary()
-        except (EndOfFile, *DAMAGE):  # the index is damaged; the records before it may be whole
-            summary = None
-        if summary is not None:
-            self._schemas, self._channels = dict(summary.schemas), dict(summary.channels)
+            if summary is not None:
+                self._schemas, self._channels = dict(summary.schemas), dict(summary.channels)
         stream.seek(0)
 
     def handle(self, record: McapRecord) -> None:
@@ -157,11 +83,21 @@ class RecordingCopy:
         elif isinstance(record, DataEnd):
             self.ended = True
 
-    def finish(self, name: str, values: dict[str, str]) -> None:
-        """Write a record of metadata, the index and the summary."""
+    def finish(self) -> None:
+        """Write a record of metadata about the copy, the index and the summary."""
         self._start()
         self._draw()
-        self._writer.add_metadata(name, values)
+        if self._visual is not None:
+            self._writer.add_metadata(VISUAL_METADATA, {"messages": str(self.visual_messages)})
+        else:
+            losses = {
+                "messages": str(self.messages),
+                "was_truncated": str(self.truncated).lower(),
+                "damaged_chunks": str(self.damaged_chunks),
+                "undescribed": str(self.undescribed),
+                "unread_bytes": str(self.unread_bytes),
+            }
+            self._writer.add_metadata(RECOVERY_METADATA, losses)
         self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
 
     def _start(self, profile: str = "", library: str | None = None) -> None:
@@ -244,6 +180,8 @@ class Recovery(msgspec.Struct, frozen=True, kw_only=True):
 def recover(source: Path, path: Path, on_progress: Callable[[float], None] | None = None) -> Recovery:
     """Write all readable messages of `source` to a new file with index and summary; its metadata lists the losses.
 
+    Messages, schemas, metadata and attachments are taken over as they are.
+
     Args:
         source: an MCAP file.
         path: a file that does not exist yet.
@@ -252,7 +190,7 @@ def recover(source: Path, path: Path, on_progress: Callable[[float], None] | Non
     Raises:
         RecordingError: the source is no recording, or the new file exists or cannot be written; none is left then.
     """
-    copy = copy_recording(source, path, metadata=_recovered, on_progress=on_progress)
+    copy = _copied(source, path, None, on_progress)
     return Recovery(
         source=source,
         path=path,
@@ -268,29 +206,54 @@ def recover(source: Path, path: Path, on_progress: Callable[[float], None] | Non
 def with_visual(source: Path, path: Path, on_progress: Callable[[float], None] | None = None) -> int:
     """Write a copy of a recording with channels for viewers such as Foxglove; returns the number of added messages.
 
-    Channels of that kind which the source has are made again.
-
-    Args:
-        source: an MCAP file.
-        path: a file that does not exist yet.
-        on_progress: called with the share of the source that has been read, 0 to 1.
-
-    Raises:
-        RecordingError: the source is no recording, or the new file exists or cannot be written; none is left then.
+    As `recover`; channels of that kind which the source has are made again.
     """
-    copy = copy_recording(source, path, visual=FoxgloveChannels(), metadata=_drawn, on_progress=on_progress)
-    return copy.visual_messages
+    return _copied(source, path, FoxgloveChannels(), on_progress).visual_messages
 
 
-def _recovered(copy: RecordingCopy) -> tuple[str, dict[str, str]]:
-    return RECOVERY_METADATA, {
-        "messages": str(copy.messages),
-        "was_truncated": str(copy.truncated).lower(),
-        "damaged_chunks": str(copy.damaged_chunks),
-        "undescribed": str(copy.undescribed),
-        "unread_bytes": str(copy.unread_bytes),
-    }
+def _copied(
+    source: Path, path: Path, visual: FoxgloveChannels | None, on_progress: Callable[[float], None] | None
+) -> RecordingCopy:
+    check_readable(source)
+    truncated = is_truncated(source)
+    with writing(path):
+        target = path.open("xb")
+    try:
+        with writing(path, "; make room there"), target:
+            copy = RecordingCopy(target, visual, truncated=truncated)
+            with describing_damage(source):
+                stream = source.open("rb")
+            with stream:
+                if not truncated:
+                    with describing_damage(source):
+                        copy.read_descriptions(stream)
+                _copy_records(source, stream, copy, on_progress)
+            copy.finish()
+    except BaseException:  # also Ctrl-C: half a copy must not pass for a recording
+        path.unlink(missing_ok=True)
+        raise
+    if on_progress is not None:
+        on_progress(1.0)
+    return copy
 
 
-def _drawn(copy: RecordingCopy) -> tuple[str, dict[str, str]]:
-    return VISUAL_METADATA, {"messages": str(copy.visual_messages)}
+def _copy_records(
+    source: Path, stream: BufferedReader, copy: RecordingCopy, on_progress: Callable[[float], None] | None
+) -> None:
+    size_bytes = os.fstat(stream.fileno()).st_size
+    records = StreamReader(whole_reads(stream), emit_chunks=True).records
+    whole_bytes = 0
+    while not copy.ended:
+        try:
+            record = next(records, None)
+        except (EndOfFile, *DAMAGE):
+            break  # records after one whose length is wrong cannot be found
+        except OSError as error:
+            raise RecordingError(source, f"cannot read {source}: {error.strerror or error}") from error
+        if record is None:
+            break
+        whole_bytes = stream.tell()
+        copy.handle(record)
+        if on_progress is not None:
+            on_progress(whole_bytes / size_bytes)
+    copy.unread_bytes = 0 if copy.ended and not copy.truncated else size_bytes - whole_bytes

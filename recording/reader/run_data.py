@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
@@ -27,7 +26,8 @@ from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.provenance import SCENARIO_ATTACHMENT
 from robrain.recording.reader.contents import RecordingContents, read_contents
-from robrain.recording.reader.reading import read_front, read_messages, topic_named_by
+from robrain.recording.reader.reading import read_front, read_messages
+from robrain.recording.reader.recorded_message import received
 
 SILENT_S = 3.0
 """A robot that publishes nothing for longer than this is silent; its state comes ten times a second."""
@@ -55,7 +55,7 @@ class Happenings:
     def __init__(self) -> None:
         self._all: list[Happening] = []
         self._open: dict[tuple[str, str], Happening] = {}
-        self._received_s: dict[str, float] = {}
+        self._last_seen_s: dict[str, float] = {}
 
     def handle(self, message: Any, t_s: float) -> None:
         """The next message; most are of no interest."""
@@ -73,17 +73,17 @@ class Happenings:
 
     def finish(self, end_s: float) -> list[Happening]:
         """All of them, by their beginnings; robots that were silent until the end included."""
-        for robot, heard_s in self._received_s.items():
-            if end_s - heard_s > SILENT_S:
-                self._begin("silent", robot, "", "said nothing until the end", heard_s)
+        for robot, last_seen_s in self._last_seen_s.items():
+            if end_s - last_seen_s > SILENT_S:
+                self._begin("silent", robot, "", "said nothing until the end", last_seen_s)
         return sorted(self._all, key=lambda happening: happening.start_s)
 
     def _handle_state(self, state: RobotState, t_s: float) -> None:
         name = state.robot
-        heard_s = self._received_s.get(name, t_s)
-        self._received_s[name] = t_s
-        if t_s - heard_s > SILENT_S:
-            silent = Happening(kind="silent", subject=name, text="said nothing", start_s=heard_s, end_s=t_s)
+        last_seen_s = self._last_seen_s.get(name, t_s)
+        self._last_seen_s[name] = t_s
+        if t_s - last_seen_s > SILENT_S:
+            silent = Happening(kind="silent", subject=name, text="said nothing", start_s=last_seen_s, end_s=t_s)
             self._add(silent)
         self._follow("halted", name, "", f"by {', '.join(state.halted_by)}" if state.halted else "", t_s)
         self._follow("astray", name, "", state.lost, t_s)
@@ -245,14 +245,9 @@ def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> 
     gather = _Gather(RunData(path, contents, contents.info.duration_s, scenario_toml=scenario_toml))
     start_ns = contents.info.start_ns
     for recorded in read_messages(path, half(0.5)):
-        topic = topic_named_by(recorded.topic_key)
-        if topic is None or topic.message is None:
-            continue
-        try:
-            message = topic.payloads.read(recorded.payload)
-        except BadPayload:
-            continue
-        gather.handle(message, to_seconds(recorded.log_time_ns - start_ns))
+        known = received(recorded)
+        if known is not None:
+            gather.handle(known.message, to_seconds(recorded.log_time_ns - start_ns))
     return gather.finish()
 
 
@@ -261,7 +256,7 @@ class _Gather:
         self.run = run
         self._happenings = Happenings()
         self._decided: dict[str, TaskDecision] = {}
-        self._takers: dict[type, Callable[[Any, float], None]] = {
+        self._handlers: dict[type, Callable[[Any, float], None]] = {
             RobotState: self._handle_state,
             ArenaTruth: self._handle_truth,
             TeamState: self._handle_team,
@@ -273,9 +268,9 @@ class _Gather:
         }
 
     def handle(self, message: Any, t_s: float) -> None:
-        take = self._takers.get(type(message))
-        if take is not None:
-            take(message, t_s)
+        handler = self._handlers.get(type(message))
+        if handler is not None:
+            handler(message, t_s)
         self._happenings.handle(message, t_s)
 
     def finish(self) -> RunData:
@@ -317,11 +312,8 @@ class _Gather:
             of_map.append((t_s, truth.map_accuracy))
         for reported in truth.robots:
             robot = self.run.robots.setdefault(reported.robot, RobotRun(reported.robot))
-            robot.distance_m, robot.energy_j, robot.collisions = (
-                reported.distance_m,
-                reported.energy_j,
-                reported.collisions,
-            )
+            robot.distance_m, robot.energy_j = reported.distance_m, reported.energy_j
+            robot.collisions = reported.collisions
             accuracy = robot.accuracy = reported.accuracy
             if accuracy is not None and accuracy.error_m is not None:
                 robot.error_t_s.append(t_s)

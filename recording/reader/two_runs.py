@@ -13,7 +13,8 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import natural_key
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.reader.reading import RecordedMessage, read_messages, topic_named_by
+from robrain.recording.reader.reading import read_messages
+from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by
 from robrain.recording.reader.run_data import OWN_KINDS, RunData, TaskRun, read_run
 
 SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)

@@ -28,7 +28,7 @@ from robrain.protocol.table.topics import ROBOT_MAP, topic_of
 from robrain.recording.drawing.map_at import MapAt, Place, patches_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.chunked_file import ChunkedFile
-from robrain.recording.reader.reading import RecordedMessage
+from robrain.recording.reader.recorded_message import RecordedMessage
 
 logger = logging.getLogger(__name__)
 
@@ -93,11 +93,16 @@ class Player:
         """The end is missing; the rest can be played."""
         return self._file.truncated
 
-    def prepare(self, on_progress: Callable[[float], None] | None = None) -> None:
+    def prepare(
+        self,
+        on_progress: Callable[[float], None] | None = None,
+        on_message: Callable[[RecordedMessage], None] | None = None,
+    ) -> None:
         """Read the file once, so that every later `seek` is quick; without it, `seek` is slow in a long recording.
 
         Args:
             on_progress: called with the share that has been read, 0 to 1.
+            on_message: called with each message.
 
         Raises:
             RecordingError: the file is damaged.
@@ -109,14 +114,16 @@ class Player:
         held: dict[str, list[tuple[Place, RecordedMessage]]] = {
             key: [] for key, count in counts.items() if count < SELDOM and key not in self._map_keys
         }
-        maps = self._maps.builder()
+        self._maps = MapAt(self._read_patches, sum(counts.get(key, 0) for key in self._map_keys))
         held_bytes = 0
         chunks = self._file.chunks
         for number in range(len(chunks)):
             for index, message in enumerate(self._file.read(number)):
                 key = message.topic_key
+                if on_message is not None:
+                    on_message(message)
                 if key in self._map_keys:
-                    maps.handle(message.payload, (number, index))
+                    self._maps.handle(message.payload, (number, index))
                 elif key in held:
                     held[key].append(((number, index), message))
                     held_bytes += len(message.payload)

@@ -11,7 +11,8 @@ from robrain.protocol.table.topic import Role
 from robrain.protocol.table.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.recording.errors import RecordingError
-from robrain.recording.reader.reading import RecordedMessage, recording_info
+from robrain.recording.reader.reading import recording_info
+from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.replay.player import Player
 
 

@@ -1,11 +1,14 @@
 """The recorder: writes all messages of a team's recorded topics, and keeps a digest of them."""
 
+import hashlib
 import logging
 import re
+import struct
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,18 +31,14 @@ from robrain.recording.writer.rotation import Rotation
 
 if TYPE_CHECKING:
     from robrain.recording.foxglove.channels import FoxgloveChannels
-    from robrain.recording.writer.recording_file import StampedMessage
-import hashlib
-import struct
-from itertools import islice
 
 AT_ONCE = 64
 """Messages joined for the digest: few enough that the joined bytes stay in the processor's cache."""
 
 _STAMP_AND_PAYLOAD_LENGTH = struct.Struct("<QQ")
 
-DigestedMessage = tuple[object, str, bytes, int, int]
-"""Topic, key, payload, the sender's stamp in nanoseconds, and its number; topic and number do not count."""
+StampedMessage = tuple[Topic[Any], str, bytes, int, int]
+"""A message of the wire: topic, key, payload, its sender's stamp in nanoseconds, and its number."""
 
 
 class RunDigest:
@@ -49,19 +48,19 @@ class RunDigest:
         self._digest = hashlib.sha256()
         self._key_prefixes: dict[str, bytes] = {}
 
-    def add(self, told: Sequence[DigestedMessage]) -> None:
-        """Accept messages."""
-        for start in range(0, len(told), AT_ONCE):
-            self._digest.update(self._digested(islice(told, start, start + AT_ONCE)))
+    def add(self, messages: Sequence[tuple[object, str, bytes, int, int]]) -> None:
+        """Accept messages; their topics and numbers do not count."""
+        for start in range(0, len(messages), AT_ONCE):
+            self._digest.update(self._digested(islice(messages, start, start + AT_ONCE)))
 
     def hexdigest(self) -> str:
         """The digest so far."""
         return self._digest.hexdigest()
 
-    def _digested(self, reported: Iterable[DigestedMessage]) -> bytes:
+    def _digested(self, messages: Iterable[tuple[object, str, bytes, int, int]]) -> bytes:
         prefixes, pack = self._key_prefixes, _STAMP_AND_PAYLOAD_LENGTH.pack
         parts: list[bytes] = []
-        for _, key, payload, stamp_ns, _ in reported:
+        for _, key, payload, stamp_ns, _ in messages:
             parts += (prefixes.get(key) or self._add_key(key), pack(stamp_ns, len(payload)), payload)
         return b"".join(parts)
 
@@ -90,94 +89,65 @@ class RecorderReports:
     Args:
         states: endpoint that publishes it.
         clock: the recorder's.
-        look: gives the recorder's current state, from any thread.
+        read_state: gives the recorder's current state, from any thread.
         live: whether other components continue while the recorder waits.
     """
 
-    def __init__(self, states: Publisher, clock: Clock, look: Callable[[], RecorderState], *, live: bool) -> None:
+    def __init__(self, states: Publisher, clock: Clock, read_state: Callable[[], RecorderState], *, live: bool) -> None:
         self._states = states
         self._clock = clock
-        self._look = look
-        self._live = live
+        self._read_state = read_state
         self._lock = threading.Lock()
         self._lost_reported = 0
         self._published_ns: int | None = None
         self._began_ns = 0
-        self._watch = SlowStepTimer(self._hangs, SLOW_S) if live else None
+        self._began_s: float | None = None
+        """Start of the step that runs, by the monotonic clock."""
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
+        if live:
+            self._thread = threading.Thread(target=self._watch, name="disk-watch", daemon=True)
+            self._thread.start()
 
     def begin(self) -> None:
         """The recorder begins to write."""
-        self._began_ns = self._clock.now_ns()
-        if self._watch is not None:
-            self._watch.begin()
+        self._began_ns, self._began_s = self._clock.now_ns(), time.monotonic()
 
     def end(self, lost: int) -> None:
         """It has written; `lost` is the total number of lost messages."""
-        if self._watch is not None:
-            self._watch.end()
+        self._began_s = None
         now_ns = self._clock.now_ns()
         duration_s = to_seconds(now_ns - self._began_ns)
         slow = duration_s > SLOW_S
         due = self._published_ns is None or not 0 <= now_ns - self._published_ns < STATE_NS
         if slow:
             logger.warning("recording is slow: writing took %.1f s, %s", duration_s, SLOW)
-        if (due and (self._live or lost > self._lost_reported)) or slow:
+        if (due and (self._thread is not None or lost > self._lost_reported)) or slow:
             self._published_ns = now_ns
             self._lost_reported = lost
-            self._say(f"writing took {duration_s:.1f} s, {SLOW}" if slow else "")
+            self._publish(f"writing took {duration_s:.1f} s, {SLOW}" if slow else "")
 
     def close(self) -> None:
         """Publish the last state."""
-        if self._watch is not None:
-            self._watch.close()
-        self._say("")
-
-    def _hangs(self, lasted_s: float) -> None:
-        if lasted_s < 2 * SLOW_S:  # once in the log, again and again on the wire
-            logger.warning("recording has written nothing for %.1f s, %s", lasted_s, SLOW)
-        self._say(f"nothing has been written for {lasted_s:.1f} s, {SLOW}")
-
-    def _say(self, why: str) -> None:
-        with self._lock:
-            state = self._look()
-            self._states.put(msgspec.structs.replace(state, why="; ".join(filter(None, (state.why, why)))))
-
-
-class SlowStepTimer:
-    """Calls `tell` with the seconds that a step has lasted, once each `period_s` while it lasts longer than that.
-
-    Args:
-        tell: called on the watch's own thread.
-        period_s: duration of a step from which it is reported.
-    """
-
-    def __init__(self, tell: Callable[[float], None], period_s: float) -> None:
-        self._tell = tell
-        self._period_s = period_s
-        self._began_s: float | None = None
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="disk-watch", daemon=True)
-        self._thread.start()
-
-    def begin(self) -> None:
-        """A step begins."""
-        self._began_s = time.monotonic()
-
-    def end(self) -> None:
-        """The step is over."""
-        self._began_s = None
-
-    def close(self) -> None:
-        """Stop watching; a second call has no effect."""
-        self._ended.set()
-        self._thread.join()
+        self._closed.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._publish("")
 
     def _watch(self) -> None:
-        while not self._ended.wait(self._period_s):
+        """Report a step that lasts longer than `SLOW_S`, once each `SLOW_S`."""
+        while not self._closed.wait(SLOW_S):
             began_s = self._began_s
             lasted_s = 0.0 if began_s is None else time.monotonic() - began_s
-            if lasted_s > self._period_s:
-                self._tell(lasted_s)
+            if lasted_s > SLOW_S:
+                if lasted_s < 2 * SLOW_S:  # once in the log, again and again on the wire
+                    logger.warning("recording has written nothing for %.1f s, %s", lasted_s, SLOW)
+                self._publish(f"nothing has been written for {lasted_s:.1f} s, {SLOW}")
+
+    def _publish(self, problem: str) -> None:
+        with self._lock:
+            state = self._read_state()
+            self._states.put(msgspec.structs.replace(state, why="; ".join(filter(None, (state.why, problem)))))
 
 
 REFUSED_KINDS = 200
@@ -188,9 +158,8 @@ SEQUENCE_MASK = 0xFFFF_FFFF
 """MCAP's sequence numbers have 32 bits."""
 
 
-OnRecorded = Callable[[Sequence[tuple[Topic[Any], str, bytes, int, int]], int], None]
-"""Receives topic, key, payload, stamp and number of each message, and the run's clock when they were recorded, in ns.
-"""
+OnRecorded = Callable[[Sequence[StampedMessage], int], None]
+"""Receives messages, and the run's clock when they were recorded, in ns."""
 
 
 class RecordingSummary(msgspec.Struct, frozen=True):
@@ -258,7 +227,7 @@ class Recorder:
         self._path = path
         self._visual: FoxgloveChannels | None = None
         self._known_map = KnownMap()
-        self._file = self._open(path, provenance, split, visual=visual) if path is not None else None
+        self._files = self._open(path, provenance, split, visual=visual) if path is not None else None
         self._name = "rec_" + re.sub(r"[^A-Za-z0-9_.\-]", "_", path.stem)[:60] if path is not None else ""
         if endpoint.member is not None and path is not None:  # the router lets it publish under this name alone
             self._name = endpoint.member.name
@@ -289,12 +258,12 @@ class Recorder:
     @property
     def paths(self) -> list[Path]:
         """Its files so far."""
-        return self._file.paths if self._file is not None else []
+        return self._files.paths if self._files is not None else []
 
     @property
     def size_bytes(self) -> int:
         """Bytes in its files."""
-        return self._file.size_bytes if self._file is not None else 0
+        return self._files.size_bytes if self._files is not None else 0
 
     @property
     def lost(self) -> int:
@@ -339,15 +308,14 @@ class Recorder:
         """Record the remaining messages, finish the file and return the summary; a second call returns the same."""
         if self._summary is None:
             self._record()
-            if self._file is not None:
-                self._file.close()
-            lost = self._file.lost_by_topic if self._file is not None else Counter[str]()
-            paths = self._file.paths if self._file is not None else []
+            if self._files is not None:
+                self._files.close()
+            lost, paths = self._unwritten, self.paths
             if self._rotation is not None:
                 paths = [path for path in paths if path.exists()]
             self._summary = RecordingSummary(
                 messages=self._messages,
-                bytes=self._file.size_bytes if self._file is not None else 0,
+                bytes=self.size_bytes,
                 digest=self.digest,
                 outside=self.outside,
                 dropped=self._inbox.dropped,
@@ -363,78 +331,81 @@ class Recorder:
 
     def _record(self) -> None:
         now_ns = self._clock.now_ns()
-        file, visual = self._file, self._visual
+        files, visual = self._files, self._visual
         received = self._stamped(self._inbox.drain_samples(), now_ns)
         self._messages += len(received)
         self._digest.add(received)
         if received and self._listener is not None:
             self._listener(received, now_ns)
-        if file is not None:
-            file.write(received, now_ns)
+        if files is not None:
+            files.file.write(received, now_ns)
             for topic, key, payload, _, _ in received:
                 if visual is not None:
                     visual.handle(topic, key, payload)
                 elif topic is ROBOT_MAP:
                     self._known_map.handle(payload)
             if visual is not None:
-                self._draw(visual, file, now_ns)
-            if file.step(now_ns):
-                self._record_whole_map(file, now_ns)
+                self._draw(visual, files, now_ns)
+            if files.step(now_ns):
+                self._record_whole_map(files, now_ns)
                 if visual is not None:
                     visual.restart()
             if self._rotation is not None:
-                self._rotation.step(now_ns, file.paths[-1])
+                self._rotation.step(now_ns, files.paths[-1])
 
-    def _record_whole_map(self, file: RecordingFiles, now_ns: int) -> None:
+    def _record_whole_map(self, files: RecordingFiles, now_ns: int) -> None:
         """Make a new file begin with the whole map, so that it can be viewed alone."""
         key = ROBOT_MAP.key(self._team, robot=self._name)
         for patch in self._known_map.patches(self._name, now_ns):
-            file.write_beside(ROBOT_MAP, key, msgspec.json.encode(patch), now_ns)
+            files.file.write_beside(ROBOT_MAP, key, msgspec.json.encode(patch), now_ns)
 
-    def _draw(self, visual: "FoxgloveChannels", file: RecordingFiles, now_ns: int) -> None:
+    def _draw(self, visual: "FoxgloveChannels", files: RecordingFiles, now_ns: int) -> None:
         try:
             for derived in visual.due(now_ns):
-                file.write_visual(derived, now_ns)
+                files.file.write_visual(derived, now_ns)
         except (ValueError, TypeError, OverflowError):
             # An invalid message of a stranger cannot be drawn; it is recorded nevertheless, and can be drawn later.
-            logger.exception("recording to %s goes on without what others draw", file.paths[-1])
+            logger.exception("recording to %s goes on without what others draw", files.paths[-1])
             self._visual = None
 
     def _state(self) -> RecorderState:
         """How it does; also asked while it writes, on another thread."""
-        assert self._file is not None
+        assert self._files is not None
         lost = self._lost()  # before the sum, which is counted first: each reported loss also has words
         dropped = self._inbox.dropped
-        words = [self._file.why] if self._file.why else []
-        words += [f"{dropped} messages came faster than they are written"] if dropped else []
+        too_fast = f"{dropped} messages came faster than they are written" if dropped else ""
         return RecorderState(
             recorder=self._name,
-            file=self._file.paths[-1].name,
+            file=self._files.paths[-1].name,
             messages=self._messages,
-            bytes=self._file.size_bytes,
+            bytes=self._files.size_bytes,
             lost=[LostMessages(topic, messages) for topic, messages in sorted(lost.items())],
             refused=most_refused(self._refusals, REFUSED_KINDS),
             waiting=len(self._inbox),
-            why="; ".join(words),
+            why="; ".join(filter(None, (self._files.file.failure, too_fast))),
             closed=self._summary is not None,
             removed=self._rotation.removed if self._rotation is not None else msgspec.UNSET,
         )
 
-    def _lost(self) -> dict[str, int]:
-        written = self._file.lost_by_topic if self._file is not None else Counter[str]()
-        return dict(written + self._inbox.dropped_by_topic.copy())  # others count there meanwhile
+    @property
+    def _unwritten(self) -> Counter[str]:
+        """Messages that the disk did not accept, by topic."""
+        return self._files.lost_by_topic if self._files is not None else Counter()
 
-    def _said(self) -> dict[str, str]:
+    def _lost(self) -> dict[str, int]:
+        return dict(self._unwritten + self._inbox.dropped_by_topic.copy())  # others count there meanwhile
+
+    def _end_metadata(self) -> dict[str, str]:
         """The metadata at the end of a file."""
-        message_text = {
+        metadata = {
             "messages": str(self._messages),
             "digest": self.digest,
             "outside": str(self.outside),
             "dropped": str(self._inbox.dropped),
-            "lost": str(self._file.lost_by_topic.total() if self._file is not None else 0),
+            "lost": str(self._unwritten.total()),
         }
         lost = self._lost()
-        return message_text | ({"lost_by_topic": msgspec.json.encode(lost).decode()} if lost else {})
+        return metadata | ({"lost_by_topic": msgspec.json.encode(lost).decode()} if lost else {})
 
     def _open(self, path: Path, provenance: Provenance, split: SplitAt | None, *, visual: bool) -> RecordingFiles:
         try:
@@ -452,16 +423,16 @@ class Recorder:
             ) from error
         return RecordingFiles(
             path,
-            lambda part, now_ns, said: RecordingFile(part, provenance, now_ns, said),
+            lambda part, now_ns, about: RecordingFile(part, provenance, now_ns, about),
             self._clock.now_ns(),
             split or SplitAt(),
-            self._said,
+            self._end_metadata,
         )
 
-    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[StampedMessage]":
+    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> list[StampedMessage]:
         """Messages that pass the border, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
-        reported = []
+        stamped = []
         topic: Any  # a Topic: it subscribes to no other type
         for topic, key, payload, shared in samples:
             received = shared[0] if shared else read(topic, key, payload)
@@ -470,10 +441,10 @@ class Recorder:
                 continue
             message = received.message
             stamp_ns, seq = (message.stamp_ns, message.seq) if topic.is_stamped else (0, 0)
-            reported.append((topic, key, payload, max(stamp_ns, 0) or now_ns, seq & SEQUENCE_MASK))
+            stamped.append((topic, key, payload, max(stamp_ns, 0) or now_ns, seq & SEQUENCE_MASK))
             if topic is ARENA_OUTSIDE:
                 self._outside_queries += 1
-        return reported
+        return stamped
 
 
 class RecorderInbox(Inbox):
@@ -514,8 +485,8 @@ class RecorderInbox(Inbox):
     def drain_samples(self) -> list[Sample]:
         """Return all messages, in order of arrival, and clear the inbox."""
         samples = super().drain_samples()
-        taken = 0  # summed first: messages that arrive during the sum count as well
+        drained = 0  # summed first: messages that arrive during the sum count as well
         for sample in samples:
-            taken += len(sample[2])
-        self._bytes -= taken
+            drained += len(sample[2])
+        self._bytes -= drained
         return samples

@@ -42,6 +42,7 @@ from robrain.recording.provenance import (
 
 if TYPE_CHECKING:
     from robrain.recording.foxglove.channels import VisualMessage
+    from robrain.recording.writer.recorder import StampedMessage
 
 logger = logging.getLogger(__name__)
 
@@ -54,9 +55,6 @@ plain form for Foxglove, which has no alternatives such as null.
 """
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
-
-StampedMessage = tuple[Topic[Any], str, bytes, int, int]
-"""A message of the wire: topic, key, payload, its sender's stamp and number."""
 
 
 class RecordingFile:
@@ -81,11 +79,10 @@ class RecordingFile:
         """Messages of the wire that were handed over, written or not."""
         self.lost_by_topic: Counter[str] = Counter()
         """Messages of the wire that could not be written, by the topic's name."""
-        self.why = ""
+        self.failure = ""
         """Reason for its failure; empty if it has not failed."""
         self.has_messages = False
         """Whether any message is on the disk."""
-        self._failed = False
         self._held: list[str] = []
         """Topic's name of each message of the wire that waits to be written."""
         self._held_bytes = 0
@@ -117,12 +114,12 @@ class RecordingFile:
         """Bytes of payloads that wait to be written."""
         return self._held_bytes
 
-    def write(self, told: Iterable[StampedMessage], log_time_ns: int) -> None:
+    def write(self, messages: Iterable["StampedMessage"], log_time_ns: int) -> None:
         """Add messages; counted in `lost_by_topic` when the file has failed."""
         add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
-        for topic, key, payload, publish_time_ns, sequence in told:
+        for topic, key, payload, publish_time_ns, sequence in messages:
             self.messages += 1
-            channel_id = 0 if self._failed else channels.get(key) or self._add_channel(topic, key)
+            channel_id = 0 if self.failure else channels.get(key) or self._add_topic(topic, key)
             if not channel_id:
                 self.lost_by_topic[topic.name] += 1
                 continue
@@ -134,14 +131,16 @@ class RecordingFile:
 
     def write_beside(self, topic: Topic[Any], key: str, payload: bytes, now_ns: int) -> None:
         """Add a message that was not on the wire; it is never counted as lost."""
-        channel_id = 0 if self._failed else self._channels.get(key) or self._add_channel(topic, key)
+        channel_id = 0 if self.failure else self._channels.get(key) or self._add_topic(topic, key)
         if channel_id:
             self.messages += 1
             self._add(channel_id, now_ns, payload, now_ns)
 
     def write_visual(self, visual: "VisualMessage", log_time_ns: int) -> None:
         """Add a derived message; if it is lost, it can be derived again."""
-        channel_id = 0 if self._failed else self._channels.get(visual.channel) or self._add_visual(visual)
+        channel_id = 0 if self.failure else self._channels.get(visual.channel)
+        if channel_id is None:
+            channel_id = self._add_channel(visual.channel, visual.encoding, visual.schema())
         if channel_id:
             self._add(channel_id, log_time_ns, visual.data(), visual.stamp_ns)
 
@@ -155,7 +154,7 @@ class RecordingFile:
     def close(self, summary: Mapping[str, str]) -> None:
         """Write buffered messages, the summary of the run and the file's index, and close it."""
         self._write_out()
-        if self._failed:
+        if self.failure:
             return
         try:
             self._writer.add_metadata(SUMMARY_METADATA, dict(summary))
@@ -171,7 +170,7 @@ class RecordingFile:
             self._write_out()
 
     def _write_out(self) -> None:
-        if self._failed or not self._held_bytes:
+        if self.failure or not self._held_bytes:
             return
         try:
             self._writer.flush()  # type: ignore[no-untyped-call]
@@ -190,8 +189,7 @@ class RecordingFile:
             self.path,
             error.strerror or error,
         )
-        self._failed = True
-        self.why = error.strerror or str(error)
+        self.failure = error.strerror or str(error) or type(error).__name__
         self.lost_by_topic.update(self._held)
         self._held.clear()
         with contextlib.suppress(OSError):  # the disk has failed already, which was reported above
@@ -222,34 +220,29 @@ class RecordingFile:
         if setup.fork:
             self._writer.add_metadata(FORK_METADATA, setup.fork)
 
-    def _add_channel(self, topic: Topic[Any], key: str) -> int:
-        """Id of a new channel, or 0 when the file has all it can hold."""
-        if len(self._channels) >= CHANNELS_MAX:
-            return 0
+    def _add_topic(self, topic: Topic[Any], key: str) -> int:
         encoding = "json" if topic.encoding == JSON else topic.encoding
-        schema_id, metadata = self._schema_id(topic), {}
-        if topic.message is not None:
-            metadata[EXACT_SCHEMA] = exact_schema(topic)
-        channel_id = self._channels[key] = self._writer.register_channel(key, encoding, schema_id, metadata)
-        return channel_id
+        if topic.message is None:
+            return self._add_channel(key, encoding)
+        schema = (f"robrain.{topic.message.__name__}", "jsonschema", object_schema(topic))
+        return self._add_channel(key, encoding, schema, {EXACT_SCHEMA: exact_schema(topic)})
 
-    def _add_visual(self, visual: "VisualMessage") -> int:
+    def _add_channel(
+        self,
+        key: str,
+        encoding: str,
+        schema: tuple[str, str, bytes] | None = None,
+        metadata: Mapping[str, str] | None = None,
+    ) -> int:
+        """Id of a new channel, or 0 when the file has all it can hold; a schema has name, encoding and text."""
         if len(self._channels) >= CHANNELS_MAX:
             return 0
-        name, encoding, data = visual.schema()
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(name, encoding, data)
-        channel_id = self._writer.register_channel(visual.channel, visual.encoding, self._schemas[name])
-        self._channels[visual.channel] = channel_id
+        if schema is not None and schema[0] not in self._schemas:
+            self._schemas[schema[0]] = self._writer.register_schema(*schema)
+        schema_id = 0 if schema is None else self._schemas[schema[0]]
+        channel_id = self._writer.register_channel(key, encoding, schema_id, dict(metadata or {}))
+        self._channels[key] = channel_id
         return channel_id
-
-    def _schema_id(self, topic: Topic[Any]) -> int:
-        if topic.message is None:
-            return 0
-        name = f"robrain.{topic.message.__name__}"
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(name, "jsonschema", object_schema(topic))
-        return self._schemas[name]
 
 
 class _Stream:
@@ -293,6 +286,7 @@ def exact_schema(topic: Topic[Any]) -> str:
     return msgspec.json.encode(bare(schema_of(topic.message))).decode()
 
 
+@cache
 def object_schema(topic: Topic[Any]) -> bytes:
     """JSON Schema of a topic's message in the form that Foxglove and Lichtblick accept."""
     return msgspec.json.encode(plain_schema(topic.json_schema()))

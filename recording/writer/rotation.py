@@ -5,15 +5,16 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from stat import S_ISREG
 from typing import NamedTuple
 
-import msgspec
-
 from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive, PositiveInt
 
 logger = logging.getLogger(__name__)
 
-LOOK_NS = to_ns(10.0)
+CHECK_NS = to_ns(10.0)
 """Period of the checks of the folder."""
 YOUNG_S = 60.0
 """A file that changed so lately is never removed: another recorder may be writing it."""
@@ -21,7 +22,7 @@ FREE_BYTES = 500_000_000
 """Room that rotation keeps on the disk, whatever its other limits (chosen)."""
 
 
-class KeepFiles(msgspec.Struct, frozen=True, kw_only=True):
+class KeepFiles(Checked, frozen=True, kw_only=True):
     """Which recordings stay; at least one of the two is given.
 
     Raises:
@@ -29,19 +30,17 @@ class KeepFiles(msgspec.Struct, frozen=True, kw_only=True):
 
     """
 
-    size_bytes: int | None = None
+    size_bytes: PositiveInt | None = None
     """All files together, the one that is written included."""
-    age_s: float | None = None
+    age_s: Positive | None = None
     """Since the last change of a file."""
     free_bytes: int = FREE_BYTES
     """Room that is kept on the disk."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.size_bytes is None and self.age_s is None:
             raise ValueError("expected size_bytes or age_s")
-        for name, value in (("size_bytes", self.size_bytes), ("age_s", self.age_s)):
-            if value is not None and not value > 0:
-                raise ValueError(f"expected {name} > 0, got {value:g}")
 
 
 class _File(NamedTuple):
@@ -83,7 +82,7 @@ class Rotation:
             writing: the file that is written now.
 
         """
-        if self._check_ns is not None and 0 <= now_ns - self._check_ns < LOOK_NS:
+        if self._check_ns is not None and 0 <= now_ns - self._check_ns < CHECK_NS:
             return
         self._check_ns = now_ns
         try:
@@ -96,7 +95,7 @@ class Rotation:
         size_bytes = sum(file.size_bytes for file in files)
         free_bytes = self._free_bytes(self._folder)
         for file in files:
-            reason = self._why(file, now_ns, size_bytes, free_bytes)
+            reason = self._reason(file, now_ns, size_bytes, free_bytes)
             if not reason:
                 continue
             if file.path == writing or abs(now_ns - file.changed_ns) < YOUNG_S * NS_PER_S:
@@ -107,20 +106,17 @@ class Rotation:
             self.removed_bytes += file.size_bytes
             size_bytes -= file.size_bytes
             free_bytes += file.size_bytes
-        if reason := self._why(None, now_ns, size_bytes, free_bytes):
+        if reason := self._reason(None, now_ns, size_bytes, free_bytes):
             self._warn(f"recordings in {self._folder}: {reason}, and nothing is left that may be removed")
         else:
             self._warned = ""
 
     def _files(self) -> list[_File]:
-        found = []
-        for path in self._folder.iterdir():
-            if self._pattern.fullmatch(path.name) and path.is_file() and not path.is_symlink():
-                state = path.stat()
-                found.append(_File(state.st_mtime_ns, path, state.st_size))
-        return found
+        paths = [path for path in self._folder.iterdir() if self._pattern.fullmatch(path.name)]
+        states = [(path, path.lstat()) for path in paths]
+        return [_File(state.st_mtime_ns, path, state.st_size) for path, state in states if S_ISREG(state.st_mode)]
 
-    def _why(self, file: _File | None, now_ns: int, size_bytes: int, free_bytes: int) -> str:
+    def _reason(self, file: _File | None, now_ns: int, size_bytes: int, free_bytes: int) -> str:
         keep = self._keep
         if file is not None and keep.age_s is not None and now_ns - file.changed_ns > keep.age_s * NS_PER_S:
             return f"it is older than {keep.age_s / 86400:g} days"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.dashboard.panels.function_form import FieldKind, FormField, arguments_of, fields_of
-from robrain.dashboard.panels.page_context import stock_kinds
+from robrain.dashboard.panels.page import stock_kinds
 from robrain.dashboard.panels.task_tab import form_submission, task_fields
 from robrain.protocol.messages.tasks.task_messages import KnownKind
 from robrain.protocol.model.geometry import Point2D

@@ -14,7 +14,7 @@ from robrain.dashboard.html.team_html import log_html, motes_html, robots_html, 
 from robrain.dashboard.panels.halt_control import acknowledgements_html
 from robrain.dashboard.panels.replay_bar import marks_html
 from robrain.dashboard.panels.view_tab import scale_html
-from robrain.dashboard.replay.replay_index import Mark
+from robrain.dashboard.replay.replay_source import Mark
 from robrain.dashboard.state.shown_robot import ShownMote
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received

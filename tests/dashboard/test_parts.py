@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.dashboard.layers.layer import Layer, OwnLayer
-from robrain.dashboard.panels.page_context import Panel, Tab
+from robrain.dashboard.panels.page import Panel, Tab
 from robrain.dashboard.state import parts
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received

@@ -127,7 +127,7 @@ def test_later_statements_about_the_map_win_in_any_order(view: ShownTeam) -> Non
 
 def test_walls_are_boxes_in_the_arena_frame(view: ShownTeam) -> None:
     tell(view, ROBOT_MAP, patch([[100, 100, 0, 100], [100, 100, 0, 0], [0, 100, 100, 0]]), robot="r1")
-    boxes = view.map.wall_boxes().tolist()
+    boxes = view.map.floor.wall_boxes().tolist()
     assert boxes == [[-0.5, -1.5, 1.0, 1.0], [0.75, -1.75, 0.5, 0.5], [0.0, -0.75, 1.0, 0.5]]
 
 

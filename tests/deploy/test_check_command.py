@@ -27,12 +27,12 @@ from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive
-from robrain.recording.invariants.findings import Invariant, InvariantState, MissingEvidence, Ruling
+from robrain.recording.invariants.invariant import Invariant, InvariantState, MissingEvidence, Ruling
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.checking import check_recording
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.arena import clearance_m
-from tests.recording.invariants.told import Told, at_task
+from tests.recording.invariants.team_script import TeamScript, at_task
 
 DEPOT = Scenario.builtin("depot")
 KEYS = {
@@ -60,7 +60,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of a team in which two robots do one task for long."""
-    told = Told()
+    told = TeamScript()
     told.event("door", TaskState.QUEUED)
     told.tasks_open = 1
     told.states = {"r1": at_task("door", 1), "r2": at_task("door", 2)}
@@ -68,7 +68,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(told, tmp_path_factory.mktemp("bad") / "bad.mcap")
 
 
-def written(told: Told, path: Path) -> Path:
+def written(told: TeamScript, path: Path) -> Path:
     """What was told, as a recording."""
     sent: dict[str, int] = {}
     with path.open("wb") as stream:
@@ -136,7 +136,7 @@ def test_json_has_a_list_of_invariants_with_findings_as_values(bad: Path) -> Non
 
 
 def test_breaches_that_are_not_listed_are_counted(tmp_path: Path) -> None:
-    told = Told()
+    told = TeamScript()
     told.truths["r1"] = {}
     for step in range(15):
         told.truths["r1"]["energy_j"] = 100.0 - step
@@ -165,7 +165,7 @@ def test_the_floor_of_a_map_file_is_in_the_recording(tmp_path: Path) -> None:
     Scenario.from_map(tmp_path / "hall.yaml", robots=1).run(time_limit_s=2.0, record=tmp_path / "run.mcap")
     for file in tmp_path.glob("hall.*"):
         file.unlink()
-    assert ruling(tmp_path / "run.mcap", Invariant.WALLS).standing is InvariantState.KEPT
+    assert ruling(tmp_path / "run.mcap", Invariant.WALLS).state is InvariantState.KEPT
 
 
 def of_live(toml: str, tmp_path: Path) -> Any:
@@ -202,7 +202,7 @@ def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: p
         monkeypatch.setattr(sys.modules[package], last, sys.modules[name])  # put back afterwards, as an import sets it
         monkeypatch.delitem(sys.modules, name)
     assert ruling(run, Invariant.WALLS).missing is MissingEvidence.SIMULATOR
-    assert ruling(run, Invariant.TASK_KEPT).standing is InvariantState.KEPT
+    assert ruling(run, Invariant.TASK_KEPT).state is InvariantState.KEPT
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGe
 from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.map_at import MapAt, Place
 from robrain.recording.reader.chunked_file import ChunkedFile
-from robrain.recording.reader.reading import RecordedMessage
+from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.replay.player import Player
 
 DECODER = msgspec.json.Decoder(MapPatch)
@@ -87,9 +87,8 @@ def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest
         yield from (payload(column) for column in range(start[1], end[1]))
 
     maps = MapAt(patches, PATCHES)
-    builder = maps.builder()
     for column in range(PATCHES):
-        builder.handle(payload(column), (0, column))
+        maps.handle(payload(column), (0, column))
     for end in (0, 1, 9, 10, 11, 19, 20, 25, PATCHES):
         assert known_columns(maps.atlas_at((0, end))) == list(range(end))
         start, told_end = asked.pop()
@@ -107,9 +106,8 @@ def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pyt
         payload(7),
     ]
     maps = MapAt(lambda start, end: iter(said[start[1] : end[1]]), len(said))
-    builder = maps.builder()
     for number, each in enumerate(said):
-        builder.handle(each, (0, number))
+        maps.handle(each, (0, number))
     expected = [[], [3], [8], [3, 4], [], [7]]
     assert [known_columns(maps.atlas_at((0, end))) for end in range(len(said) + 1)] == expected
 

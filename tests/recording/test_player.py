@@ -14,7 +14,8 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.contents import read_contents
-from robrain.recording.reader.reading import RecordedMessage, read_messages, recording_info
+from robrain.recording.reader.reading import read_messages, recording_info
+from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.reader.recovering import recover
 from robrain.recording.replay.player import Player
 from robrain.sim.scenarios.scenario import Scenario

@@ -12,7 +12,8 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
-from robrain.recording.reader.reading import RecordedMessage, read_messages, read_provenance, recording_info
+from robrain.recording.reader.reading import read_messages, read_provenance, recording_info
+from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.writer.recorder import Recorder, RecordingSummary
 
 PROVENANCE = Provenance(

@@ -10,7 +10,7 @@ import pytest
 from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.recording_live import keep_of, split_for, split_of
 from robrain.protocol.clock import to_ns
-from robrain.recording.writer.rotation import LOOK_NS, YOUNG_S, KeepFiles, Rotation, own_recordings
+from robrain.recording.writer.rotation import CHECK_NS, YOUNG_S, KeepFiles, Rotation, own_recordings
 
 NOW_NS = to_ns(1_800_000_000.0)
 SERIES = re.compile(r"depot-\d+(_\d{4,})?\.mcap")
@@ -64,7 +64,7 @@ def test_file_that_is_written_stays_even_if_nothing_else_is_left(folder, caplog)
     one = rotation(folder, size_bytes=50)
     with caplog.at_level(logging.WARNING):
         one.step(NOW_NS, folder / "depot-1.mcap")
-        one.step(NOW_NS + LOOK_NS, folder / "depot-1.mcap")
+        one.step(NOW_NS + CHECK_NS, folder / "depot-1.mcap")
     assert names(folder) == ["depot-1.mcap"]
     told = [record.getMessage() for record in caplog.records if "nothing is left" in record.getMessage()]
     assert len(told) == 1
@@ -93,7 +93,7 @@ def test_folder_is_looked_at_every_ten_seconds_and_when_the_clock_is_set_back(fo
     one.step(NOW_NS, folder / "depot-5.mcap")
     assert one.removed == 1
     write(folder, "depot-0.mcap", age_s=9000)
-    one.step(NOW_NS + LOOK_NS - 1, folder / "depot-5.mcap")
+    one.step(NOW_NS + CHECK_NS - 1, folder / "depot-5.mcap")
     assert one.removed == 1
     one.step(NOW_NS - 1, folder / "depot-5.mcap")
     assert one.removed == 2

@@ -92,7 +92,9 @@ def team(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Team]:
     team.close()
 
 
-def test_a_disk_that_hangs_is_told_while_it_hangs_and_what_is_lost_is_counted(team: Team, tmp_path: Path) -> None:
+def test_a_disk_that_hangs_is_told_while_it_hangs_and_what_is_lost_is_counted(
+    team: Team, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     team.speak_until(lambda state: state.messages > 0)
     HungDisk.gate.clear()
     hanging = team.speak_until(lambda state: "nothing has been written for" in state.why)
@@ -111,6 +113,7 @@ def test_a_disk_that_hangs_is_told_while_it_hangs_and_what_is_lost_is_counted(te
     assert kept == summary.messages
     assert summary.lost_by_topic == {"robot_state": summary.dropped}
     assert summary.dropped >= full.lost[0].messages
+    assert caplog.text.count("has written nothing") == 1
 
 
 def test_nobody_waits_for_a_disk_that_hangs(team: Team) -> None:

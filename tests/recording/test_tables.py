@@ -20,7 +20,8 @@ from robrain.recording.errors import RecordingError
 from robrain.recording.export.exporting import export_tables
 from robrain.recording.export.tables import Table
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.reader.reading import RecordedMessage, read_messages
+from robrain.recording.reader.reading import read_messages
+from robrain.recording.reader.recorded_message import RecordedMessage
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from robrain.lab.soak.planted import planted
 from robrain.lab.soak.soaking import CONNECTED, draw_full_script, run_full_trial, scenario_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.recording.invariants import findings as recorded
+from robrain.recording.invariants.invariant import Invariant
 from robrain.recording.invariants.judging import JUDGES
 from robrain.recording.reader.checking import check_recording
 from robrain.sim.faults.fault_spec import COORDINATOR, HARDWARE, FaultKind, FaultSpec
@@ -54,7 +54,7 @@ def test_a_robot_that_is_cut_off_leaves_its_task_to_another_and_the_recording_is
 def test_a_lease_that_is_not_kept_is_found() -> None:
     with planted("lease_not_kept"):
         broken = run_full_trial(CUT_OFF).broken
-    assert recorded.Invariant.TASK_AT_ONE in {one.invariant for one in broken}
+    assert Invariant.TASK_AT_ONE in {one.invariant for one in broken}
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Messages of a run that was never run, for the judges of invariants."""
+"""A run as a script, for the judges of invariants."""
 
 from typing import Any
 
@@ -11,32 +11,31 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.recording.invariants.findings import Invariant, Ruling, Violation
-from robrain.recording.invariants.invariant_judge import NOWHERE, Surroundings
-from robrain.recording.invariants.judging import judge
+from robrain.recording.invariants.invariant import NOWHERE, Invariant, Ruling, Surroundings
+from robrain.recording.invariants.judging import Judging
 
 RADIUS_M = 0.2
 
 
-class Told:
-    """What a team says, by the time; `now_s` is moved by hand or by `pass_time`."""
+class TeamScript:
+    """Messages of a team by their time; `now_s` is moved by hand or by `pass_time`."""
 
     def __init__(self) -> None:
         self.messages: list[tuple[Any, int]] = []
         self.now_s = 0.0
         self.change = 0
         self.states: dict[str, dict[str, Any]] = {}
-        """What each robot says of itself."""
+        """State of each robot, as it reports it."""
         self.truths: dict[str, dict[str, Any]] = {}
-        """What is true of each robot."""
+        """True state of each robot."""
         self.tasks_open = 0
         self.halt: HaltStatus | None = None
         self.up: dict[str, bool] = {}
         self.has_coordinator = True
         self.unwritable: str | UnsetType = UNSET
-        """Why the coordinator cannot write its journal."""
+        """Reason why the coordinator cannot write its journal."""
 
-    def say(self, message: Any) -> None:
+    def send(self, message: Any) -> None:
         """A message, now."""
         self.messages.append((message, to_ns(self.now_s)))
 
@@ -45,71 +44,77 @@ class Told:
         if change is None:
             self.change += 1
             change = self.change
-        told = Task(id=task, kind="visit", place=Point2D(0.0, 0.0))
+        subject = Task(id=task, kind="visit", place=Point2D(0.0, 0.0))
         stamp_ns = to_ns(self.now_s)
-        self.say(TaskEvent(task=told, state=state, robot=robot, epoch=epoch, change=change, stamp_ns=stamp_ns))
+        self.send(TaskEvent(task=subject, state=state, robot=robot, epoch=epoch, change=change, stamp_ns=stamp_ns))
 
     def pass_time(self, seconds: float, every_s: float = 0.1) -> None:
-        """Robots, arena and coordinator speak, each at its rate."""
+        """Robots, arena and coordinator publish, each at its rate."""
         steps = round(seconds / every_s)
         for step in range(steps):
             self.now_s = round(self.now_s + every_s, 6)
-            for robot, said in self.states.items():
-                self.say(RobotState(robot=robot, radius_m=RADIUS_M, **said))
+            for robot, state in self.states.items():
+                self.send(RobotState(robot=robot, radius_m=RADIUS_M, **state))
             if step % 2 == 0 and self.truths:
-                self.say(truth(self.now_s, **self.truths))
+                self.send(truth(self.now_s, **self.truths))
             if step % 5 == 0 and self.has_coordinator:
                 names = sorted(self.up or dict.fromkeys(self.states, True))
                 robots = [RobotSummary(name=name, up=self.up.get(name, True), age_s=0.1) for name in names]
-                self.say(
+                self.send(
                     TeamState(robots=robots, tasks_open=self.tasks_open, halt=self.halt, unwritable=self.unwritable)
                 )
 
     def halt_team(self, by: str = "ann") -> None:
-        """Somebody halts the team, and the coordinator hears it."""
+        """A client halts the team, and the coordinator receives it."""
         stamp_ns = to_ns(self.now_s)
-        self.say(Halt(halted=True, by=by, stamp_ns=stamp_ns))
+        self.send(Halt(halted=True, by=by, stamp_ns=stamp_ns))
         self.halt = HaltStatus(halted=True, by=[by], since_ns=stamp_ns, stamp_ns=stamp_ns)
 
     def resume_team(self, by: str = "ann") -> None:
         """The end of it."""
-        self.say(Halt(halted=False, by=by, stamp_ns=to_ns(self.now_s)))
+        self.send(Halt(halted=False, by=by, stamp_ns=to_ns(self.now_s)))
         self.halt = HaltStatus(halted=False, by=[by])
 
     def ruling(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> Ruling:
-        """How an invariant stands after all that."""
-        rulings = judge(self.messages, surroundings)
-        return next(ruling for ruling in rulings if ruling.invariant is invariant)
+        """The verdict on an invariant after all messages."""
+        judging = Judging(surroundings)
+        for message, time_ns in self.messages:
+            judging.handle(message, time_ns)
+        return next(ruling for ruling in judging.finish() if ruling.invariant is invariant)
 
-    def found(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> list[Violation]:
-        """What breaks an invariant."""
+    def found(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> list[dict[str, Any]]:
+        """The findings that break an invariant."""
         return [breach.finding for breach in self.ruling(invariant, surroundings).breaches]
+
+    def codes(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> list[str]:
+        """The codes of these findings."""
+        return [finding["code"] for finding in self.found(invariant, surroundings)]
 
 
 def truth(now_s: float, **robots: dict[str, Any]) -> ArenaTruth:
     """The true state of the robots."""
-    told = []
-    for name, said in robots.items():
-        x_m, y_m = said.get("at", (1.0, 1.0))
-        told.append(
+    found = []
+    for name, values in robots.items():
+        x_m, y_m = values.get("at", (1.0, 1.0))
+        found.append(
             RobotTruth(
                 robot=name,
                 pose=Pose2D(x_m, y_m, 0.0),
-                collisions=said.get("collisions", 0),
+                collisions=values.get("collisions", 0),
                 distance_m=0.0,
-                energy_j=said.get("energy_j", 0.0),
+                energy_j=values.get("energy_j", 0.0),
             )
         )
-    return ArenaTruth(sim_time_s=now_s, robots=told)
+    return ArenaTruth(sim_time_s=now_s, robots=found)
 
 
 def at_task(task: str, epoch: int = 1, state: TaskState = TaskState.RUNNING) -> dict[str, Any]:
-    """What a robot says that does a task."""
+    """State of a robot that does a task."""
     return {"task": TaskStatus(id=task, epoch=epoch, state=state)}
 
 
 def battery(soc: float, *, charging: bool = False, full_j: float = 10_000.0, half_j: float = 200.0) -> dict[str, Any]:
-    """What a robot says of its battery, with an interval of `half_j` to both sides."""
+    """State of a battery, with an interval of `half_j` to both sides."""
     left_j = soc * full_j
     return {
         "battery": BatteryState(
