@@ -20,7 +20,6 @@ from robrain.protocol.links.inbox import Inbox, Sample
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.refusals import Refusal, Refusals, most_refused
-from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.drawing.map_at import KnownMap
@@ -31,14 +30,12 @@ from robrain.recording.writer.rotation import Rotation
 
 if TYPE_CHECKING:
     from robrain.recording.foxglove.channels import FoxgloveChannels
+    from robrain.recording.writer.recording_file import StampedMessage
 
 AT_ONCE = 64
 """Messages joined for the digest: few enough that the joined bytes stay in the processor's cache."""
 
 _STAMP_AND_PAYLOAD_LENGTH = struct.Struct("<QQ")
-
-StampedMessage = tuple[Topic[Any], str, bytes, int, int]
-"""A message of the wire: topic, key, payload, its sender's stamp in nanoseconds, and its number."""
 
 
 class RunDigest:
@@ -158,7 +155,7 @@ SEQUENCE_MASK = 0xFFFF_FFFF
 """MCAP's sequence numbers have 32 bits."""
 
 
-OnRecorded = Callable[[Sequence[StampedMessage], int], None]
+OnRecorded = Callable[[Sequence["StampedMessage"], int], None]
 """Receives messages, and the run's clock when they were recorded, in ns."""
 
 
@@ -429,7 +426,7 @@ class Recorder:
             self._end_metadata,
         )
 
-    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> list[StampedMessage]:
+    def _stamped(self, samples: Iterable[Sample], now_ns: int) -> "list[StampedMessage]":
         """Messages that pass the border, with the sender's stamp and number; a message without a stamp was sent now."""
         read = self._inbox.border.read
         stamped = []

@@ -42,7 +42,6 @@ from robrain.recording.provenance import (
 
 if TYPE_CHECKING:
     from robrain.recording.foxglove.channels import VisualMessage
-    from robrain.recording.writer.recorder import StampedMessage
 
 logger = logging.getLogger(__name__)
 
@@ -55,6 +54,9 @@ plain form for Foxglove, which has no alternatives such as null.
 """
 CHANNELS_MAX = 65535
 """MCAP numbers channels with 16 bits, from 1."""
+
+StampedMessage = tuple[Topic[Any], str, bytes, int, int]
+"""A message of the wire: topic, key, payload, its sender's stamp in nanoseconds, and its number."""
 
 
 class RecordingFile:
@@ -114,7 +116,7 @@ class RecordingFile:
         """Bytes of payloads that wait to be written."""
         return self._held_bytes
 
-    def write(self, messages: Iterable["StampedMessage"], log_time_ns: int) -> None:
+    def write(self, messages: Iterable[StampedMessage], log_time_ns: int) -> None:
         """Add messages; counted in `lost_by_topic` when the file has failed."""
         add_message, hold, channels = self._writer.add_message, self._held.append, self._channels
         for topic, key, payload, publish_time_ns, sequence in messages:

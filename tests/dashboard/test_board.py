@@ -1,6 +1,7 @@
 """What the dashboard remembers of tasks and of robots, what it warns of, and what a click means."""
 
 import math
+from typing import Any
 
 import msgspec
 import pytest
@@ -21,29 +22,15 @@ from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.messages.team.arena_messages import RobotTruth
 from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
-from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import MinorityHeard, TopicStale
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.table.topics import RECORDER_STATE
 from robrain.recording.drawing.robot_history import RobotHistory
+from tests.coordinator.planning.worlds import model
 
 PLACE = Point2D(0.0, 0.0)
-MODEL = EnergyModel(
-    coefficients=(8.0, 2.0, 5.0, 1.0, 4.0),
-    covariance=(0.0,) * 15,
-    residual_w2_s=0.0,
-    drift_w2_per_s=0.0,
-    relative_sd=0.0,
-    path_ratio=1.0,
-    pace_m_s=0.5,
-    turn_rate_rad_s=1.0,
-    packet_j=0.0,
-    usable_j=3600.0,
-    power_w=10.0,
-    usual_power_w=10.0,
-)
 
 
 def event(task: str, state: TaskState, at_s: float, robot: str = "", change: int = 0) -> TaskEvent:
@@ -98,7 +85,7 @@ def state(at_s: float, speed_m_s: float = 0.5) -> RobotState:
         pose_covariance=covariance,
         velocity=Twist2D(speed_m_s, 0.0, 0.0),
         battery=battery,
-        energy=MODEL,
+        energy=model(3600.0),
         stamp_ns=round(at_s * 1e9),
     )
 
@@ -112,7 +99,7 @@ def test_history_reckons_energy_as_measured_and_as_predicted() -> None:
     assert len(history.samples) == 11
     assert last.time_s == pytest.approx(10.0)
     assert last.measured_j == pytest.approx(120.0)
-    assert last.predicted_j == pytest.approx(10 * (8.0 + 2.0 + 0.5 * 5.0))
+    assert last.predicted_j == pytest.approx(10 * (8.0 + 0.5 * 20.0))
     assert (last.error_m, last.sigma_m) == (pytest.approx(0.5), pytest.approx(0.2))
 
 
@@ -155,43 +142,37 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
     assert alert.text == "rejected 3 × robot_state from robot/r9/state (malformed): no pose"
 
 
-def test_journal_that_cannot_be_written_is_the_worst_alert_while_the_coordinator_is_there() -> None:
+LEAD = Lead(election=4, journal="a", is_suspended=True, received=1, witnesses=["r1", "r2", "r3"])
+HELD_BACK = StandByStatus(process="", in_step=False, held_back=MinorityHeard(received=1, robots=4))
+
+
+@pytest.mark.parametrize(
+    ("bad", "text", "good"),
+    [
+        ({"unwritable": "team.journal: disk is full"}, "takes no tasks: team.journal: disk is full", {}),
+        (
+            {"stand_by": HELD_BACK},
+            "no task is offered: 1 of 4 robots are heard",
+            {"stand_by": StandByStatus(process="office-7", in_step=False)},
+        ),
+        (
+            {"lead": LEAD},
+            "the coordinator does not lead: 1 of 3 witnesses hear it",
+            {"lead": msgspec.structs.replace(LEAD, is_suspended=False)},
+        ),
+    ],
+)
+def test_coordinator_that_accepts_or_offers_no_tasks_is_an_alert_while_it_is_there(
+    bad: dict[str, Any], text: str, good: dict[str, Any]
+) -> None:
     view = ShownTeam()
-    view.coordinator_up = True
-    view.team = TeamState(robots=[], unwritable="team.journal: cannot be written: database or disk is full")
+    view.coordinator_up, view.team = True, TeamState(robots=[], **bad)
     (alert,) = alerts_of(view, 0.0)
-    assert alert == (AlertLevel.BAD, "Coordinator", f"takes no tasks: {view.team.unwritable}")
+    assert (alert.level, alert.subject) == (AlertLevel.BAD, "Coordinator")
+    assert text in alert.text
     view.coordinator_up = False
     assert alerts_of(view, 0.0) == []
-
-
-def test_tasks_that_are_held_back_are_an_alert_with_the_reason() -> None:
-    view = ShownTeam()
-    view.coordinator_up = True
-    view.team = TeamState(
-        robots=[], stand_by=StandByStatus(process="", in_step=False, held_back=MinorityHeard(received=1, robots=4))
-    )
-    (alert,) = alerts_of(view, 0.0)
-    assert alert.level is AlertLevel.BAD
-    assert alert.text == (
-        "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
-    )
-    view.team = TeamState(robots=[], stand_by=StandByStatus(process="office-7", in_step=False))
-    assert alerts_of(view, 0.0) == []
-
-
-def test_a_coordinator_that_does_not_lead_is_an_alert() -> None:
-    view = ShownTeam()
-    view.coordinator_up = True
-    lead = Lead(election=4, journal="a", is_suspended=True, received=1, witnesses=["r1", "r2", "r3"])
-    view.team = TeamState(robots=[], lead=lead)
-    (alert,) = alerts_of(view, 0.0)
-    assert alert == (
-        AlertLevel.BAD,
-        "Coordinator",
-        "the coordinator does not lead: 1 of 3 witnesses hear it, and another one may lead",
-    )
-    view.team = TeamState(robots=[], lead=msgspec.structs.replace(lead, is_suspended=False))
+    view.coordinator_up, view.team = True, TeamState(robots=[], **good)
     assert alerts_of(view, 0.0) == []
 
 

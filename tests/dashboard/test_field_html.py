@@ -1,22 +1,24 @@
-"""The mote field, the rules, and what moves on the floor, as the page shows them."""
+"""The mote field, the rules, unexplored regions and moving bodies, as the page shows them."""
 
 from typing import Any
 
 import msgspec
 import pytest
 
-from robrain.dashboard.html.team_html import field_html, motes_html, rules_html
+from robrain.dashboard.html.team_html import field_html, left_html, motes_html, rules_html
 from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.messages.motes.mote_messages import ForwarderCount, GatewayCount, MoteFieldState, MoteReading
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
-from robrain.protocol.messages.team.arena_messages import ArenaTruth, BodyKind, BodyTruth
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, BodyKind, BodyTruth
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.table.topics import ARENA_TRUTH, MOTE_READING
+from robrain.protocol.table.topics import ARENA_CLOCK, ARENA_TRUTH, COORDINATOR_LEFT, MOTE_READING
 from robrain.recording.drawing.drawn_map import FAR_M
-from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page, tell
+from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page
+from tests.dashboard.test_shown_team import tell
 
 NOW_NS = to_ns(1000.0)
 FIELD = MoteFieldState(
@@ -110,3 +112,41 @@ def test_bodies_with_impossible_places_or_sizes_are_left_out(wrong: dict[str, An
     tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=1.0, robots=[], bodies=[far]))
     assert view.rejected == 1
     assert view.truth is None
+
+
+# -- what exploration has left -----------------------------------------------------------------------------------
+
+
+REGION = RegionLeft(
+    kind=LeftKind.TOO_NARROW, place=Point2D(9.1, 2.2), area_m2=5.0, low=Point2D(4.1, 1.4), high=Point2D(9.9, 3.1),
+    gap_m=0.387, needed_m=0.44, gap_at=Point2D(3.9, 2.2),
+)  # fmt: skip
+
+
+def test_regions_are_listed_with_kind_place_area_and_reason() -> None:
+    view = ShownTeam()
+    tell(view, COORDINATOR_LEFT, ExplorationLeft(regions=[REGION], more=2, more_m2=1.5))
+    values = Page(left_html(view)).values
+    row = (values["left-1-kind"], values["left-1-place"], values["left-1-area"])
+    assert row == ("too narrow", "9.1, 2.2", "5.0 m²")
+    assert values["left-1-why"] == "the gap is 0.39 m wide (measured), robots need 0.44 m"
+    assert values["left-more"] == "and 2 more, 1.5 m²"
+
+
+def test_before_exploration_has_ended_nothing_is_shown_and_then_that_nothing_is_left() -> None:
+    view = ShownTeam()
+    assert left_html(view) == ""
+    tell(view, COORDINATOR_LEFT, ExplorationLeft())
+    assert "Nothing is left" in left_html(view)
+
+
+def test_another_run_and_impossible_places_leave_no_regions() -> None:
+    view = ShownTeam()
+    far = msgspec.structs.replace(REGION, place=Point2D(2 * FAR_M, 0.0))
+    for region in (REGION, far):
+        tell(view, COORDINATOR_LEFT, ExplorationLeft(regions=[region]))
+    assert view.rejected == 1
+    assert view.left == ExplorationLeft(regions=[REGION])
+    for sim_time_s in (100.0, 1.0):
+        tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=sim_time_s))
+    assert view.left is None

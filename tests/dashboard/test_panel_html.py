@@ -17,8 +17,7 @@ from robrain.dashboard.panels.view_tab import scale_html
 from robrain.dashboard.replay.replay_source import Mark
 from robrain.dashboard.state.shown_robot import ShownMote
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.protocol.border.border import Received
-from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
+from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
@@ -27,8 +26,8 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
+from tests.dashboard.test_shown_team import tell
 
 EVIL = "</b><script>alert(1)</script><img src=x onerror='alert(2)'>\" onclick=\"alert(3)"
 
@@ -69,13 +68,6 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         for testid in filter(None, self._open):
             self.values[testid] = self.values.get(testid, "") + data
-
-
-FIELD = MoteFieldState(motes=3, dead=1, delivery_ratio=0.97, age_s=5.0, oldest_s=9.0, coverage=0.9, on_duty=1)
-
-
-def tell(view: ShownTeam, topic: Topic, message: object, **names: str) -> None:
-    view.apply(Received(topic, "", names, message), 0.0)
 
 
 def test_robot_is_told_in_figures() -> None:

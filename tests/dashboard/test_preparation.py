@@ -11,9 +11,7 @@ from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.dashboard.state.shown_team import PLAN_S, ShownTeam
-from robrain.protocol.border.border import Received
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.team.arena_messages import (
     ArenaClock,
     ArenaPreparation,
@@ -23,16 +21,11 @@ from robrain.protocol.messages.team.arena_messages import (
 )
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
-from robrain.protocol.wire.presence import Change
+from tests.dashboard.test_shown_team import tell, token
 
 CELLS = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
 LONG_S = 60.0
-
-
-def tell(view: ShownTeam, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
-    view.apply(Received(topic, topic.key("default", **names), {"team": "default", **names}, message), now_s)
 
 
 def preparation(columns: int = 3, x_m: float = 1.0) -> ArenaPreparation:
@@ -55,7 +48,7 @@ def preparation(columns: int = 3, x_m: float = 1.0) -> ArenaPreparation:
 def prepared() -> ShownTeam:
     view = ShownTeam()
     view.coordinator_up = True
-    view.apply_presence(Change({"team": "default", "robot": "r1"}, True))
+    view.apply_presence(token("r1", True))
     tell(view, ARENA_PREPARATION, preparation())
     return view
 

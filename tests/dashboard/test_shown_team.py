@@ -36,8 +36,7 @@ from robrain.protocol.wire.presence import Change
 
 
 def tell(view: ShownTeam, topic: Topic, message: Message, now_s: float = 0.0, **names: str) -> None:
-    key = topic.key("default", **names)
-    view.apply(Received(topic, key, {"team": "default", **names}, message), now_s)
+    view.apply(Received(topic, topic.name, {"team": "default", **names}, message), now_s)
 
 
 def tell_place(view: ShownTeam, robot: str, x_m: float, now_s: float = 0.0) -> None:

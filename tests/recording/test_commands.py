@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.writer import MCAP0_MAGIC, Writer
+from mcap.writer import MCAP0_MAGIC
 
 from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.deploy.recordings.recording_display import FOLDED_ABOVE, folded
@@ -21,7 +21,6 @@ from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotSt
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.recording.errors import RecordingError
-from robrain.recording.provenance import SUMMARY_METADATA
 from robrain.recording.reader import recovering
 from robrain.recording.reader.checking import CheckKind, Severity, check_recording
 from robrain.recording.reader.contents import read_contents
@@ -29,6 +28,7 @@ from robrain.recording.reader.reading import read_messages, read_provenance, rec
 from robrain.recording.reader.recovering import recover
 from robrain.recording.reader.two_runs import differing_path, first_difference
 from robrain.sim.scenarios.scenario import Scenario
+from tests.recording.stage import write_mcap
 from tests.system.conftest import Commands
 
 NS_PER_S = 1_000_000_000
@@ -62,31 +62,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 Said = list[tuple[str, float, msgspec.Struct | bytes]]
 
 
-def write(path: Path, said: Said, front: str = "metadata", summary: dict[str, str] | None = None) -> Path:
-    """A recording of what was said: key, seconds, message. Numbers and stamps are the messages' own.
-
-    With a summary it ends as a recorder's does.
-    """
-    with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=2000)
-        writer.start("robrain")
-        if front == "metadata":
-            writer.add_metadata("robrain.versions", {"robrain": "0.1.0"})
-        elif front == "attachment":
-            writer.add_attachment(0, 0, "map.png", "image/png", b"png")
-        channels: dict[str, int] = {}
-        for key, t_s, message in said:
-            if key not in channels:
-                channels[key] = writer.register_channel(key, "json", 0)
-            data = message if isinstance(message, bytes) else msgspec.json.encode(message)
-            stamp_ns, seq = getattr(message, "stamp_ns", 0), getattr(message, "seq", 0)
-            writer.add_message(channels[key], round(t_s * NS_PER_S), data, stamp_ns, seq)
-        if summary is not None:
-            writer.add_metadata(SUMMARY_METADATA, summary)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
-
-
 def state(seq: int, x_m: float = 0.0, stamp_s: float | None = None) -> RobotState:
     stamp_ns = round((seq / 10 if stamp_s is None else stamp_s) * NS_PER_S)
     return RobotState(robot="r1", pose=Pose2D(x_m, 0.0, 0.0), seq=seq, stamp_ns=stamp_ns)
@@ -106,7 +81,7 @@ def findings(path: Path) -> list[tuple[CheckKind, Severity]]:
 def test_contents_tell_rates_gaps_and_missing_numbers_of_each_key(tmp_path: Path) -> None:
     said = [(STATE, seq / 10, state(seq)) for seq in range(100) if not 40 <= seq < 70]
     said += [(LOG, 5.0, LogRecord(robot="r1", level="info", source="a", text="b"))]
-    contents = read_contents(write(tmp_path / "run.mcap", said))
+    contents = read_contents(write_mcap(tmp_path / "run.mcap", said))
     [log, told] = contents.keys
     assert (told.key, told.topic, told.messages) == (STATE, "robot_state", 70)
     assert (told.gaps, told.missing) == (1, 30)
@@ -119,7 +94,7 @@ def test_contents_tell_rates_gaps_and_missing_numbers_of_each_key(tmp_path: Path
 def test_the_rate_of_a_key_counts_from_its_own_first_message(tmp_path: Path) -> None:
     said: Said = [(LOG, 0.0, LogRecord(robot="r1", level="info", source="a", text="b"))]
     said += [(STATE, 20.0 + seq / 10, state(seq)) for seq in range(11)]
-    [_, told] = read_contents(write(tmp_path / "run.mcap", said)).keys
+    [_, told] = read_contents(write_mcap(tmp_path / "run.mcap", said)).keys
     assert (told.first_s, told.last_s) == pytest.approx((20.0, 21.0))
     assert told.rate_hz == pytest.approx(10.0)
 
@@ -140,7 +115,7 @@ def test_many_keys_of_a_topic_are_one_line_that_says_their_sums(tmp_path: Path) 
     log = LogRecord(robot="r1", level="info", source="a", text="b")
     said: list[tuple[str, float, Any]] = [(key, float(place), log) for place, key in enumerate(logs)]
     said += [(STATE, 20.0 + seq / 10, state(seq)) for seq in range(10)]
-    keys = read_contents(write(tmp_path / "run.mcap", said)).keys
+    keys = read_contents(write_mcap(tmp_path / "run.mcap", said)).keys
     assert [line.key for line in folded(keys)] == [f"robrain/default/robot/*/log ({len(logs)} keys)", STATE]
     [line, _] = folded(keys)
     assert (line.messages, line.first_s, line.last_s) == (len(logs), 0.0, float(len(logs) - 1))
@@ -175,7 +150,7 @@ def test_a_run_as_it_was_recorded_is_good(run: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[CheckKind, Severity]) -> None:
-    path = write(tmp_path / "run.mcap", said)
+    path = write_mcap(tmp_path / "run.mcap", said)
     assert found in findings(path)
     assert check_recording(path).good == (found[1] is Severity.NOTE)
 
@@ -191,18 +166,18 @@ def test_submaps_that_have_moved_are_numbered_as_other_patches_and_whole_maps_ar
         return msgspec.structs.replace(joined_message("r1", geometry, moved), seq=seq, stamp_ns=seq * 10**8)
 
     told = [(key, 0.1 * number, patch(number)) for number in (1, 2, 3)]
-    assert findings(write(tmp_path / "good.mcap", [*told[:2], (key, 0.25, patch(0)), told[2]])) == [NO_SUMMARY]
-    assert (CheckKind.GAP, Severity.PROBLEM) in findings(write(tmp_path / "lost.mcap", [told[0], told[2]]))
+    assert findings(write_mcap(tmp_path / "good.mcap", [*told[:2], (key, 0.25, patch(0)), told[2]])) == [NO_SUMMARY]
+    assert (CheckKind.GAP, Severity.PROBLEM) in findings(write_mcap(tmp_path / "lost.mcap", [told[0], told[2]]))
 
 
 def test_numbers_of_plugins_that_share_a_key_are_not_taken_for_those_of_one_sender(tmp_path: Path) -> None:
     paths = [PlannedPath(robot="r1", points=[], seq=seq, stamp_ns=at * NS_PER_S) for at, seq in enumerate((0, 1, 0, 5))]
     said: Said = [(PATH, float(at), path) for at, path in enumerate(paths)]
-    path = write(tmp_path / "run.mcap", said, summary={"messages": "4"})
+    path = write_mcap(tmp_path / "run.mcap", said, summary={"messages": "4"})
     assert findings(path) == []
     assert [key.missing for key in read_contents(path).keys] == [0]
     late = msgspec.structs.replace(paths[0], seq=9)
-    back = write(tmp_path / "back.mcap", [*said, (PATH, 4.0, late)], summary={"messages": "5"})
+    back = write_mcap(tmp_path / "back.mcap", [*said, (PATH, 4.0, late)], summary={"messages": "5"})
     assert findings(back) == [(CheckKind.STAMP_BACK, Severity.PROBLEM)]
 
 
@@ -218,7 +193,7 @@ def test_numbers_of_plugins_that_share_a_key_are_not_taken_for_those_of_one_send
 def test_what_the_recorder_says_of_its_messages_is_compared_with_them(
     tmp_path: Path, summary: dict[str, str], found: list[tuple[CheckKind, Severity]]
 ) -> None:
-    assert findings(write(tmp_path / "run.mcap", states(3), summary=summary)) == found
+    assert findings(write_mcap(tmp_path / "run.mcap", states(3), summary=summary)) == found
 
 
 def test_two_robots_that_bring_readings_of_one_mote_each_have_numbers_of_their_own(tmp_path: Path) -> None:
@@ -228,7 +203,7 @@ def test_two_robots_that_bring_readings_of_one_mote_each_have_numbers_of_their_o
         for robot in ("r1", "r2"):
             first = 0 if robot == "r1" else 7
             said.append((READING, seq, msgspec.structs.replace(reading, via=robot, seq=first + seq, stamp_ns=seq)))
-    path = write(tmp_path / "run.mcap", said)
+    path = write_mcap(tmp_path / "run.mcap", said)
     assert [kind for kind, _ in findings(path)] == [CheckKind.PROVENANCE]  # it has no summary of a recorder
 
 
@@ -239,7 +214,7 @@ def test_a_file_whose_end_is_missing_is_a_problem(run: Path, tmp_path: Path) -> 
 
 
 def test_of_many_findings_of_a_kind_the_first_are_told_and_the_rest_counted(tmp_path: Path) -> None:
-    path = write(tmp_path / "run.mcap", [(STATE, number, b"{}") for number in range(50)])
+    path = write_mcap(tmp_path / "run.mcap", [(STATE, number, b"{}") for number in range(50)])
     verdict = check_recording(path)
     assert verdict.problems == 50
     assert sum(finding.kind is CheckKind.MALFORMED for finding in verdict.findings) == 5
@@ -262,7 +237,7 @@ def test_of_many_findings_of_a_kind_the_first_are_told_and_the_rest_counted(tmp_
 def test_the_first_message_that_differs_is_named_with_its_field_and_both_values(
     tmp_path: Path, other: Said, what: str, path: str, first: str, second: str
 ) -> None:
-    one, two = write(tmp_path / "one.mcap", states(9)), write(tmp_path / "two.mcap", other)
+    one, two = write_mcap(tmp_path / "one.mcap", states(9)), write_mcap(tmp_path / "two.mcap", other)
     difference, same = first_difference(one, two)
     assert difference is not None
     assert (difference.number, same, difference.topic) == (5, 5, "robot_state")
@@ -273,8 +248,8 @@ def test_the_first_message_that_differs_is_named_with_its_field_and_both_values(
 
 
 def test_runs_that_begin_at_another_time_of_day_do_not_differ_by_that(tmp_path: Path) -> None:
-    one = write(tmp_path / "one.mcap", states(3))
-    two = write(tmp_path / "two.mcap", [(key, t_s + 1000.0, message) for key, t_s, message in states(3)])
+    one = write_mcap(tmp_path / "one.mcap", states(3))
+    two = write_mcap(tmp_path / "two.mcap", [(key, t_s + 1000.0, message) for key, t_s, message in states(3)])
     assert first_difference(one, two)[0] is None
 
 
@@ -339,7 +314,7 @@ def test_a_recording_whose_header_is_damaged_is_made_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, front: str
 ) -> None:
     monkeypatch.setattr(recovering, "CHUNK_BYTES", 100)
-    source, out = write(tmp_path / "run.mcap", states(5), front), tmp_path / "out.mcap"
+    source, out = write_mcap(tmp_path / "run.mcap", states(5), front=front), tmp_path / "out.mcap"
     there = list(read_messages(source))
     content = bytearray(source.read_bytes())
     content[len(MCAP0_MAGIC)] = 0x80  # an opcode that nobody knows
@@ -377,7 +352,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
         record = LogRecord(robot=text, level="error", source=text, text=text, seq=number, stamp_ns=number)
         said += [(key, number, record), (f"/{text}", number, text.encode())]
         said += [(STATE, number, msgspec.json.encode({"robot": text, "behavior": text, "halted": text}))]
-    return write(tmp_path_factory.mktemp("hostile") / "run.mcap", said)
+    return write_mcap(tmp_path_factory.mktemp("hostile") / "run.mcap", said)
 
 
 @pytest.fixture
@@ -392,7 +367,7 @@ def commands(tmp_path: Path) -> Iterator[Commands]:
 def test_nothing_in_a_recording_can_steer_the_terminal(
     commands: Commands, hostile: Path, tmp_path: Path, words: list[str]
 ) -> None:
-    others = [str(write(tmp_path / "other.mcap", states(3)))] if words[0] == "diff" else []
+    others = [str(write_mcap(tmp_path / "other.mcap", states(3)))] if words[0] == "diff" else []
     done = commands.run_here(*words, str(hostile), *others, COLUMNS="200")
     assert "Traceback" not in done.stderr
     said = done.stdout + done.stderr
@@ -405,8 +380,8 @@ def test_nothing_in_a_recording_can_steer_the_terminal(
 
 @pytest.mark.slow
 def test_exit_statuses_tell_good_from_bad(commands: Commands, run: Path, tmp_path: Path) -> None:
-    other = str(write(tmp_path / "other.mcap", states(3)))
-    gap = str(write(tmp_path / "gap.mcap", [(STATE, 0.0, state(0)), (STATE, 0.1, state(5))]))
+    other = str(write_mcap(tmp_path / "other.mcap", states(3)))
+    gap = str(write_mcap(tmp_path / "gap.mcap", [(STATE, 0.0, state(0)), (STATE, 0.1, state(5))]))
     assert commands.run_here("check", str(run)).returncode == 0
     assert commands.run_here("check", gap).returncode == 1
     assert commands.run_here("diff", str(run), str(run)).returncode == 0

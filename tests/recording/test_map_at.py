@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from mcap.writer import Writer
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
@@ -20,6 +19,7 @@ from robrain.recording.drawing.map_at import MapAt, Place
 from robrain.recording.reader.chunked_file import ChunkedFile
 from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.replay.player import Player
+from tests.recording.stage import write_mcap
 
 DECODER = msgspec.json.Decoder(MapPatch)
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 1000, 10)
@@ -115,17 +115,15 @@ def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pyt
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """Patches of a map, one a second, in many chunks."""
-    path = tmp_path / "maps.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=400)
-        writer.start()
-        maps = writer.register_channel("robrain/t/robot/r1/map", "json", 0)
-        log = writer.register_channel("robrain/t/robot/r1/log", "json", 0)
-        for number in range(PATCHES):
-            writer.add_message(maps, number * NS_PER_S, payload(number), 0)
-            writer.add_message(log, number * NS_PER_S, bytes([number]), 0)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
+    messages = [
+        message
+        for number in range(PATCHES)
+        for message in (
+            ("robrain/t/robot/r1/map", float(number), payload(number)),
+            ("robrain/t/robot/r1/log", float(number), bytes([number])),
+        )
+    ]
+    return write_mcap(tmp_path / "maps.mcap", messages, chunk_bytes=400)
 
 
 def test_a_player_that_was_prepared_need_not_read_the_file_from_its_beginning(

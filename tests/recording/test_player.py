@@ -19,6 +19,7 @@ from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.reader.recovering import recover
 from robrain.recording.replay.player import Player
 from robrain.sim.scenarios.scenario import Scenario
+from tests.recording.stage import write_mcap
 
 pytestmark = pytest.mark.slow
 
@@ -200,16 +201,12 @@ def test_a_file_whose_end_is_missing_is_played_as_far_as_it_goes(run: Path, trun
 
 def test_pictures_are_not_all_kept_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robrain.recording.replay.player.HELD_BYTES_MAX", 1000)
-    path = tmp_path / "pictures.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=400)
-        writer.start()
-        names = ("robrain/t/robot/r1/image/a", "robrain/t/robot/r1/log")
-        channels = [writer.register_channel(name, "json", 0) for name in names]
-        for number in range(60):
-            channel, size = (channels[0], 200) if number % 3 == 0 else (channels[1], 10)
-            writer.add_message(channel, number * NS_PER_S, bytes([number]) * size, 0)
-        writer.finish()  # type: ignore[no-untyped-call]
+    images, logs = ("robrain/t/robot/r1/image/a", 200), ("robrain/t/robot/r1/log", 10)
+    messages = []
+    for number in range(60):
+        key, size = images if number % 3 == 0 else logs
+        messages.append((key, float(number), bytes([number]) * size))
+    path = write_mcap(tmp_path / "pictures.mcap", messages, chunk_bytes=400)
     player = Player(path)
     player.prepare()
     for t_s in range(60):
@@ -312,12 +309,7 @@ def test_damage_in_a_chunk_is_told(run: Path, tmp_path: Path) -> None:
 
 
 def test_an_empty_recording_has_nothing_to_play(tmp_path: Path) -> None:
-    path = tmp_path / "empty.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        writer.finish()  # type: ignore[no-untyped-call]
-    player = Player(path)
+    player = Player(write_mcap(tmp_path / "empty.mcap", []))
     player.prepare()
     assert (player.keys, player.duration_s, player.seek(3.0), player.done) == ([], 0.0, [], True)
     player.close()

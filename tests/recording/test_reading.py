@@ -1,54 +1,38 @@
-from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 import zenoh
 from mcap.writer import Writer
 
-from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.table.topics import ROBOT_LOG
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance, recording_info
 from robrain.recording.reader.recorded_message import RecordedMessage
-from robrain.recording.writer.recorder import Recorder, RecordingSummary
+from robrain.recording.writer.recorder import RecordingSummary
+from tests.recording import stage
 
-PROVENANCE = Provenance(
-    scenario="office",
-    scenario_toml="robots = 3\n" * 50,
-    seed=2**80,
-    map_png=b"\x89PNG" * 40,
-    drive="lockstep",
-    team="default",
-)
+PROVENANCE = msgspec.structs.replace(stage.PROVENANCE, scenario_toml="robots = 3\n" * 50, map_png=b"\x89PNG" * 40)
 START_NS = 3_000_000_000
 STEP_NS = 100_000_000
 STEPS = 40
 LOG_KEYS = {robot: f"robrain/default/robot/{robot}/log" for robot in ("r1", "r2")}
 
 
-@pytest.fixture(scope="module")
-def session() -> Iterator[zenoh.Session]:
-    with open_lockstep_session() as session:
-        yield session
-
-
 def record(session: zenoh.Session, path: Path, provenance: Provenance = PROVENANCE) -> RecordingSummary:
     """Two robots log, 0.1 s apart."""
-    clock = VirtualClock(START_NS)
-    endpoint = Endpoint(session, "default", clock, Drive.LOCKSTEP)
-    recorder = Recorder(endpoint, path, provenance)
-    publishers = {robot: endpoint.publisher(ROBOT_LOG, robot=robot) for robot in LOG_KEYS}
+    played = stage.Stage(session, START_NS / 1e9)
+    recorder = played.recorder(path, provenance)
+    publishers = {robot: played.speaker.publisher(ROBOT_LOG, robot=robot) for robot in LOG_KEYS}
     for step in range(STEPS):
-        clock.advance_to(START_NS + step * STEP_NS)
         for robot, publisher in publishers.items():
             publisher.put(LogRecord(robot=robot, level="info", source="test", text=f"{step}" * 20))
         recorder.step()
+        played.pass_time()
     summary = recorder.close()
-    endpoint.close()
+    played.close()
     return summary
 
 

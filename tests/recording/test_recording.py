@@ -2,7 +2,6 @@ import hashlib
 import json
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import zenoh
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
-from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -21,63 +19,14 @@ from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording import provenance
 from robrain.recording.errors import RecordingError
-from robrain.recording.provenance import Provenance
 from robrain.recording.writer import recording_file
-from robrain.recording.writer.recorder import Recorder, RecordingSummary
+from robrain.recording.writer.recorder import RecordingSummary
+from tests.recording.stage import LINE, PROVENANCE, Stage, metadata_of
 
 GOLDEN = Path(__file__).parents[1] / "protocol" / "golden"
-LINE = b'{"robot":"r1","level":"info","source":"s","text":"t"}'
-PROVENANCE = Provenance(
-    scenario="office",
-    scenario_toml='name = "Büro"\n',
-    seed=7,
-    map_png=b"\x89PNG\r\n\x1a\n",
-    drive="lockstep",
-    team="default",
-)
 STEP_NS = 100_000_000
-
-
-class Stage:
-    """One session, a virtual clock, and somebody who speaks."""
-
-    def __init__(self, session: zenoh.Session) -> None:
-        self.session = session
-        self.clock = VirtualClock()
-        self.endpoints: list[Endpoint] = []
-        self.speaker = self.endpoint()
-
-    def endpoint(self) -> Endpoint:
-        endpoint = Endpoint(self.session, "default", self.clock, Drive.LOCKSTEP)
-        self.endpoints.append(endpoint)
-        return endpoint
-
-    def recorder(self, path: Path | None) -> Recorder:
-        return Recorder(self.endpoint(), path, PROVENANCE)
-
-    def pass_time(self, duration_ns: int = STEP_NS) -> None:
-        self.clock.advance_to(self.clock.now_ns() + duration_ns)
-
-    def close(self) -> None:
-        for endpoint in self.endpoints:
-            endpoint.close()
-
-
-@pytest.fixture(scope="module")
-def session() -> Iterator[zenoh.Session]:
-    with open_lockstep_session() as session:
-        yield session
-
-
-@pytest.fixture
-def stage(session: zenoh.Session) -> Iterator[Stage]:
-    stage = Stage(session)
-    yield stage
-    stage.close()
 
 
 def state(x_m: float) -> RobotState:
@@ -218,11 +167,12 @@ def test_attachments_and_metadata_say_how_to_make_the_run_again(stage: Stage, tm
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         attachments = {attachment.name: attachment for attachment in reader.iter_attachments()}
-        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    metadata = metadata_of(path)
     assert attachments["scenario.toml"].data.decode() == PROVENANCE.scenario_toml
     assert attachments["map.png"].data == PROVENANCE.map_png
     assert {(a.create_time, a.log_time) for a in attachments.values()} == {(0, 0)}
-    assert metadata["robrain.run"] == {"scenario": "office", "seed": "7", "drive": "lockstep", "team": "default"}
+    run = {"scenario": "office", "seed": str(PROVENANCE.seed), "drive": "lockstep", "team": "default"}
+    assert metadata["robrain.run"] == run
     assert set(metadata["robrain.versions"]) >= {"python", "robrain", "eclipse-zenoh", "numpy", "mcap"}
     assert metadata["robrain.summary"]["digest"] == summary.digest
     assert metadata["robrain.summary"]["messages"] == "63"

@@ -3,11 +3,9 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from mcap.writer import Writer
 
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.messages.team.team_messages import TeamState
@@ -18,27 +16,16 @@ from robrain.protocol.table.topics import (
     COORDINATOR_STATE,
     PUBLISHED,
     ROBOT_ALIVE,
-    ROBOT_LOG,
     ROBOT_STATE,
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.errors import RecordingError
-from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.replay.replay import Replay
-from robrain.recording.writer.recorder import Recorder
+from tests.recording.stage import Stage, write_mcap
 
 NS_PER_S = 1_000_000_000
-RECORDED_AT_NS = 50 * NS_PER_S
 SCAN = Scan(robot="r9", angle_min_rad=0.0, angle_increment_rad=0.1, range_max_m=5.0, ranges_mm=[])
-PROVENANCE = Provenance("office", "", 1, None, "lockstep", "default")
-
-
-@pytest.fixture(scope="module")
-def session() -> Iterator[zenoh.Session]:
-    with open_lockstep_session() as session:
-        yield session
 
 
 class Audience:
@@ -70,24 +57,22 @@ def audience(session: zenoh.Session) -> Iterator[Audience]:
 def recording(session: zenoh.Session, tmp_path: Path) -> Path:
     """Ten seconds of two robots and a coordinator, once a second."""
     path = tmp_path / "run.mcap"
-    clock = VirtualClock(RECORDED_AT_NS)
-    endpoint = Endpoint(session, "default", clock, Drive.LOCKSTEP)
-    recorder = Recorder(endpoint, path, PROVENANCE)
-    states = {robot: endpoint.publisher(ROBOT_STATE, robot=robot) for robot in ("r1", "r2")}
-    logs = endpoint.publisher(ROBOT_LOG, robot="r1")
-    team = endpoint.publisher(COORDINATOR_STATE)
-    scans = endpoint.publisher(ARENA_SCAN, robot="r9")
+    stage = Stage(session, 50.0)
+    recorder = stage.recorder(path)
+    states = {robot: stage.speaker.publisher(ROBOT_STATE, robot=robot) for robot in ("r1", "r2")}
+    team = stage.speaker.publisher(COORDINATOR_STATE)
+    scans = stage.speaker.publisher(ARENA_SCAN, robot="r9")
     for second in range(11):
-        clock.advance_to(RECORDED_AT_NS + second * NS_PER_S)
         for robot, publisher in states.items():
             publisher.put(RobotState(robot=robot, pose=Pose2D(second, 0, 0)))
-        logs.put(LogRecord(robot="r1", level="info", source="test", text="ä\n" * second))
-        logs.put_bytes(b'{"text":"unstamped","robot":"r1","level":"info","source":"test"}')
+        stage.log("ä\n" * second)
+        stage.logs.put_bytes(b'{"text":"unstamped","robot":"r1","level":"info","source":"test"}')
         scans.put(SCAN)
         team.put(TeamState(robots=[]))
         recorder.step()
+        stage.pass_time(1.0)
     recorder.close()
-    endpoint.close()
+    stage.close()
     return path
 
 
@@ -149,12 +134,8 @@ def test_robots_and_coordinator_of_the_recording_are_shown_as_being_there(audien
     assert [(change.names["robot"], change.present) for change in robots.changes()] == [("r1", False), ("r2", False)]
 
 
-def test_a_recording_without_messages_is_done_at_once(
-    session: zenoh.Session, audience: Audience, tmp_path: Path
-) -> None:
-    endpoint = Endpoint(session, "default", VirtualClock(), Drive.LOCKSTEP)
-    Recorder(endpoint, tmp_path / "run.mcap", PROVENANCE).close()
-    endpoint.close()
+def test_a_recording_without_messages_is_done_at_once(stage: Stage, audience: Audience, tmp_path: Path) -> None:
+    stage.recorder(tmp_path / "run.mcap").close()
     replay = Replay(audience.stage, tmp_path / "run.mcap", loop=True)
     assert replay.done
     assert replay.progress == 1.0
@@ -162,21 +143,9 @@ def test_a_recording_without_messages_is_done_at_once(
 
 
 def test_keys_that_are_not_of_the_team_are_left_out(audience: Audience, tmp_path: Path) -> None:
-    path = tmp_path / "other.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        # Another tool's, a simulated robot's wheels, a name that cannot be, a query, and one of ours.
-        keys = (
-            "/chatter",
-            "robrain/x/arena/r1/can/0",
-            "robrain/x/robot/r 1/log",
-            "robrain/x/robot/r1/plugins",
-            "robrain/x/halt",
-        )
-        for key in keys:
-            writer.add_message(writer.register_channel(key, "json", 0), log_time=5, data=b"{}", publish_time=5)
-        writer.finish()  # type: ignore[no-untyped-call]
+    # Another tool's, a simulated robot's wheels, a name that cannot be, a query, and one of ours.
+    keys = ("/chatter", "robrain/x/arena/r1/can/0", "robrain/x/robot/r 1/log", "robrain/x/robot/r1/plugins")
+    path = write_mcap(tmp_path / "other.mcap", [(key, 5.0, b"{}") for key in (*keys, "robrain/x/halt")])
     replay = Replay(audience.stage, path)
     assert replay.step(0) == 1
     assert replay.done

@@ -9,7 +9,6 @@ import msgspec
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from mcap.writer import Writer
 
 import robrain
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
@@ -22,6 +21,7 @@ from robrain.recording.export.tables import Table
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.reader.recorded_message import RecordedMessage
+from tests.recording.stage import write_mcap
 
 
 @pytest.fixture(scope="module")
@@ -114,14 +114,8 @@ def test_nothing_is_overwritten_and_nothing_half_written_left(run: Path, tmp_pat
 def test_a_text_that_a_spreadsheet_would_run_is_quoted(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     texts = ["=1+1", "+cmd", "-2", "@sum", "\t=1", "plain", "a,b\nc"]
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        channel = writer.register_channel("robrain/default/robot/r1/log", "json", 0)
-        for text in texts:
-            record = LogRecord(robot="r1", level="info", source="x", text=text)
-            writer.add_message(channel, 1, msgspec.json.encode(record), 1)
-        writer.finish()  # type: ignore[no-untyped-call]
+    records = [LogRecord(robot="r1", level="info", source="x", text=text) for text in texts]
+    write_mcap(path, [("robrain/default/robot/r1/log", 0.0, record) for record in records])
     export_tables(path, tmp_path / "out", "csv")
     with (tmp_path / "out" / "robot_log.csv").open(newline="") as stream:
         found = [row["text"] for row in csv.DictReader(stream)]
@@ -130,16 +124,9 @@ def test_a_text_that_a_spreadsheet_would_run_is_quoted(tmp_path: Path) -> None:
 
 def test_numbers_that_no_table_holds_and_messages_that_are_none_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        channel = writer.register_channel("robrain/default/robot/r1/state", "json", 0)
-        done = {"id": "t", "epoch": 1, "state": "done", "result": {"huge": 2**80}}
-        for said in ({"robot": "r1", "task": done}, {"robot": "r1", "seq": 2**80}):
-            writer.add_message(channel, 1, json.dumps(said).encode(), 1)
-        for payload in (b"not json", b"[]"):
-            writer.add_message(channel, 1, payload, 1)
-        writer.finish()  # type: ignore[no-untyped-call]
+    done = {"id": "t", "epoch": 1, "state": "done", "result": {"huge": 2**80}}
+    huge = [json.dumps(state).encode() for state in ({"robot": "r1", "task": done}, {"robot": "r1", "seq": 2**80})]
+    write_mcap(path, [("robrain/default/robot/r1/state", 0.0, payload) for payload in (*huge, b"not json", b"[]")])
     exported = export_tables(path, tmp_path / "out", "parquet")
     assert list(exported) == ["robot_state"]  # one row: what is out of range is no valid message
     assert pq.read_table(exported["robot_state"]).column("seq").to_pylist() == [0]

@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from mcap.writer import Writer
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
@@ -27,8 +26,8 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.reader.run_data import RunData, read_run
 from tests.coordinator.planning.worlds import model
+from tests.recording.stage import write_mcap
 
-NS_PER_S = 1_000_000_000
 START_S = 1000.0
 Said = Sequence[tuple[str, float, msgspec.Struct | bytes]]
 
@@ -39,17 +38,8 @@ def path(tmp_path: Path) -> Path:
 
 
 def gathered(path: Path, said: Said) -> RunData:
-    """A run in which this was said: key, seconds since its beginning, message."""
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start("robrain")
-        channels: dict[str, int] = {}
-        for key, t_s, message in said:
-            if key not in channels:
-                channels[key] = writer.register_channel(key, "json", 0)
-            data = message if isinstance(message, bytes) else msgspec.json.encode(message)
-            writer.add_message(channels[key], round((START_S + t_s) * NS_PER_S), data, 0)
-        writer.finish()  # type: ignore[no-untyped-call]
+    """A run with these messages: key, seconds since its beginning, message."""
+    write_mcap(path, [(key, START_S + t_s, message) for key, t_s, message in said])
     return read_run(path)
 
 

@@ -1,0 +1,29 @@
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.recording.writer import recording_file
+from tests.recording.stage import FullDisk, Stage
+
+
+@pytest.fixture(scope="module")
+def session() -> Iterator[zenoh.Session]:
+    with open_lockstep_session() as session:
+        yield session
+
+
+@pytest.fixture
+def stage(session: zenoh.Session) -> Iterator[Stage]:
+    stage = Stage(session)
+    yield stage
+    stage.close()
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> type[FullDisk]:
+    """Recordings go to a disk whose `room_bytes` can be set."""
+    monkeypatch.setattr(FullDisk, "room_bytes", 10**9)
+    monkeypatch.setattr(recording_file, "open_file", lambda path: FullDisk(path, "w"))
+    return FullDisk
