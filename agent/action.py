@@ -27,6 +27,7 @@ A call that starts another action supersedes the running one; so does a call of 
 """
 
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from robrain.agent.event import Event
@@ -43,12 +44,20 @@ NS_PER_MS = 1_000_000
 class Action:
     """One action; made by `ActionDesk.start`. Calls after its end do nothing."""
 
-    def __init__(self, desk: "ActionDesk", action_id: ActionId, now_ns: int) -> None:
+    def __init__(
+        self,
+        action_id: ActionId,
+        env: "Environment",
+        progress: Event[ActionProgress],
+        end: "Callable[[Action, ActionEnd], None]",
+    ) -> None:
         self.id = action_id
         self.end: ActionEnd | None = None
         """None while it is running."""
-        self._desk = desk
-        self._publish_ns = now_ns + PROGRESS_PERIOD_NS
+        self._env = env
+        self._progress = progress
+        self._end = end
+        self._publish_ns = env.clock.now_ns() + PROGRESS_PERIOD_NS
 
     @property
     def is_running(self) -> bool:
@@ -57,18 +66,18 @@ class Action:
 
     def progress(self, share: float) -> None:
         """Report progress, 0 to 1; may be called at any rate, and is notified at most twice a second."""
-        now_ns = self._desk.now_ns()
+        now_ns = self._env.clock.now_ns()
         if self.is_running and now_ns >= self._publish_ns:
             self._publish_ns = now_ns + PROGRESS_PERIOD_NS
-            self._desk.told_progress(ActionProgress(action=self.id, share=min(max(share, 0.0), 1.0)))
+            self._progress.notify(ActionProgress(action=self.id, share=min(max(share, 0.0), 1.0)))
 
     def done(self, result: Any = None) -> None:
         """It has come to its end."""
-        self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.DONE, result=result))
+        self._end(self, ActionEnd(action=self.id, outcome=Outcome.DONE, result=result))
 
-    def fail(self, why: str) -> None:
+    def fail(self, reason: str) -> None:
         """It cannot be brought to its end."""
-        self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.FAILED, why=why))
+        self._end(self, ActionEnd(action=self.id, outcome=Outcome.FAILED, why=reason))
 
     def supersede(self, by: str = "") -> None:
         """Another action, or another call, has taken its place.
@@ -77,13 +86,13 @@ class Action:
             by: name of that; the plugin of the current call if empty.
 
         """
-        by = by or self._desk.caller() or "a call from outside"
+        by = by or self._env.caller or "a call from outside"
         end = ActionEnd(action=self.id, outcome=Outcome.SUPERSEDED, why=f"superseded by {by}", by=by)
-        self._desk.ended(self, end)
+        self._end(self, end)
 
-    def cancel(self, why: str) -> None:
+    def cancel(self, reason: str) -> None:
         """It is not wanted any more."""
-        self._desk.ended(self, ActionEnd(action=self.id, outcome=Outcome.CANCELLED, why=why))
+        self._end(self, ActionEnd(action=self.id, outcome=Outcome.CANCELLED, why=reason))
 
 
 class ActionDesk:
@@ -107,18 +116,18 @@ class ActionDesk:
         self._lock = threading.Lock()
         self._running: dict[str, Action] = {}
         # As the coordinator's epochs: a plugin that starts again, or another instance, does not reuse an id.
-        self._count = self.now_ns() // NS_PER_MS
+        self._count = env.clock.now_ns() // NS_PER_MS
         env.at_end(self.cancel_all)
 
     def start(self, name: str) -> Action:
         """A new action, named `NAME-NUMBER`."""
         with self._lock:
             self._count += 1
-            action = Action(self, ActionId(f"{name}-{self._count}"), self.now_ns())
+            action = Action(ActionId(f"{name}-{self._count}"), self._env, self._progress, self._end)
             before = [] if self._several else list(self._running.values())
             self._running[action.id] = action
         for other in before:
-            other.supersede(self.caller() or action.id)
+            other.supersede(self._env.caller or action.id)
         return action
 
     def running(self) -> list[Action]:
@@ -126,34 +135,22 @@ class ActionDesk:
         with self._lock:
             return list(self._running.values())
 
-    def cancel(self, action: str, why: str = "it was cancelled") -> bool:
+    def cancel(self, action: str, reason: str = "it was cancelled") -> bool:
         """Cancel one by its id; False if none of that id is running."""
         with self._lock:
             found = self._running.get(action)
         if found is None:
             return False
-        found.cancel(why)
+        found.cancel(reason)
         return True
 
-    def cancel_all(self, why: str) -> None:
+    def cancel_all(self, reason: str) -> None:
         """Cancel all that are running."""
         for action in self.running():
-            action.cancel(why)
+            action.cancel(reason)
 
-    def now_ns(self) -> int:
-        """The run's clock."""
-        return self._env.clock.now_ns()
-
-    def caller(self) -> str:
-        """The plugin of the current call; empty if none is, or the call comes from outside."""
-        return self._env.caller
-
-    def told_progress(self, progress: ActionProgress) -> None:
-        """Called by actions."""
-        self._progress.notify(progress)
-
-    def ended(self, action: Action, end: ActionEnd) -> None:
-        """Called by actions. Of two threads that end one, the first decides."""
+    def _end(self, action: Action, end: ActionEnd) -> None:
+        """Of two threads that end one, the first decides."""
         with self._lock:
             if self._running.pop(action.id, None) is None:
                 return

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
-from robrain.agent.event import Event, EventsOutside, Mailbox, ObservableEvent
-from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork, work_at_place
+from robrain.agent.event import Event, EventPublisher, Mailbox, ObservableEvent
+from robrain.agent.robot_tasks import Accept, LetGo, RobotTasks, TaskWork, work_at_place
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.table.topic import Q, Query, R
@@ -50,7 +50,7 @@ class PluginRequests(Protocol):
     def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
         """See Environment.answer."""
 
-    def do_tasks(self, desk: TaskDesk, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
+    def do_tasks(self, desk: RobotTasks, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
         """See Environment.do_tasks."""
 
 
@@ -60,7 +60,7 @@ class RobotHalting(Protocol):
     def halt(self, by: str, reason: str) -> object:
         """Halt the robot."""
 
-    def guard(self, plugin: str, why_not: Callable[[], str]) -> None:
+    def guard(self, plugin: str, reason: Callable[[], str]) -> None:
         """Have a plugin asked whether a halt may end."""
 
 
@@ -84,7 +84,7 @@ class Environment:
         wire: Endpoint,
         seeds: tuple[int, ...],
         board: Board,
-        tasks: TaskDesk,
+        tasks: RobotTasks,
         *,
         halting: RobotHalting,
         outside: CommandDoor | None = None,
@@ -103,7 +103,7 @@ class Environment:
         """The door that outside callers come in by; for the plugin `command`."""
         self.connect = connect or []
         """Endpoints by which a process of the plugin's own reaches the team."""
-        self._events = EventsOutside(wire, robot, plugin.name)
+        self._publishers: list[EventPublisher] = []
         self._at_end: list[Callable[[str], None]] = []
         self._of_init: int | None = None
         self.__requests = plugin
@@ -172,7 +172,7 @@ class Environment:
         self.__requests.answer(topic, handler, names)
 
     def do_tasks(self, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
-        """Take tasks of the kind that the plugin's class declares; see TaskDesk.register. All run on its own turn.
+        """Take tasks of the kind that the plugin's class declares; see RobotTasks.register. All run on its own turn.
 
         Raises:
             PluginError: the class declares no kind.
@@ -185,37 +185,43 @@ class Environment:
         if not self.has_gone:
             self.__halting.halt(self.plugin, reason)
 
-    def guard_resume(self, why_not: Callable[[], str]) -> None:
-        """Have `why_not` asked before a halt of this robot ends: it stays halted for the reason that this returns.
+    def guard_resume(self, reason: Callable[[], str]) -> None:
+        """Have `reason` asked before a halt of this robot ends: it stays halted for the reason that this returns.
 
         It may be called on any thread, without the plugin's lock, until the plugin is unloaded, also after a fault. It
         must not block. A later call replaces an earlier one.
         """
         if not self.has_gone:
-            self.__halting.guard(self.plugin, why_not)
+            self.__halting.guard(self.plugin, reason)
 
     def begin(self, events: Mapping[str, Event[Any]]) -> None:
         """The plugin is about to be activated: its marked events leave the robot. Not for plugins."""
         self._of_init = len(self._at_end)
-        self._events.open(events)
+        self._publishers = [
+            EventPublisher(event, self.wire, robot=self.robot, plugin=self.plugin, event=name)
+            for name, event in events.items()
+            if event.outside
+        ]
 
     @property
     def ends_actions(self) -> bool:
         """Whether `end_actions` has something to call. Not for plugins."""
         return bool(self._at_end)
 
-    def end_actions(self, why: str) -> None:
+    def end_actions(self, reason: str) -> None:
         """Call the functions registered by `at_end`. Not for plugins."""
         for function in self._at_end:
             try:
-                function(why)
+                function(reason)
             except FOREIGN_ERRORS:  # foreign plugin code; the others must be notified all the same
                 logger.exception("%s: plugin %s failed while it was ended", self.robot, self.plugin)
 
-    def end(self, why: str) -> None:
+    def end(self, reason: str) -> None:
         """The plugin is active no more: nothing that it notifies leaves the robot. Not for plugins."""
-        self.end_actions(why)
-        self._events.close()
+        self.end_actions(reason)
+        publishers, self._publishers = self._publishers, []
+        for publisher in publishers:
+            publisher.close()
         if self._of_init is not None:
             del self._at_end[self._of_init :]
 

@@ -10,14 +10,13 @@ the notifier's own thread; a put never blocks.
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Generic, Self, TypeVar, overload
 
 import msgspec
 import zenoh
 
 from robrain.agent.text_form import encode_own
-from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.robots import plugin_messages
 from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
@@ -59,10 +58,7 @@ class Mailbox:
     def hurry(self) -> None:
         """Have the observer's next step run at once."""
         self.is_hurried = True
-        if self.bell is not None:
-            self.bell[self.bell_index] = 1
-        elif self.wake is not None:
-            self.wake()
+        self.ring()
 
     def ring(self) -> None:
         """Have the runner look at the plugin: something of it has changed."""
@@ -148,57 +144,33 @@ class ObservableEvent(Generic[T]):
         self.__event.remove(mailbox)
 
 
-class EventsOutside:
-    """Puts the notifications of one plugin on the robot's `event/` topic.
+class EventPublisher:
+    """Publishes the notifications of one plugin's event on the robot's `event/` topic, until it is closed.
+
+    A notifier's thread may be in `put` while another closes it.
 
     Args:
+        event: event of the plugin.
         wire: the plugin's place on the wire.
-        robot: name of the plugin's robot.
-        plugin: its name.
+        names: of the robot, the plugin and the event.
 
     """
 
-    def __init__(self, wire: Endpoint, robot: str, plugin: str) -> None:
-        self._wire = wire
-        self._robot = robot
-        self._plugin = plugin
-        self._exits: list[_WayOut] = []
-
-    def open(self, events: Mapping[str, Event[Any]]) -> None:
-        """Let the marked ones of these leave the robot until `close`."""
-        for name, event in events.items():
-            if event.outside:
-                names = {"robot": self._robot, "plugin": self._plugin, "event": name}
-                publisher = self._wire.publisher(ROBOT_EVENT, **names)
-                self._exits.append(_WayOut(event, publisher, self._robot, self._plugin, name))
-
-    def close(self) -> None:
-        """Undeclare all; later notifications stay in the robot."""
-        ways_out, self._exits = self._exits, []
-        for way_out in ways_out:
-            way_out.close(declared=not self._wire.is_closed)
-
-
-class _WayOut:
-    """Carries one event off the robot; a notifier's thread may be in `put` while another closes it."""
-
-    def __init__(self, event: Event[Any], publisher: Publisher, robot: str, plugin: str, name: str) -> None:
+    def __init__(self, event: Event[Any], wire: Endpoint, **names: str) -> None:
         self._event = event
-        self._publisher = publisher
-        self._message = plugin_messages.Event(robot=robot, plugin=plugin, event=name)
+        self._wire = wire
+        self._message = plugin_messages.Event(**names)
+        self._publisher = wire.publisher(ROBOT_EVENT, **names)
         self._lock = threading.Lock()
         self._is_open = True
         event.leave = self.put
 
     def put(self, value: Any) -> None:
+        """Publish a notification; one that cannot leave the robot is counted, and the first one is logged."""
         try:
             encoded = msgspec.Raw(msgspec.json.encode(value, enc_hook=encode_own))
         except Exception as error:  # noqa: BLE001 - the plugin's own JSON encoder is foreign code
-            self._event.unsent += 1
-            if self._event.unsent == 1:
-                robot, where = self._message.robot, f"event {self._message.event} of plugin {self._message.plugin}"
-                what = f"{type(error).__name__}: {error}"
-                logger.error("%s: %s stays in the robot: %s", robot, where, what)  # noqa: TRY400 - `what` names the error
+            self._record_unsent(f"{type(error).__name__}: {error}")
             return
         with self._lock:
             if not self._is_open:
@@ -208,16 +180,20 @@ class _WayOut:
             except zenoh.ZError:  # the session has gone, and the robot with it: no fault of the plugin's
                 self._event.unsent += 1
             except ValueError as error:  # it is too large
-                self._event.unsent += 1
-                if self._event.unsent == 1:
-                    message = self._message
-                    what = f"{message.robot}: event {message.event} of plugin {message.plugin}"
-                    logger.error("%s stays in the robot: %s", what, error)  # noqa: TRY400 - a traceback adds nothing
+                self._record_unsent(str(error))
 
-    def close(self, *, declared: bool) -> None:
+    def close(self) -> None:
+        """Undeclare it; later notifications stay in the robot."""
         with self._lock:
             self._is_open = False
             if self._event.leave == self.put:  # not that of the instance which took the event over
                 self._event.leave = None
-            if declared:
+            if not self._wire.is_closed:
                 self._publisher.close()
+
+    def _record_unsent(self, reason: str) -> None:
+        self._event.unsent += 1
+        if self._event.unsent == 1:
+            message = self._message
+            where = f"event {message.event} of plugin {message.plugin}"
+            logger.error("%s: %s stays in the robot: %s", message.robot, where, reason)

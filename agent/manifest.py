@@ -22,7 +22,7 @@ ANYBODY = "*"
 COMMAND = "command"
 """The name that opens a plugin to the outside."""
 _PLUGIN_TABLE = re.compile(rb"^\s*\[\s*plugin\s*\]", re.MULTILINE)
-_LOOKED_AT_BYTES = 65536
+_CHECKED_BYTES = 65536
 TEXTS_KEPT = 512
 """Manifests whose parsed text is cached."""
 
@@ -195,10 +195,10 @@ def _resembles_manifest(path: Path) -> bool:
         if not path.is_file():
             return False
         with path.open("rb") as file:
-            data = file.read(_LOOKED_AT_BYTES)
+            data = file.read(_CHECKED_BYTES)
     except OSError:
         return True  # possibly a manifest; `read_manifest` reports why it cannot be read
-    return len(data) < _LOOKED_AT_BYTES or _PLUGIN_TABLE.search(data) is not None
+    return len(data) < _CHECKED_BYTES or _PLUGIN_TABLE.search(data) is not None
 
 
 def key_and_problem(

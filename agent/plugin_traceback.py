@@ -37,9 +37,9 @@ class Raised(NamedTuple):
     detail: str = ""
     """The traceback, from the plugin's first frame."""
 
-    def after(self, why: str) -> str:
+    def after(self, reason: str) -> str:
         """`why`, followed by the line in brackets if there is one."""
-        return f"{why} ({self.where})" if self.where else why
+        return f"{reason} ({self.where})" if self.where else reason
 
 
 def raised(error: BaseException | None) -> Raised:

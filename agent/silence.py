@@ -25,10 +25,10 @@ class Silence:
         self._received_ns: int | None = None
         self._silent_ns = self._asked_ns = 0
 
-    def since(self, heard_ns: int, now_ns: int) -> int:
-        """Silence, in nanoseconds, of a source whose last message came at `heard_ns`."""
-        if heard_ns != self._received_ns:
-            self._received_ns, self._asked_ns, self._silent_ns = heard_ns, heard_ns, 0
+    def since(self, received_ns: int, now_ns: int) -> int:
+        """Silence, in nanoseconds, of a source whose last message came at `received_ns`."""
+        if received_ns != self._received_ns:
+            self._received_ns, self._asked_ns, self._silent_ns = received_ns, received_ns, 0
         self._silent_ns += min(max(0, now_ns - self._asked_ns), self.limit_ns // 2)
         self._asked_ns = now_ns
         return self._silent_ns

@@ -51,7 +51,7 @@ class Transform:
 
     def __init__(self, table: TransformTable) -> None:
         self._incoming = table.incoming | table.both
-        self._outgoing = table.outgoing | {own: said for said, own in table.both.items()}
+        self._outgoing = table.outgoing | {own: word for word, own in table.both.items()}
 
     def incoming(self, words: list[str]) -> list[str]:
         """The arguments of a call as the plugin is to get them."""

@@ -106,7 +106,7 @@ class TeamOrder:
         if not self._robots:
             text = f"no robot of team {self._wire.team} is there; the message was sent anyway"
             raise wrong_team(text, self._wire)
-        return _report(self._wanted, {name: self._why(name) for name in self._robots})
+        return _report(self._wanted, {name: self._reason_of(name) for name in self._robots})
 
     def _receive(self) -> bool:
         """Process replies; returns whether a coordinator is present that has not listed its robots yet."""
@@ -131,7 +131,7 @@ class TeamOrder:
     def _disobedient(self) -> list[str]:
         return [name for name in self._robots if not self._obeys(name)]
 
-    def _why(self, name: str) -> str:
+    def _reason_of(self, name: str) -> str:
         if self._obeys(name):
             return ""
         state = self._latest.get(name)
@@ -169,6 +169,6 @@ def _report(wanted: Halt, outcomes: dict[str, str]) -> HaltReport:
     return HaltReport(
         halted=wanted.halted,
         by=wanted.by,
-        confirmed=tuple(sorted(name for name, why in outcomes.items() if not why)),
-        unconfirmed={name: why for name, why in sorted(outcomes.items()) if why},
+        confirmed=tuple(sorted(name for name, reason in outcomes.items() if not reason)),
+        unconfirmed={name: reason for name, reason in sorted(outcomes.items()) if reason},
     )

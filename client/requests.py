@@ -1,19 +1,16 @@
 """Queries to a team: to its coordinator, which may be restarting, and to its robots."""
 
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol, TypeVar
-
-import msgspec
+from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
-from robrain.protocol.codec import BAD_PAYLOAD
-from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.table.topic import Q, Query, R
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.table.topics import ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import teams_there, wrong_team
 
@@ -92,9 +89,9 @@ class Requests:
         """Submit a task to the first robot that accepts it; errors as those of `submit`."""
 
         def ask(robot: str) -> TaskRecord:
-            taken = self._until_kept(ROBOT_SUBMIT, asked, robot, "may be lost: only {} has it")
-            reason = cut(f"there is no coordinator; {', '.join(taken.known_to)} accepted it")
-            return TaskRecord(task=taken.task, state=TaskState.QUEUED, by=asked.by, why=reason)
+            answer = self._until_kept(ROBOT_SUBMIT, asked, robot, "may be lost: only {} has it")
+            reason = cut(f"there is no coordinator; {', '.join(answer.known_to)} accepted it")
+            return TaskRecord(task=answer.task, state=TaskState.QUEUED, by=asked.by, why=reason)
 
         return self._first_robot(ask, TASK_SUBMIT, asked, no_coordinator)
 
@@ -112,9 +109,9 @@ class Requests:
             no_coordinator = error
 
         def ask(robot: str) -> TaskRecord:
-            taken = self._until_kept(ROBOT_CANCEL, asked, robot, "may go on: only {} knows that it is cancelled")
-            reason = cut(f"there is no coordinator; {', '.join(taken.known_to)} cancelled it")
-            return TaskRecord(task=taken.task, state=TaskState.CANCELLED, why=reason)
+            answer = self._until_kept(ROBOT_CANCEL, asked, robot, "may go on: only {} knows that it is cancelled")
+            reason = cut(f"there is no coordinator; {', '.join(answer.known_to)} cancelled it")
+            return TaskRecord(task=answer.task, state=TaskState.CANCELLED, why=reason)
 
         return self._first_robot(ask, TASK_CANCEL, asked, no_coordinator)
 
@@ -138,12 +135,12 @@ class Requests:
         transport = self._transport
         gives_up_s = transport.elapsed_s() + KEPT_S
         while True:
-            taken = self.robot(topic, asked, robot)
-            if taken.is_kept:
-                return taken
+            answer = self.robot(topic, asked, robot)
+            if answer.is_kept:
+                return answer
             if transport.elapsed_s() >= gives_up_s:
-                reported = risk.format(", ".join(taken.known_to))
-                raise CallError(ErrorCode.FAILED, f"task {taken.task.id} {reported}")
+                reported = risk.format(", ".join(answer.known_to))
+                raise CallError(ErrorCode.FAILED, f"task {answer.task.id} {reported}")
             transport.pass_time(AGAIN_S)
 
     def robot(self, topic: Query[Q, R], request: Q | None, robot: str) -> R:
@@ -158,28 +155,6 @@ class Requests:
             return self._wire.ask(topic, request, timeout_s=max(topic.timeout_s, ROBOT_TIMEOUT_S), robot=robot)
         except NobodyThere as error:
             raise no_robot(self._wire, robot, topic.name) from error
-
-    def call(
-        self,
-        robot: str,
-        plugin: str,
-        function: str,
-        arguments: Mapping[str, object] | tuple[object, ...],
-        *,
-        timeout_s: float,
-        by: str,
-    ) -> Any:
-        """Call an external function of a robot's plugin; its result as JSON has it. Errors as those of `robot`."""
-        asked = msgspec.json.encode(arguments)
-        names = {"robot": robot, "plugin": plugin, "function": function}
-        try:
-            reply = self._wire.ask(ROBOT_CALL, asked, timeout_s=timeout_s, by=by, **names)
-        except NobodyThere as error:
-            raise no_robot(self._wire, robot, "calls") from error
-        try:
-            return msgspec.json.decode(reply)
-        except BAD_PAYLOAD as error:
-            raise WireError(f"{robot} sent an invalid answer: {error}") from error
 
     def _no_coordinator(self) -> NobodyThere:
         text = f"no coordinator of team {self._wire.team} answers"

@@ -10,6 +10,8 @@ import msgspec
 from robrain.client.members import no_robot, team_found
 from robrain.client.requests import ROBOT_TIMEOUT_S, Requests
 from robrain.client.transport import Listening, Transport
+from robrain.protocol.codec import BAD_PAYLOAD
+from robrain.protocol.errors import NobodyThere, WireError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.action_messages import ActionEnd
 from robrain.protocol.messages.robots.host_messages import (
@@ -29,7 +31,7 @@ from robrain.protocol.table.host_queries import (
     HOST_RELOAD,
     HOST_UNLOAD,
 )
-from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Endpoint
 
 PluginInfos = list[PluginInfo]
@@ -87,6 +89,7 @@ class RobotCalls:
 
     by: str
     transport: Transport
+    _wire: Endpoint
     _requests: Requests
     _listening: Listening
     _held: set[tuple[str, str]]
@@ -122,8 +125,16 @@ class RobotCalls:
         if arguments and named is not None:
             raise ValueError("expected arguments by position or by name, got both")
         by = self.by if (robot, plugin) in self._held else ""
-        given = arguments if named is None else named
-        return self._requests.call(robot, plugin, function, given, timeout_s=timeout_s, by=by)
+        asked = msgspec.json.encode(arguments if named is None else named)
+        names = {"robot": robot, "plugin": plugin, "function": function}
+        try:
+            reply = self._wire.ask(ROBOT_CALL, asked, timeout_s=timeout_s, by=by, **names)
+        except NobodyThere as error:
+            raise no_robot(self._wire, robot, "calls") from error
+        try:
+            return msgspec.json.decode(reply)
+        except BAD_PAYLOAD as error:
+            raise WireError(f"{robot} sent an invalid answer: {error}") from error
 
     def act(
         self,

@@ -7,13 +7,17 @@ from typing import Annotated, Any, TypedDict
 
 import msgspec
 
-from robrain.client.errors import BadTask
-from robrain.protocol.errors import BadName
+from robrain.protocol.errors import BadName, RobrainError
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
+
+
+class BadTask(RobrainError):
+    """An invalid task: unknown kind, or a field that is missing or invalid; the text names the expected value."""
+
 
 TaskName = str | TaskRecord
 """A task by its id, or by any record of it."""

@@ -68,53 +68,6 @@ from robrain.protocol.table.topics import (
 from robrain.protocol.wire.endpoint import Endpoint
 
 
-class CoordinatorAnswers:
-    """Part of `Team`; see there."""
-
-    by: str
-    _requests: Requests
-
-    def dry_run(self, task: str | Task, **fields: Unpack[TaskFields]) -> TaskDryRun:
-        """Return the result of `submit` if it were called with these arguments. Nothing is submitted.
-
-        Raises:
-            BadTask: a field is missing or invalid.
-            CallError: it is no valid task.
-            NobodyThere: no coordinator answers.
-
-        """
-        asked = asked_task(task, self.by, f"{task}-dry-run", fields)
-        return self._requests.coordinator(TASK_DRY_RUN, asked)
-
-    def left(self) -> ExplorationLeft | None:
-        """Return the regions that exploration has not covered, by the coordinator's map; None without a map."""
-        return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
-
-    def lead(self, *, by: str | None = None) -> list[str]:
-        """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.
-
-        A coordinator offers no task while most of its robots may be allocating tasks among themselves. A candidate does
-        not lead while most witnesses are silent, or refuse it because its journal may lack acknowledged changes.
-
-        Args:
-            by: name of the sender, in place of the team's `by`.
-
-        Returns:
-            Names of the silent robots that do not count until their next message.
-
-        """
-        return self._requests.coordinator(COORDINATOR_LEAD, LeadRequest(by=self.by if by is None else by)).skipped
-
-    def remove_robot(self, robot: str) -> None:
-        """Have the coordinator forget a robot that has gone; until then it is shown as gone.
-
-        Raises:
-            CallError: the robot is unknown, is there, or may still do a task.
-
-        """
-        self._requests.coordinator(COORDINATOR_REMOVE_ROBOT, RobotRemoval(robot=robot, by=self.by))
-
-
 class FreshIds:
     """Counts on, for each kind of task, from the largest number that the team has.
 
@@ -165,7 +118,7 @@ def _number(kind: str, task_id: str) -> int:
     return int(found[1]) if found else 0
 
 
-STREAM_LOOK_S = 1.0
+STREAM_CHECK_S = 1.0
 """Period of the query for missed changes, in addition to the subscription."""
 
 
@@ -199,13 +152,13 @@ class TaskStream:
         transport = self._transport
         last: dict[str, int] = {}
         running = set(self._tasks)
-        look_s = began_s = transport.elapsed_s()
+        check_s = began_s = transport.elapsed_s()
         while True:
             received = [received.message for received in self._inbox.drain()]
             events = [event for event in received if not self._tasks or event.task.id in self._tasks]
-            if transport.elapsed_s() >= look_s:
+            if transport.elapsed_s() >= check_s:
                 events += [self._get(task).event for task in sorted(running)]
-                look_s = transport.elapsed_s() + STREAM_LOOK_S
+                check_s = transport.elapsed_s() + STREAM_CHECK_S
             for event in events:
                 if event.change > last.get(event.task.id, 0):
                     last[event.task.id] = event.change
@@ -224,12 +177,12 @@ Names = list[str]
 PluginInfos = list[PluginInfo]
 TaskRecords = list[TaskRecord]
 KnownKinds = list[KnownKind]
-LOOK_S = 0.2
+CHECK_S = 0.2
 POLL_S = 0.02
 TASK_TIMEOUT_S = 600.0
 
 
-class Team(CoordinatorAnswers, RobotCalls):
+class Team(RobotCalls):
     """A connection to a team; use it in a `with` block.
 
     While a live coordinator is away, for example during a restart, each query to it is repeated. This ends with an
@@ -295,7 +248,7 @@ class Team(CoordinatorAnswers, RobotCalls):
         transport = self.transport
         ends_s = transport.elapsed_s() + seconds
         while (left_s := ends_s - transport.elapsed_s()) > 1e-9:
-            transport.pass_time(left_s if until is None else min(left_s, LOOK_S))
+            transport.pass_time(left_s if until is None else min(left_s, CHECK_S))
             if until is not None and until():
                 return True
         return until is None or until()
@@ -344,6 +297,18 @@ class Team(CoordinatorAnswers, RobotCalls):
             return self._fresh_ids.submit(task, submit, self.by)
         except NobodyThere as error:  # the coordinator's ids are not known: use a unique one
             return self._requests.submit_to_robots(named(f"{task}-{self._wire.clock.now_ns():x}"), error)
+
+    def dry_run(self, task: str | Task, **fields: Unpack[TaskFields]) -> TaskDryRun:
+        """Return the result of `submit` if it were called with these arguments. Nothing is submitted.
+
+        Raises:
+            BadTask: a field is missing or invalid.
+            CallError: it is no valid task.
+            NobodyThere: no coordinator answers.
+
+        """
+        asked = asked_task(task, self.by, f"{task}-dry-run", fields)
+        return self._requests.coordinator(TASK_DRY_RUN, asked)
 
     def cancel(self, task: TaskName, why: str = "") -> TaskRecord:
         """Cancel a task; its robot stops it. Without a coordinator, robots are asked as by `submit`.
@@ -411,6 +376,34 @@ class Team(CoordinatorAnswers, RobotCalls):
     def set_objective(self, objective: Objective) -> PlanningStatus:
         """Change the planning objective."""
         return self._requests.coordinator(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=objective, by=self.by))
+
+    def left(self) -> ExplorationLeft | None:
+        """Return the regions that exploration has not covered, by the coordinator's map; None without a map."""
+        return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
+
+    def lead(self, *, by: str | None = None) -> list[str]:
+        """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.
+
+        A coordinator offers no task while most of its robots may be allocating tasks among themselves. A candidate does
+        not lead while most witnesses are silent, or refuse it because its journal may lack acknowledged changes.
+
+        Args:
+            by: name of the sender, in place of the team's `by`.
+
+        Returns:
+            Names of the silent robots that do not count until their next message.
+
+        """
+        return self._requests.coordinator(COORDINATOR_LEAD, LeadRequest(by=self.by if by is None else by)).skipped
+
+    def remove_robot(self, robot: str) -> None:
+        """Have the coordinator forget a robot that has gone; until then it is shown as gone.
+
+        Raises:
+            CallError: the robot is unknown, is there, or may still do a task.
+
+        """
+        self._requests.coordinator(COORDINATOR_REMOVE_ROBOT, RobotRemoval(robot=robot, by=self.by))
 
     # -- robots -----------------------------------------------------------------------------------------------
 

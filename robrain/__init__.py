@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     )
     from robrain.agent.event import Event
     from robrain.agent.plugin import Behavior, Device, Level, Plugin, Skill, Unit, external, unlocked
-    from robrain.client.errors import BadTask
     from robrain.client.halting import HaltReport
     from robrain.client.hand import Hand
+    from robrain.client.submission import BadTask
     from robrain.client.team import Team
     from robrain.coordinator.planning.policy import PlanningPolicy
     from robrain.lab.fork.fork_api import fork
@@ -153,9 +153,9 @@ _NAMES = {
     ),
     "robrain.agent.event": ("Event",),
     "robrain.agent.plugin": ("Behavior", "Device", "Level", "Plugin", "Skill", "Unit", "external", "unlocked"),
-    "robrain.client.errors": ("BadTask",),
     "robrain.client.halting": ("HaltReport",),
     "robrain.client.hand": ("Hand",),
+    "robrain.client.submission": ("BadTask",),
     "robrain.client.team": ("Team",),
     "robrain.coordinator.planning.policy": ("PlanningPolicy",),
     "robrain.recording.export.recording": ("Recording", "load"),

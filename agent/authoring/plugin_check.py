@@ -5,7 +5,7 @@ import dis
 import inspect
 import traceback
 from collections.abc import Callable, Iterator
-from graphlib import CycleError, TopologicalSorter
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
@@ -13,12 +13,14 @@ from typing import Any, Generic, Protocol, Union, get_args, get_origin, get_type
 
 import msgspec
 
+from robrain.agent.class_import import module_file
 from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
 from robrain.agent.host.agent_host import stock_place
 from robrain.agent.lifecycle.access import level_refusal
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
+from robrain.agent.lifecycle.registry import start_order
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest, find_manifests, read_manifest
 from robrain.agent.plugin import EXTERNAL_MARK, Plugin
 from robrain.protocol.errors import BadToml
@@ -95,9 +97,9 @@ def _function_differences(plugin_class: type, interface: type, name: str) -> Ite
         return
     own_hints, wanted_hints = _hints(own), _hints(getattr(interface, name))
     for parameter in own_signature.parameters.keys() & wanted.parameters.keys():
-        promised, taken = wanted_hints.get(parameter, Any), own_hints.get(parameter, Any)
-        if not _accepts(taken, promised):
-            yield f"takes {_word(taken)} for {parameter}, {interface.__name__} promises to take {_word(promised)}"
+        promised, accepted = wanted_hints.get(parameter, Any), own_hints.get(parameter, Any)
+        if not _accepts(accepted, promised):
+            yield f"takes {_word(accepted)} for {parameter}, {interface.__name__} promises to take {_word(promised)}"
     promised, returned = wanted_hints.get("return", Any), own_hints.get("return", Any)
     if promised is not NoneType and not _accepts(promised, returned):
         yield f"returns {_word(returned)}, {interface.__name__} promises {_word(promised)}"
@@ -196,15 +198,15 @@ class _Check:
         self._own: dict[str, Manifest] = {}
         """The folder's manifests, by name."""
         self._all: dict[str, Manifest] = {}
-        self._roles: set[str] = set()
-        """Those of robrain and of installed distributions, also where no plugin has the place if none is chosen."""
         """These, and those that come with robrain or are installed."""
+        self._roles: set[str] = set()
+        """Names and roles of plugins of robrain and of installed distributions."""
         self._codes: dict[Path, PluginCode | None] = {}
         self._modules: set[tuple[Path, str]] = set()
 
     def findings(self) -> list[PluginFinding]:
         """All that is found, once each."""
-        found = [*self._read(), *self._look(), *self._cycles()]
+        found = [*self._read(), *self._check(), *self._cycles()]
         return sorted(dict.fromkeys(found), key=lambda finding: finding.path)
 
     def _read(self) -> Iterator[PluginFinding]:
@@ -225,8 +227,8 @@ class _Check:
             if path.stem in self._own:
                 yield PluginFinding(path, "file name", f"{self._own[path.stem].path} has the same: only one is loaded")
             elif path.stem in others and others[path.stem].path.resolve() != path.resolve():
-                taken = others[path.stem].path
-                yield PluginFinding(path, "file name", f"takes the place of {path.stem} in {taken}", is_warning=True)
+                other = others[path.stem].path
+                yield PluginFinding(path, "file name", f"takes the place of {path.stem} in {other}", is_warning=True)
             self._own[path.stem] = self._all[path.stem] = manifest
         yield from self._without_plugin_table()
         if not find_manifests(self._folder):
@@ -241,7 +243,7 @@ class _Check:
             if "tag" in tables or path.with_suffix(".py").is_file():
                 yield PluginFinding(path, "file", "expected a table [plugin]; without one it is passed over")
 
-    def _look(self) -> Iterator[PluginFinding]:
+    def _check(self) -> Iterator[PluginFinding]:
         for manifest in self._own.values():
             try:
                 code = self._import(manifest)
@@ -258,26 +260,22 @@ class _Check:
                 yield from self._requirement(manifest, required)
 
     def _import(self, manifest: Manifest) -> PluginCode:
-        beside = manifest.path.parent / f"{manifest.class_path.partition(':')[0]}.py"
-        module = (manifest.path.parent, manifest.class_path.partition(":")[0])
+        module = (manifest.path.parent, manifest.module_name)
         # Read again, for it may have been edited since; but once, for its classes share the interfaces in it.
-        is_fresh = beside.is_file() and module not in self._modules
+        is_fresh = module_file(manifest) is not None and module not in self._modules
         self._modules.add(module)
         self._codes[manifest.path] = None
         try:
-            code = import_code(manifest, fresh=is_fresh)
+            code = self._codes[manifest.path] = import_code(manifest, fresh=is_fresh)
         except ManifestError as error:
             raise _with_line(error, self._folder) from error
-        self._codes[manifest.path] = code
         return code
 
     def _code(self, manifest: Manifest) -> PluginCode | None:
         """Code of a plugin; None if it cannot be imported."""
         if manifest.path not in self._codes:
-            try:
+            with suppress(ManifestError):  # reported with that plugin itself
                 self._import(manifest)
-            except ManifestError:
-                return None  # reported with that plugin itself
         return self._codes[manifest.path]
 
     def _role(self, manifest: Manifest) -> Iterator[PluginFinding]:
@@ -320,24 +318,13 @@ class _Check:
             yield PluginFinding(manifest.path, key, f"{required} has no interface to call it by", is_warning=True)
 
     def _cycles(self) -> Iterator[PluginFinding]:
-        graph = {
-            name: [required for required in manifest.tag.requires if required in self._all]
-            for name, manifest in sorted(self._all.items())
-        }
-        while True:
-            try:
-                TopologicalSorter(graph).prepare()
-            except CycleError as error:
-                circle = error.args[1][:0:-1]
-                first = next((index for index, name in enumerate(circle) if name in self._own), 0)
-                path = [*circle[first:], *circle[:first]]
-                way = " → ".join([*path, path[0]])
-                if path[0] in self._own:
-                    yield PluginFinding(self._own[path[0]].path, "[tag] requires", f"{path[0]} requires itself: {way}")
-                for name in circle:
-                    graph[name] = []
-            else:
-                return
+        _, circles = start_order({name: manifest.tag.requires for name, manifest in self._all.items()})
+        for _, *circle in circles:
+            first = next((index for index, name in enumerate(circle) if name in self._own), None)
+            if first is not None:
+                names = [*circle[first:], *circle[: first + 1]]
+                reason = f"{names[0]} requires itself: {' → '.join(names)}"
+                yield PluginFinding(self._own[names[0]].path, "[tag] requires", reason)
 
     def _meant(self, name: str) -> str:
         near = difflib.get_close_matches(name, self._all, n=1)

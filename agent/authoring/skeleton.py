@@ -13,7 +13,7 @@ from robrain.agent.plugin import Level
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 
-TAKEN_CLASS_NAMES = {
+RESERVED_CLASS_NAMES = {
     *("Any", "DriverInterface", "Errand", "Generator", "Plugin", "ScanInterface", "Task", "TaskParameters", "Work"),
     *(level.name.title() for level in Level),
 }
@@ -119,7 +119,7 @@ def _class_name(name: str) -> str:
     camel = "".join(part[0].upper() + part[1:] for part in name.split("_") if part)
     if not camel.isidentifier():
         return f"Plugin{camel}"
-    return f"{camel}Plugin" if camel in TAKEN_CLASS_NAMES or keyword.iskeyword(camel) else camel
+    return f"{camel}Plugin" if camel in RESERVED_CLASS_NAMES or keyword.iskeyword(camel) else camel
 
 
 def _write(name: str, folder: Path, texts: dict[str, str]) -> list[Path]:

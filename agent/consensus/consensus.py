@@ -7,7 +7,6 @@ there is at most one. A live coordinator receives no robot of that group.
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Set
-from functools import partial
 from typing import Any, NamedTuple
 
 import msgspec
@@ -17,7 +16,7 @@ from robrain.agent.consensus.holders import GIVEN_UP_NS, GOES_ON_S, Holders
 from robrain.agent.consensus.known_tasks import KnownTasks, TaskSync
 from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.host.host_extension import ExtendedHost, HostExtension
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.algorithms.consensus.negotiation import Negotiation
 from robrain.algorithms.consensus.route_scorer import task_scorer
 from robrain.protocol.clock import clock_difference_ns, to_ns, to_seconds
@@ -63,13 +62,13 @@ class TaskClaim:
         self._robot = robot
         self._numbers: list[int] = []
         """Numbers of this robot's ballots with the claim."""
-        self._heard_by: set[str] = set()
+        self._echoed_by: set[str] = set()
 
     def want(self, task: str) -> bool:
         """Claim the task that the robot wants to begin; empty for none. Returns whether the claim is new."""
         if task == self.task:
             return False
-        self.task, self._numbers, self._heard_by = task, [], set()
+        self.task, self._numbers, self._echoed_by = task, [], set()
         return bool(task)
 
     def record_sent(self, number: int) -> None:
@@ -77,12 +76,12 @@ class TaskClaim:
         if self.task:
             self._numbers = [*self._numbers[1 - NUMBERS_MAX :], number]
 
-    def record_echo(self, teammate: str, heard: Iterable[Heard]) -> None:
+    def record_echo(self, teammate: str, echoes: Iterable[Heard]) -> None:
         """A teammate reports whose ballots it has received last."""
-        if any(one.robot == self._robot and one.number in self._numbers for one in heard):
-            self._heard_by.add(teammate)
+        if any(one.robot == self._robot and one.number in self._numbers for one in echoes):
+            self._echoed_by.add(teammate)
 
-    def is_heard(self, teammates: Set[str], team: int) -> bool:
+    def is_confirmed(self, teammates: Set[str], team: int) -> bool:
         """Whether, with the robot itself, more than half of the team has received the claim.
 
         Args:
@@ -90,7 +89,7 @@ class TaskClaim:
             team: number of robots of the team.
 
         """
-        return bool(self.task) and 2 * (1 + len(self._heard_by & teammates)) > team
+        return bool(self.task) and 2 * (1 + len(self._echoed_by & teammates)) > team
 
 
 SILENT_NS = to_ns(1.5)
@@ -132,12 +131,12 @@ class _Opened(NamedTuple):
 
 
 class _Teammate(NamedTuple):
-    heard_ns: int
-    said: TeamBallot
+    received_ns: int
+    report: TeamBallot
 
 
-class Consensus:
-    """A robot's part in allocation without a coordinator; stepped by its host.
+class Consensus(HostExtension):
+    """A robot's part in allocation without a coordinator.
 
     Args:
         wire: the host's Zenoh endpoint.
@@ -154,11 +153,12 @@ class Consensus:
         wire: Endpoint,
         robot: str,
         board: Board,
-        desk: TaskDesk,
+        desk: RobotTasks,
         chargers: list[Point2D],
-        follows: Callable[[TeamState], bool] = lambda _said: True,
+        follows: Callable[[TeamState], bool] = lambda _summary: True,
     ) -> None:
         now_ns = wire.clock.now_ns()
+        self._wire = wire
         self.known = KnownTasks()
         self.is_leaderless = False
         """Whether this robot and more than half of the team allocate tasks by themselves."""
@@ -211,7 +211,7 @@ class Consensus:
         self._was_alone = is_alone
         if not is_alone:
             self._sync.step(now_ns)
-        has_coordinator_elsewhere = any(teammate.said.receives_coordinator for teammate in self._others.values())
+        has_coordinator_elsewhere = any(teammate.report.receives_coordinator for teammate in self._others.values())
         self.is_leaderless = is_alone and not has_coordinator_elsewhere and self._has_quorum()
         self._record_own_ends(now_ns)
         if is_alone:
@@ -230,26 +230,27 @@ class Consensus:
             self._due_ns = now_ns + (REPORT_DONE_PERIOD_NS if is_rare else period_ns)
             self._send(now_ns, is_alone=is_alone)
 
-    @property
-    def changes_received(self) -> int:
-        """The robot has received all changes of tasks up to this number."""
-        return self._sync.last
+    def start(self) -> None:
+        """Answer clients that find no coordinator."""
+        wire, robot, now_ns = self._wire, self._robot, self._wire.clock.now_ns
+        wire.answer(ROBOT_SUBMIT, lambda query: self.submit(query.asked, now_ns()), serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_CANCEL, lambda query: self.cancel(query.asked, now_ns()), serve=Serve.IN_STEP, robot=robot)
 
     def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
         """Accept a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.task.id not in self.known.asked:
-            why = self._query_refusal("submit")
-            raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {why}", why)
+            reason = self._query_refusal("submit")
+            raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {reason}", reason)
         self._due_ns = now_ns  # the others must know at once
-        return self._intake.take(asked, now_ns, self._published_known(), len(self._everyone()))
+        return self._intake.accept(asked, now_ns, self._published_known(), len(self._everyone()))
 
     def cancel(self, asked: TaskRequest, now_ns: int) -> DropTaken:
         """Accept the cancellation of a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.id not in self.known.dropped:
-            why = self._query_refusal("cancel")
-            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
+            reason = self._query_refusal("cancel")
+            raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {reason}", reason)
         self._due_ns = now_ns  # the others must know at once
-        dropped = {name: {one.id for one in teammate.said.dropped} for name, teammate in self._others.items()}
+        dropped = {name: {one.id for one in teammate.report.dropped} for name, teammate in self._others.items()}
         return self._intake.drop(asked, dropped, len(self._everyone()), self._holders.of(asked.id, now_ns))
 
     def _query_refusal(self, verb: str) -> str:
@@ -272,6 +273,14 @@ class Consensus:
             return Occupied(NAME, f"{holder} is at it")
         return REPORTING if self._was_alone or self.is_reporting(now_ns) else None
 
+    def withdrawal_refusal(self, now_ns: int) -> OfferRefusal | None:
+        """Refuse while the robot reports to a coordinator the work done without it."""
+        return REPORTING if self.is_reporting(now_ns) else None
+
+    def extend_state(self, state: RobotState) -> RobotState:
+        """Report that the robot continues without a coordinator, and the changes of tasks that it has received."""
+        return msgspec.structs.replace(state, continues_for_s=GOES_ON_S, changes_received=self._sync.last)
+
     # -- hearing --------------------------------------------------------------------------------------------
 
     def _receive(self, now_ns: int) -> None:
@@ -292,11 +301,11 @@ class Consensus:
         self._others = {
             name: teammate
             for name, teammate in self._others.items()
-            if now_ns - teammate.heard_ns <= TEAMMATE_SILENT_NS
+            if now_ns - teammate.received_ns <= TEAMMATE_SILENT_NS
         }
 
-    def _record_team(self, said: TeamState, now_ns: int) -> None:
-        for robot in said.robots:
+    def _record_team(self, summary: TeamState, now_ns: int) -> None:
+        for robot in summary.robots:
             if robot.up and robot.name == self._robot:
                 self._is_new = False
             silent_ns = 0 if robot.up else to_ns(robot.age_s)
@@ -304,23 +313,23 @@ class Consensus:
         self._up_ns = {name: up_ns for name, up_ns in self._up_ns.items() if now_ns - up_ns <= GIVEN_UP_NS}
         self._team = frozenset(self._up_ns)
 
-    def _receive_ballot(self, said: TeamBallot, now_ns: int) -> None:
-        self._others[said.robot] = _Teammate(now_ns, said)
-        self._claim.record_echo(said.robot, said.receives)
-        if self._holders.receive(said, self._others, now_ns) and said.wants:
+    def _receive_ballot(self, report: TeamBallot, now_ns: int) -> None:
+        self._others[report.robot] = _Teammate(now_ns, report)
+        self._claim.record_echo(report.robot, report.receives)
+        if self._holders.receive(report, self._others, now_ns) and report.wants:
             self._due_ns = now_ns  # it waits for an echo
         if now_ns - self._received_ns > SILENT_NS:  # otherwise the coordinator decides about them
-            ahead_ns = clock_difference_ns(said.stamp_ns, now_ns)
-            for asked in said.asked:
+            ahead_ns = clock_difference_ns(report.stamp_ns, now_ns)
+            for asked in report.asked:
                 self.known.ask(asked, ahead_ns)
-        self.known.record_ended(said.ended)
-        self.known.record_done(said.done)
+        self.known.record_ended(report.ended)
+        self.known.record_done(report.done)
         if now_ns - self._received_ns > SILENT_NS:  # see above
-            self.known.drop(said.dropped)
-        if not said.receives_coordinator:
+            self.known.drop(report.dropped)
+        if not report.receives_coordinator:
             self._publish_until_ns = max(self._publish_until_ns, now_ns + ANSWER_NS)
-        if not self._negotiation.receive(said.ballot):
-            self._term = max(self._term, said.ballot.term)
+        if not self._negotiation.receive(report.ballot):
+            self._term = max(self._term, report.ballot.term)
             self._is_called = True
 
     def _record_own_ends(self, now_ns: int) -> None:
@@ -349,17 +358,17 @@ class Consensus:
         A restarted robot does not count until a coordinator lists it as up, because that coordinator may be leading the
         others. It joins a majority of robots that do count. If no robot counts, there was no coordinator, and all do.
         """
-        there = [teammate.said for teammate in self._others.values()]
-        if self._is_new and not all(said.is_new for said in there):
-            return any(said.allocates and not said.is_new for said in there)
-        counted = 1 + sum(self._is_new or not said.is_new for said in there)
+        there = [teammate.report for teammate in self._others.values()]
+        if self._is_new and not all(report.is_new for report in there):
+            return any(report.allocates and not report.is_new for report in there)
+        counted = 1 + sum(self._is_new or not report.is_new for report in there)
         return 2 * counted > len(self._everyone())
 
     def _everyone(self) -> frozenset[str]:
         return self._team | {self._robot, *self._others}
 
     def _published_known(self) -> Known:
-        return {name: teammate.said.known for name, teammate in self._others.items()}
+        return {name: teammate.report.known for name, teammate in self._others.items()}
 
     # -- deciding -------------------------------------------------------------------------------------------
 
@@ -380,7 +389,9 @@ class Consensus:
         elif is_idle and may_begin and negotiation.is_agreed and not self.known.is_full:
             able = (name for name in mine if name not in self._not_mine and negotiation.may_begin(name))
             wanted = next(able, "")
-            if wanted and (wanted != self._claim.task or not self._claim.is_heard(teammates, len(self._everyone()))):
+            if wanted and (
+                wanted != self._claim.task or not self._claim.is_confirmed(teammates, len(self._everyone()))
+            ):
                 return wanted
             if wanted:
                 self._begin(tasks[wanted], now_ns)
@@ -405,7 +416,7 @@ class Consensus:
         ]
         if self._sync.behind_since_ns is None or lost:
             return free
-        return [task for task in free if self.known.open[task.id].heard_ns >= self._sync.behind_since_ns]
+        return [task for task in free if self.known.open[task.id].received_ns >= self._sync.behind_since_ns]
 
     def _open(self, tasks: dict[str, Task], teammates: frozenset[str], now_ns: int) -> None:
         """Bid again, in a teammate's negotiation or in a new one."""
@@ -463,8 +474,10 @@ class Consensus:
 
     def _ended_tasks_to_publish(self) -> list[str]:
         """Ended tasks that teammates bid for or do, because the end has not reached them."""
-        said = [teammate.said for teammate in self._others.values()]
-        wanted = {bid.task for one in said for bid in one.ballot.bids} | {held.id for one in said for held in one.held}
+        reports = [teammate.report for teammate in self._others.values()]
+        wanted = {bid.task for one in reports for bid in one.ballot.bids} | {
+            held.id for one in reports for held in one.held
+        }
         return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_TOLD]
 
     def _absent_tasks_to_publish(self, now_ns: int) -> list[TaskHeldBy]:
@@ -483,7 +496,7 @@ class Consensus:
 
     def _send(self, now_ns: int, *, is_alone: bool) -> None:
         teammates = sorted(self._others.items())
-        said = TeamBallot(
+        report = TeamBallot(
             robot=self._robot,
             ballot=self._negotiation.ballot(),
             receives_coordinator=not is_alone,
@@ -496,11 +509,11 @@ class Consensus:
             dropped=list(self.known.dropped.values()),
             ended=self._ended_tasks_to_publish(),
             wants=self._claim.task,
-            receives=tuple(Heard(robot=name, number=teammate.said.ballot.number) for name, teammate in teammates),
+            receives=tuple(Heard(robot=name, number=teammate.report.ballot.number) for name, teammate in teammates),
             absent=self._absent_tasks_to_publish(now_ns),
         )
-        self._claim.record_sent(said.ballot.number)
-        self._publisher.put(said)
+        self._claim.record_sent(report.ballot.number)
+        self._publisher.put(report)
 
 
 def chargers_in(parameters: Mapping[str, Mapping[str, Any]]) -> list[Point2D]:
@@ -510,44 +523,10 @@ def chargers_in(parameters: Mapping[str, Mapping[str, Any]]) -> list[Point2D]:
 
 def consensus_extension(host: ExtendedHost) -> HostExtension:
     """Consensus for a robot whose file has `consensus = true`; for others an extension that refuses tasks."""
-    return ConsensusExtension(host) if host.robot_file.robot.consensus else NoConsensus(host)
-
-
-class ConsensusExtension(HostExtension):
-    """Connects a robot's consensus with its host."""
-
-    def __init__(self, host: ExtendedHost) -> None:
-        chargers = chargers_in(host.robot_file.parameters)
-        self.desk = Consensus(host.wire, host.name, host.board, host.desk, chargers, host.follows)
-        self._host = host
-
-    def start(self) -> None:
-        """Answer clients that find no coordinator."""
-        wire, robot = self._host.wire, self._host.name
-        wire.answer(ROBOT_SUBMIT, self._submit, serve=Serve.IN_STEP, robot=robot)
-        wire.answer(ROBOT_CANCEL, self._cancel, serve=Serve.IN_STEP, robot=robot)
-
-    def step(self, now_ns: int, *, may_begin: bool) -> None:
-        """See Consensus.step."""
-        self.desk.step(now_ns, may_begin=may_begin)
-
-    def offer_refusal(self, task_id: str, now_ns: int) -> OfferRefusal | None:
-        """See Consensus.offer_refusal."""
-        return self.desk.offer_refusal(task_id, now_ns)
-
-    def withdrawal_refusal(self, now_ns: int) -> OfferRefusal | None:
-        """Refuse while the robot reports to a coordinator the work done without it."""
-        return REPORTING if self.desk.is_reporting(now_ns) else None
-
-    def extend_state(self, state: RobotState) -> RobotState:
-        """Report that the robot continues without a coordinator."""
-        return msgspec.structs.replace(state, continues_for_s=GOES_ON_S, changes_received=self.desk.changes_received)
-
-    def _submit(self, request: Request[TaskSubmission]) -> TaskTaken:
-        return self.desk.submit(request.asked, self._host.clock.now_ns())
-
-    def _cancel(self, request: Request[TaskRequest]) -> DropTaken:
-        return self.desk.cancel(request.asked, self._host.clock.now_ns())
+    if not host.robot_file.robot.consensus:
+        return NoConsensus(host)
+    chargers = chargers_in(host.robot_file.parameters)
+    return Consensus(host.wire, host.name, host.board, host.desk, chargers, host.follows)
 
 
 class NoConsensus(HostExtension):
@@ -555,18 +534,18 @@ class NoConsensus(HostExtension):
 
     def __init__(self, host: ExtendedHost) -> None:
         self._host = host
+        self._reason = f"{host.name} has its tasks from a coordinator alone: its file has no `consensus = true`"
 
     def start(self) -> None:
         """Answer clients that find no coordinator."""
         wire, robot = self._host.wire, self._host.name
-        why = f"{robot} has its tasks from a coordinator alone: its file has no `consensus = true`"
-        wire.answer(ROBOT_SUBMIT, partial(_refuse_task, why), serve=Serve.IN_STEP, robot=robot)
-        wire.answer(ROBOT_CANCEL, partial(_refuse_cancel, why), serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_SUBMIT, self._refuse_task, serve=Serve.IN_STEP, robot=robot)
+        wire.answer(ROBOT_CANCEL, self._refuse_cancel, serve=Serve.IN_STEP, robot=robot)
 
+    def _refuse_task(self, request: Request[TaskSubmission]) -> TaskTaken:
+        task = request.asked.task.id
+        raise CallError(ErrorCode.REFUSED, f"task {task} is refused: {self._reason}", self._reason)
 
-def _refuse_task(why: str, request: Request[TaskSubmission]) -> TaskTaken:
-    raise CallError(ErrorCode.REFUSED, f"task {request.asked.task.id} is refused: {why}", why)
-
-
-def _refuse_cancel(why: str, request: Request[TaskRequest]) -> DropTaken:
-    raise CallError(ErrorCode.REFUSED, f"task {request.asked.id} is not cancelled: {why}", why)
+    def _refuse_cancel(self, request: Request[TaskRequest]) -> DropTaken:
+        task = request.asked.id
+        raise CallError(ErrorCode.REFUSED, f"task {task} is not cancelled: {self._reason}", self._reason)

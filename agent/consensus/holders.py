@@ -27,22 +27,22 @@ class Holders:
         self._until: dict[str, tuple[str, int]] = {}
         """By task: its holder, and the time at which that robot has released it if it stays silent."""
 
-    def receive(self, said: TeamBallot, present: Container[str], now_ns: int) -> bool:
+    def receive(self, report: TeamBallot, present: Container[str], now_ns: int) -> bool:
         """Record a robot's report on itself, and on robots that this one does not receive; whether a task is new.
 
         Args:
-            said: the robot's ballot.
+            report: the robot's ballot.
             present: robots that speak for themselves.
             now_ns: the time.
 
         """
         before = self._until
-        mine = {held.id for held in said.held} | ({said.wants} if said.wants else set())
-        self._until = {task: one for task, one in before.items() if one[0] != said.robot and one[1] > now_ns}
+        mine = {held.id for held in report.held} | ({report.wants} if report.wants else set())
+        self._until = {task: one for task, one in before.items() if one[0] != report.robot and one[1] > now_ns}
         for task in mine:
-            self._record(task, said.robot, now_ns + GIVEN_UP_NS)
-        for other in said.absent:
-            if other.robot not in (self._robot, said.robot) and other.robot not in present:
+            self._record(task, report.robot, now_ns + GIVEN_UP_NS)
+        for other in report.absent:
+            if other.robot not in (self._robot, report.robot) and other.robot not in present:
                 self._record(other.id, other.robot, now_ns + min(to_ns(other.remaining_s), GIVEN_UP_NS))
         return not self._until.keys() <= before.keys()
 

@@ -42,7 +42,7 @@ class KnownTask(NamedTuple):
     task: Task
     robot: str
     """Its robot at that time; empty if none."""
-    heard_ns: int = 0
+    received_ns: int = 0
     """Time of the robot's last report about it."""
 
 
@@ -92,7 +92,7 @@ class KnownTasks:
 
         """
         there = {event.task.id: event for event in events}
-        ended = [name for name, one in self.open.items() if name not in there and one.heard_ns < asked_ns]
+        ended = [name for name, one in self.open.items() if name not in there and one.received_ns < asked_ns]
         for name in ended if len(there) < TASKS_MAX else ():
             if name not in self.asked:  # it may not know yet which tasks robots have accepted
                 self.record_ended([name])
@@ -100,7 +100,7 @@ class KnownTasks:
                 self.dropped.pop(name, None)
         for name, event in there.items():
             known = self.open.get(name)
-            if known is None or known.heard_ns < asked_ns:
+            if known is None or known.received_ns < asked_ns:
                 self.receive(event, now_ns)
 
     def ask(self, asked: TaskAsked, ahead_ns: int = 0) -> None:
@@ -196,7 +196,7 @@ class TaskSync:
         self.last = 0
         """All changes up to this number were received."""
         self._wire, self._known = wire, known
-        self._said = 0
+        self._reported = 0
         self._ahead: set[int] = set()
         self._asked: Later[list[TaskRecord]] | None = None
         self._asked_ns = self._due_ns = self._published_then = 0
@@ -206,14 +206,14 @@ class TaskSync:
         if event.change > self.last and len(self._ahead) < AHEAD_MAX:
             self._ahead.add(event.change)
             self._count()
-        self._record(max(event.change, self._said), now_ns)
+        self._record(max(event.change, self._reported), now_ns)
 
     def receive_summary(self, last_change: int, now_ns: int) -> None:
         """Record the number of the last change; a smaller one than before is that of another journal."""
-        if last_change < self._said:
+        if last_change < self._reported:
             self.last = 0
             self._ahead.clear()
-        self._said = last_change
+        self._reported = last_change
         self._record(last_change, now_ns)
 
     def step(self, now_ns: int) -> None:
@@ -221,7 +221,7 @@ class TaskSync:
         if self._asked is None:
             if self.behind_since_ns is None or now_ns < max(self._due_ns, self.behind_since_ns + GRACE_NS):
                 return
-            self._asked_ns, self._due_ns, self._published_then = now_ns, now_ns + ASK_AGAIN_NS, self._said
+            self._asked_ns, self._due_ns, self._published_then = now_ns, now_ns + ASK_AGAIN_NS, self._reported
             wanted = TaskFilter(states=OPEN, limit=TASKS_MAX)
             self._asked = self._wire.ask_later(TASK_LIST, wanted, timeout_s=TIMEOUT_S)
         try:
@@ -235,7 +235,7 @@ class TaskSync:
         self._known.adopt_open_tasks([record.event for record in records], self._asked_ns, now_ns)
         self.last = max(self.last, self._published_then)
         self._count()
-        self._record(self._said, now_ns)
+        self._record(self._reported, now_ns)
 
     def _count(self) -> None:
         while self.last + 1 in self._ahead:

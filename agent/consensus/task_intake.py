@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence, Set
 import msgspec
 
 from robrain.agent.consensus.known_tasks import OWN_KINDS, KnownTasks
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.keys import check_name
@@ -47,11 +47,11 @@ class TaskIntake:
 
     """
 
-    def __init__(self, robot: str, known: KnownTasks, desk: TaskDesk) -> None:
+    def __init__(self, robot: str, known: KnownTasks, desk: RobotTasks) -> None:
         self._robot, self._known, self._desk = robot, known, desk
         self._reported = 0
 
-    def take(self, asked: TaskSubmission, now_ns: int, teammates: Known, team: int) -> TaskTaken:
+    def accept(self, asked: TaskSubmission, now_ns: int, teammates: Known, team: int) -> TaskTaken:
         """Accept a task, and report which robots have it.
 
         Args:
@@ -100,10 +100,10 @@ class TaskIntake:
             raise CallError(ErrorCode.REFUSED, f"task {asked.id} has ended already: it is done", "done")
         if asked.id not in known.dropped:
             if len(known.dropped) >= CANCELLED_MAX:
-                why = "robots remember no more cancellations until a coordinator notes them"
-                raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {why}", why)
-            by, why = cut(asked.by, CANCELLED_TEXT_MAX), cut(asked.why, CANCELLED_TEXT_MAX)
-            known.drop([TaskDropped(id=asked.id, by=by, why=why)])
+                reason = "robots remember no more cancellations until a coordinator records them"
+                raise CallError(ErrorCode.REFUSED, f"task {asked.id} is not cancelled: {reason}", reason)
+            by, reason = cut(asked.by, CANCELLED_TEXT_MAX), cut(asked.why, CANCELLED_TEXT_MAX)
+            known.drop([TaskDropped(id=asked.id, by=by, why=reason)])
         known_to = sorted([self._robot, *(teammate for teammate, dropped in teammates.items() if asked.id in dropped)])
         is_kept = 2 * len(known_to) > team and (holder not in teammates or holder in known_to)
         return DropTaken(task=found.task, known_to=known_to, is_kept=is_kept)
@@ -134,8 +134,8 @@ class TaskIntake:
         if len(asked.word) > ASKED_BYTES_MAX:
             text = f"task {task_id}: expected at most {ASKED_BYTES_MAX} bytes of JSON, got {len(asked.word)}"
             raise CallError(ErrorCode.BAD_ARGUMENTS, text)
-        if why := self._refusal(task, now_ns):
-            raise CallError(ErrorCode.REFUSED, f"task {task_id} is refused: {why}", why)
+        if reason := self._refusal(task, now_ns):
+            raise CallError(ErrorCode.REFUSED, f"task {task_id} is refused: {reason}", reason)
 
     def _refusal(self, task: Task, now_ns: int) -> str:
         if task.id in self._known.open:
@@ -151,5 +151,5 @@ class TaskIntake:
         if task.deadline_ns is not None and task.deadline_ns <= now_ns:
             return f"its deadline was {to_seconds(now_ns - task.deadline_ns):.1f} s ago"
         if not self._known.may_be_asked:
-            return "robots remember no more tasks until a coordinator notes them"
+            return "robots remember no more tasks until a coordinator records them"
         return ""

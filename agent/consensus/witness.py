@@ -74,7 +74,7 @@ class WitnessInMemory:
         self._kept = kept
 
 
-class Witness:
+class Witness(HostExtension):
     """Answers coordinators that ask for votes, and decides whose summaries count.
 
     Args:
@@ -88,7 +88,7 @@ class Witness:
         self._received_ns = now_ns
         self._obeyed = ""
         """Journal of the coordinator that was received or elected last."""
-        self._heard = Led(election=0, stamp_ns=0)
+        self._received = Led(election=0, stamp_ns=0)
         """The last summary of a coordinator that was elected and leads."""
         self.led: Led | None = None
         """The coordinator that the robot follows, and its last summary; None if none was ever elected.
@@ -103,21 +103,22 @@ class Witness:
             self._kept, self._is_readable = Kept(), False
         self._update_led()
 
-    def follows(self, said: TeamState) -> bool:
+    def follows(self, summary: TeamState) -> bool:
         """Whether a summary is of a coordinator that leads, by this robot's knowledge."""
-        lead = said.lead
+        lead = summary.lead
         if lead is msgspec.UNSET:
             return True  # of a team without witnesses
         return not lead.is_suspended and lead.election >= self._greatest
 
-    def receive(self, said: TeamState, now_ns: int) -> bool:
+    def receive_summary(self, summary: TeamState, now_ns: int) -> bool:
         """Record a summary; returns whether it is of a coordinator that leads."""
-        if said.lead is msgspec.UNSET:
+        lead = summary.lead
+        if lead is msgspec.UNSET:
             return True  # of a team without witnesses
-        if not self.follows(said):
+        if not self.follows(summary):
             return False
-        self._obeyed, self._received_ns = said.lead.journal, now_ns
-        self._heard = Led(election=said.lead.election, stamp_ns=said.stamp_ns)
+        self._obeyed, self._received_ns = lead.journal, now_ns
+        self._received = Led(election=lead.election, stamp_ns=summary.stamp_ns)
         self._update_led()
         return True
 
@@ -136,7 +137,7 @@ class Witness:
 
     @property
     def _greatest(self) -> int:
-        return max(self._heard.election, self._kept.election)
+        return max(self._received.election, self._kept.election)
 
     def _refusal(self, asked: WitnessRequest, now_ns: int) -> WitnessRefusal | None:
         kept = self._kept
@@ -149,7 +150,7 @@ class Witness:
             return WitnessRefusal.OUTVOTED if is_late else None
         if asked.election == kept.election:
             return None if (asked.journal, asked.began_ns) == (kept.journal, kept.began_ns) else WitnessRefusal.OUTVOTED
-        if asked.election == self._heard.election:
+        if asked.election == self._received.election:
             return WitnessRefusal.OUTVOTED
         if now_ns - self._received_ns <= SILENT_NS and self._obeyed != asked.journal:
             return WitnessRefusal.LEADER_HEARD
@@ -186,14 +187,14 @@ class Witness:
         return None
 
     def _update_led(self) -> None:
-        newest = self._heard
+        newest = self._received
         if self._kept.election > newest.election:
             newest = Led(election=self._kept.election, stamp_ns=0)
         self.led = newest if newest.election else None
 
 
-class WitnessExtension(HostExtension):
-    """The host extension of a witness: it answers coordinators, and renews the lease of the one that leads.
+class WitnessExtension(Witness):
+    """The witness of a robot: it answers coordinators that ask its host.
 
     Args:
         host: the robot's host.
@@ -202,29 +203,16 @@ class WitnessExtension(HostExtension):
     """
 
     def __init__(self, host: ExtendedHost, memory: WitnessMemory | None = None) -> None:
-        self.witness = Witness(memory or WitnessInMemory(), host.clock.now_ns())
+        super().__init__(memory or WitnessInMemory(), host.clock.now_ns())
         self._host = host
 
     def start(self) -> None:
         """Answer coordinators that ask for votes."""
         self._host.wire.answer(ROBOT_WITNESS, self._answer, serve=Serve.IN_STEP, robot=self._host.name)
 
-    def follows(self, summary: TeamState) -> bool:
-        """See Witness.follows."""
-        return self.witness.follows(summary)
-
-    def receive_summary(self, summary: TeamState, now_ns: int) -> bool:
-        """See Witness.receive."""
-        return self.witness.receive(summary, now_ns)
-
-    def restart_silence(self, now_ns: int) -> None:
-        """See Witness.restart_silence."""
-        self.witness.restart_silence(now_ns)
-
     def extend_state(self, state: RobotState) -> RobotState:
         """Report the coordinator that the robot follows."""
-        led = self.witness.led
-        return state if led is None else msgspec.structs.replace(state, led=led)
+        return state if self.led is None else msgspec.structs.replace(state, led=self.led)
 
     def _answer(self, request: Request[WitnessRequest]) -> WitnessReply:
-        return self.witness.answer(request.asked, self._host.clock.now_ns())
+        return self.answer(request.asked, self._host.clock.now_ns())

@@ -34,7 +34,7 @@ from robrain.agent.lifecycle.registry import PluginRegistry, plugin_faults, plug
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import COMMAND
 from robrain.agent.plugin import PluginState
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import Clock, clock_difference_ns, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
@@ -66,7 +66,7 @@ logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 STATE_PERIOD_NS = to_ns(1 / 10)
-STOOD_STILL_NS = to_ns(0.5)
+PAUSED_NS = to_ns(0.5)
 """After this time between two steps the process was paused. It is many times the usual period, and a coordinator's time
 limit for the answer to an offer."""
 WAKING_NS = to_ns(0.2)
@@ -121,11 +121,11 @@ class LockstepSchedule:
                     turn = plugin.turn
                     turn.depth += 1
                     try:
-                        plugin.deliver_in_turn()
+                        plugin.run_in_turn(steps=False)
                     finally:
                         turn.depth -= 1
                 else:
-                    plugin.deliver()
+                    plugin.run(steps=False)
             mailbox = plugin.holdings.mailbox  # another one if the plugin has faulted
             if mailbox.is_hurried:
                 mailbox.is_hurried = False
@@ -139,11 +139,11 @@ class LockstepSchedule:
                     turn = plugin.turn
                     turn.depth += 1
                     try:
-                        plugin.step_in_turn()
+                        plugin.run_in_turn(steps=True)
                     finally:
                         turn.depth -= 1
                 else:
-                    plugin.run_step()
+                    plugin.run(steps=True)
             if plugin.due_ns != queued[index]:
                 queued[index] = plugin.due_ns
                 heappush(due, (plugin.due_ns, index))
@@ -198,7 +198,7 @@ class AgentHost:
         self.drive = drive
         self.clock = clock
         self.board = Board()
-        self.desk = TaskDesk()
+        self.desk = RobotTasks()
         self._schedule = LockstepSchedule(has_one_thread=has_one_thread) if drive is Drive.LOCKSTEP else None
         self._seed = seed
         self._on_outside = on_outside
@@ -214,11 +214,10 @@ class AgentHost:
         self.wire = self._open_wire()
         live = drive is Drive.LIVE
         self._registry = PluginRegistry(
-            self.name,
-            clock,
-            self.desk,
-            self._make_environment,
-            robot_file.parameters,
+            robot=self.name,
+            clock=clock,
+            make_environment=self._make_environment,
+            parameters=robot_file.parameters,
             has_one_thread=has_one_thread,
             starters=WorkerPool(f"start-{self.name}", START_POOL_TIMEOUT_S, idle_s=IDLE_S) if live else None,
             foreign=ForeignPlugins(self.wire, self.name, lambda: self._registry.halted) if live else None,
@@ -305,18 +304,18 @@ class AgentHost:
         halting = self.halting
         if halting.arrivals.has_some or halting.summaries.has_some:
             halting.receive()
-        if now_ns - self._stepped_ns > STOOD_STILL_NS:
+        if now_ns - self._stepped_ns > PAUSED_NS:
             self._slept_ns, self._awake_ns = self._stepped_ns, now_ns + WAKING_NS
             for extension in self.extensions.values():
                 extension.restart_silence(now_ns)
         if self._inbox.has_some:
             # A process that was stopped finds summaries of any age: they may have come right after its last step.
-            heard_ns = self._slept_ns if now_ns < self._awake_ns else now_ns
+            received_ns = self._slept_ns if now_ns < self._awake_ns else now_ns
             for received in self._inbox.drain():
                 self.desk.coordinator_ahead_ns = clock_difference_ns(received.message.stamp_ns, now_ns)
                 counts = [each.receive_summary(received.message, now_ns) for each in self.extensions.values()]
                 if all(counts):
-                    self.desk.renew_lease(received.message, self.name, heard_ns)
+                    self.desk.renew_lease(received.message, self.name, received_ns)
         self._stepped_ns = now_ns
         for wire in self._wires:
             if wire.has_waiting:
@@ -364,7 +363,7 @@ class AgentHost:
         board = self.board
         self._report_faults()
         self._published_facts = self.desk.facts
-        standing = self.desk.standing(self.clock.now_ns())
+        situation = self.desk.situation(self.clock.now_ns())
         with self._publishing:
             state = RobotState(
                 robot=self.name,
@@ -375,9 +374,9 @@ class AgentHost:
                 battery=board.battery,
                 energy=board.energy,
                 behavior=board.behavior,
-                task=standing.task,
-                next_task=standing.next_task,
-                task_before=standing.before,
+                task=situation.task,
+                next_task=situation.next_task,
+                task_before=situation.before,
                 lost=cut(board.lost),
                 frame=board.frame,
                 map_agreement=board.map_agreement,
@@ -449,7 +448,7 @@ class AgentHost:
         if self._registry.halted:
             return TaskAnswer.refused(RobotHalted())
         now_ns = self.clock.now_ns()
-        if now_ns < self._awake_ns or now_ns - self._stepped_ns > STOOD_STILL_NS:
+        if now_ns < self._awake_ns or now_ns - self._stepped_ns > PAUSED_NS:
             # The coordinator may have given the offer up, or have ended.
             return TaskAnswer.refused(StoodStill())
         self.wire.traces.note(request.asked.task.id, request.trace)

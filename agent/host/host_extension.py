@@ -13,7 +13,7 @@ from typing import Protocol
 
 from robrain.agent.board import Board
 from robrain.agent.host.robot_file import RobotFile
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import Clock
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.team_messages import TeamState
@@ -32,7 +32,7 @@ class ExtendedHost(Protocol):
     wire: Endpoint
     clock: Clock
     board: Board
-    desk: TaskDesk
+    desk: RobotTasks
 
     def follows(self, summary: TeamState) -> bool:
         """Whether a summary is of a coordinator that leads, by the knowledge of all extensions."""

@@ -135,8 +135,7 @@ def _hold(host: VerbHost, request: Request[ask.HoldRequest]) -> ask.Lease:
 
 
 def _release(host: VerbHost, request: Request[ask.ReleaseRequest]) -> bool:
-    plugin = host.manager.get(request.asked.plugin)
-    return host.manager.registry.leases.release(plugin.name, request.asked.by)
+    return host.manager.get(request.asked.plugin).exclusive.end_lease(request.asked.by)
 
 
 def _halt(host: VerbHost, request: Request[ask.HaltRequest]) -> ask.HaltAnswer:

@@ -51,7 +51,7 @@ class DrivenPlugin:
         plugin = self.plugin
         mailbox = plugin.mailbox
         if mailbox and not self.has_gone:
-            plugin.deliver()
+            plugin.run(steps=False)
         period_s = plugin.period_s
         if period_s is not None and not 0.0 < period_s < math.inf:
             raise PluginError(plugin.name, f"expected period_s above 0, or None, got {period_s!r}")
@@ -61,7 +61,7 @@ class DrivenPlugin:
             self._step_due_s = now_s
         self._was_passive = period_s is None
         if period_s is not None and now_s >= self._step_due_s and not self.has_gone:
-            plugin.run_step()
+            plugin.run(steps=True)
             self._step_due_s += period_s
             now_s = time.monotonic()
             if now_s > self._step_due_s:  # the step took longer than its period: missed steps are not caught up

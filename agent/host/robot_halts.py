@@ -144,10 +144,10 @@ class RobotHalts:
                 raise CallError(ErrorCode.REFUSED, f"{self._robot} stays halted: {reason}")
             return self._answer()
 
-    def guard(self, plugin: str, why_not: Callable[[], str]) -> None:
+    def guard(self, plugin: str, reason: Callable[[], str]) -> None:
         """Have a plugin asked before a halt ends, while there is a plugin of that name."""
         with self._acting:
-            self._guards[plugin] = why_not
+            self._guards[plugin] = reason
 
     def mark(self, state: RobotState) -> RobotState:
         """The robot's state with its halts; it is halted when its plugins have been ordered to stop."""

@@ -24,30 +24,15 @@ from robrain.agent.class_import import import_class
 from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, PluginError, PluginHung
 from robrain.agent.event import Event, Mailbox
+from robrain.agent.isolation import messages
 from robrain.agent.isolation.contract import Contract, contract_of, decoder, encode
-from robrain.agent.isolation.messages import (
-    BOARD_TYPES,
-    OWN,
-    WHERE,
-    Begin,
-    CallRequest,
-    Do,
-    Get,
-    Log,
-    Notify,
-    Observe,
-    ObservedEvent,
-    ReadBoard,
-    Request,
-    Use,
-    WriteBoard,
-)
+from robrain.agent.isolation.messages import Request
 from robrain.agent.isolation.peer import Peer, PeerLost
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_output import PluginLogs, PluginOutput, PluginStream
 from robrain.agent.plugin_traceback import raised, traceback_in
-from robrain.agent.task_desk import Accept, LetGo, TaskWork, work_at_place
+from robrain.agent.robot_tasks import Accept, LetGo, TaskWork, work_at_place
 from robrain.algorithms.localization.odometry import YawRate
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.table.topic import Query
@@ -82,9 +67,9 @@ class Parent:
         """Ask, and wait for the answer."""
         return self._peer().ask(request)
 
-    def tell(self, request: Request) -> None:
+    def send(self, request: Request) -> None:
         """Send a message without an answer."""
-        self._peer().tell(request)
+        self._peer().send(request)
 
     def _peer(self) -> Peer:
         return self._calls if threading.get_ident() == self._main else self._asides
@@ -114,14 +99,16 @@ class RemoteHandle:
         if name in contract.events:
             return RemoteEvent(number, name, contract.events[name])
         if name in contract.attributes:
-            return contract.attributes[name].decode(parent.ask(Get(number, name)))
+            return contract.attributes[name].decode(parent.ask(messages.Get(number, name)))
         if name not in contract.functions:
             interface = self.__interface.__name__
             raise AccessDenied(self.__plugin, f"{name} is not in {interface}, the interface of {self.__plugin}")
         signature = contract.functions[name]
 
         def call(*args: Any, **kwargs: Any) -> Any:
-            return signature.read_result(parent.ask(CallRequest(number, name, signature.write_arguments(args, kwargs))))
+            return signature.read_result(
+                parent.ask(messages.CallRequest(number, name, signature.write_arguments(args, kwargs)))
+            )
 
         setattr(self, name, call)
         return call
@@ -139,10 +126,12 @@ class RemoteBoard(Board):
         self.__dict__["_shared"] = {}
 
     def __getattr__(self, name: str) -> Any:
-        return decoder(BOARD_TYPES.get(name, Any)).decode(self.__dict__["_parent"].ask(ReadBoard(name)))
+        return decoder(messages.BOARD_TYPES.get(name, Any)).decode(
+            self.__dict__["_parent"].ask(messages.ReadBoard(name))
+        )
 
     def __setattr__(self, name: str, value: Any) -> None:
-        self.__dict__["_parent"].tell(WriteBoard(name, encode(value)))
+        self.__dict__["_parent"].send(messages.WriteBoard(name, encode(value)))
 
 
 class ChildEnvironment(Environment):
@@ -151,7 +140,7 @@ class ChildEnvironment(Environment):
     `wire` opens a session when it is first used. Functions that an isolated plugin lacks raise PluginError.
     """
 
-    def __init__(self, begin: Begin, parent: Parent, turn: threading.RLock) -> None:
+    def __init__(self, begin: messages.Begin, parent: Parent, turn: threading.RLock) -> None:
         # Not the base's own: it passes requests on to the host, which lies with the parent, and wants a wire, which is
         # opened when it is used.
         self.plugin = begin.plugin
@@ -179,7 +168,7 @@ class ChildEnvironment(Environment):
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """See Environment.use."""
         module = "" if interface.__module__ == self._own_module else interface.__module__
-        number = _NUMBER.decode(self._parent.ask(Use(name, module, interface.__qualname__)))
+        number = _NUMBER.decode(self._parent.ask(messages.Use(name, module, interface.__qualname__)))
         return cast(InterfaceT, RemoteHandle(self._parent, name, interface, number))
 
     def observe(self, event: Event[T], function: Callable[[T], None]) -> None:
@@ -190,9 +179,9 @@ class ChildEnvironment(Environment):
                 self.plugin, f"{self.plugin} can observe events of the plugins that it uses, and no others"
             )
         self._observers.append((function, remote.read))
-        self._parent.ask(Observe(remote.handle, remote.name, len(self._observers)))
+        self._parent.ask(messages.Observe(remote.handle, remote.name, len(self._observers)))
 
-    def told(self, subscription: int, written: bytes) -> None:
+    def receive_event(self, subscription: int, written: bytes) -> None:
         """An event has happened."""
         function, read = self._observers[subscription - 1]
         function(read.decode(written))
@@ -265,27 +254,27 @@ class PluginChild:
         with self._turn:
             self._output.report_dropped()
             match request:
-                case Begin():
+                case messages.Begin():
                     self._begin(request)
-                case Do(function):
+                case messages.Do(function):
                     if function == "deactivate":
                         self._end_actions("the plugin is deactivated")
                     getattr(self._plugin, function)()
                     return encode(self._plugin.period_s)
-                case CallRequest(handle, function, arguments) if handle == OWN:
+                case messages.CallRequest(handle, function, arguments) if handle == messages.OWN:
                     args, kwargs = self._contract.functions[function].read_arguments(arguments)
                     return encode(getattr(self._plugin, function)(*args, **kwargs))
-                case Get(handle, attribute) if handle == OWN:
+                case messages.Get(handle, attribute) if handle == messages.OWN:
                     return encode(getattr(self._plugin, attribute))
-                case ObservedEvent(subscription, value) if self._env is not None:
-                    self._env.told(subscription, value)
+                case messages.ObservedEvent(subscription, value) if self._env is not None:
+                    self._env.receive_event(subscription, value)
                 case _:
                     raise PluginError(self._name, f"{type(request).__name__} is not for this end")
         return b""
 
     def _halt(self, request: Request) -> bytes:
         """An emergency halt, or a question where the plugin is: without the turn, which may never end."""
-        if request == Do(WHERE):
+        if request == messages.Do(messages.WHERE):
             stuck = traceback_in(threading.main_thread().ident or 0, type(self._plugin))
             return encode(raised(PluginHung(self._name, "hangs").with_traceback(stuck)))
         self._end_actions("emergency halt")
@@ -296,7 +285,7 @@ class PluginChild:
         if self._env is not None:
             self._env.end_actions(reason)
 
-    def _begin(self, begin: Begin) -> None:
+    def _begin(self, begin: messages.Begin) -> None:
         sys.path[:] = begin.import_path
         limit = begin.memory_mb * BYTES_PER_MB
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
@@ -315,10 +304,10 @@ class PluginChild:
 
     def _log(self, _plugin: str, level: str, text: str) -> None:
         with suppress(PeerLost):  # the parent has ended and this process is about to, so the log has no reader
-            self._parent.tell(Log(level, text))
+            self._parent.send(messages.Log(level, text))
 
     def _notify(self, name: str, value: Any) -> None:
-        self._parent.tell(Notify(name, encode(value)))
+        self._parent.send(messages.Notify(name, encode(value)))
 
 
 class _Straight(Mailbox):

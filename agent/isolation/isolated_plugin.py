@@ -27,31 +27,15 @@ import msgspec
 from robrain.agent.environment import Environment
 from robrain.agent.errors import AccessDenied, PluginCrashed, PluginError
 from robrain.agent.event import Event
+from robrain.agent.isolation import messages
 from robrain.agent.isolation.contract import Contract, contract_of, decoder, encode
-from robrain.agent.isolation.messages import (
-    BOARD_TYPES,
-    OWN,
-    WHERE,
-    Begin,
-    CallRequest,
-    Do,
-    Get,
-    Log,
-    Notify,
-    Observe,
-    ObservedEvent,
-    ReadBoard,
-    Request,
-    Use,
-    WriteBoard,
-)
+from robrain.agent.isolation.messages import Request
 from robrain.agent.isolation.peer import Peer, PeerLate, PeerLost, Serve
 from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_traceback import Raised, raised_elsewhere
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.wire.endpoint import Drive
 
 logger = logging.getLogger(__name__)
 
@@ -211,12 +195,6 @@ class IsolatedPlugin(Plugin):
 
     def init(self) -> None:
         """Start the process, and run the plugin's own there."""
-        if self.env.wire.drive is Drive.LOCKSTEP:
-            raise PluginError(
-                self.env.plugin,
-                f'{self.env.plugin}: isolation = "process" is for the live drive: '
-                "another process cannot run in lockstep",
-            )
         self._start()
         self._do("init", self._limits.start_s)
 
@@ -230,14 +208,14 @@ class IsolatedPlugin(Plugin):
 
     def step(self) -> None:
         """Run the plugin's own; its period may change with it."""
-        self.period_s = _PERIOD.decode(self._ask(Do("step"), self._limits.call_s))
+        self.period_s = _PERIOD.decode(self._ask(messages.Do("step"), self._limits.call_s))
 
     def deactivate(self) -> None:
         """Run the plugin's own, then end the process."""
         if self._child is None:
             return
         try:
-            self._ask(Do("deactivate"), self._limits.call_s)
+            self._ask(messages.Do("deactivate"), self._limits.call_s)
         finally:
             self._end("was deactivated")
 
@@ -247,7 +225,7 @@ class IsolatedPlugin(Plugin):
         if child is None:
             return
         try:
-            child.halts.ask(Do("emergency_halt"), self._limits.halt_s)
+            child.halts.ask(messages.Do("emergency_halt"), self._limits.halt_s)
         except PeerLost as error:
             raise self._crashed(child, child.how_it_ended()) from error
         except PeerLate as error:
@@ -262,18 +240,18 @@ class IsolatedPlugin(Plugin):
 
     def _call(self, name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
         signature = self._contract.functions[name]
-        request = CallRequest(OWN, name, signature.write_arguments(args, kwargs))
+        request = messages.CallRequest(messages.OWN, name, signature.write_arguments(args, kwargs))
         return signature.read_result(self._ask(request, self._limits.call_s))
 
     def _get(self, name: str) -> Any:
-        return self._contract.attributes[name].decode(self._ask(Get(OWN, name), self._limits.call_s))
+        return self._contract.attributes[name].decode(self._ask(messages.Get(messages.OWN, name), self._limits.call_s))
 
     def _start(self) -> None:
         self._end("is restarted")
         own_module = self._plugin_class.__module__
-        desk = ParentServer(self.env, self, self._contract, own_module, weakref.WeakMethod(self._receive))
+        server = ParentServer(self.env, self, self._contract, own_module, weakref.WeakMethod(self._receive))
         try:
-            child = ChildProcess(self.env.plugin, desk.serve, weakref.WeakMethod(self._on_lost))
+            child = ChildProcess(self.env.plugin, server.serve, weakref.WeakMethod(self._on_lost))
         except OSError as error:
             raise PluginError(self.env.plugin, f"no process for {self.env.plugin}: {error}") from error
         self._child = child
@@ -281,9 +259,9 @@ class IsolatedPlugin(Plugin):
         self._forget = weakref.finalize(self, child.end)
         self._ask(self._begin(), self._limits.start_s)
 
-    def _begin(self) -> Begin:
+    def _begin(self) -> messages.Begin:
         env = self.env
-        return Begin(
+        return messages.Begin(
             robot=env.robot,
             team=env.wire.team,
             plugin=env.plugin,
@@ -299,7 +277,7 @@ class IsolatedPlugin(Plugin):
 
     def _do(self, function: str, limit_s: float) -> None:
         try:
-            self.period_s = _PERIOD.decode(self._ask(Do(function), limit_s))
+            self.period_s = _PERIOD.decode(self._ask(messages.Do(function), limit_s))
         except BaseException:
             self._end(f"has failed in {function}")
             raise
@@ -320,7 +298,7 @@ class IsolatedPlugin(Plugin):
 
     def _receive(self, subscription: int, value: Any) -> None:
         """An event that the plugin observes has happened; in its turn."""
-        self._ask(ObservedEvent(subscription, encode(value)), self._limits.call_s)
+        self._ask(messages.ObservedEvent(subscription, encode(value)), self._limits.call_s)
 
     def _end(self, reason: str) -> None:
         child, self._child = self._child, None
@@ -402,18 +380,18 @@ def _attribute(name: str) -> property:
 def _where(child: ChildProcess) -> Raised:
     """The line that a process is at; empty if it does not answer, as in native code."""
     try:
-        return decoder(Raised).decode(child.halts.ask(Do(WHERE), WHERE_S))  # type: ignore[no-any-return]
+        return decoder(Raised).decode(child.halts.ask(messages.Do(messages.WHERE), WHERE_S))  # type: ignore[no-any-return]
     except Exception:  # noqa: BLE001 - the other end may be in any state, and is about to be killed
         return Raised()
 
 
 def _what(request: Request) -> str:
     match request:
-        case Do(function) | CallRequest(_, function, _):
+        case messages.Do(function) | messages.CallRequest(_, function, _):
             return function
-        case Get(_, attribute):
+        case messages.Get(_, attribute):
             return attribute
-        case ObservedEvent():
+        case messages.ObservedEvent():
             return "an event that it observes"
         case _:
             return "its start"
@@ -440,7 +418,7 @@ def try_import(module: str, file: Path | None, limit_s: float) -> str:
     return how_it_ended(ended.returncode) if ended.returncode < 0 else ""
 
 
-Hear = Callable[[int, Any], None]
+ReceiveEvent = Callable[[int, Any], None]
 
 
 class _Held(NamedTuple):
@@ -456,18 +434,23 @@ class ParentServer:
         plugin: stands for it here, and has its events.
         contract: its functions.
         own_module: where its class is declared.
-        hear: takes a subscription's number and the value of an event that has happened.
+        receive: receives a subscription's number and the value of an event that has happened.
 
     """
 
     def __init__(
-        self, env: Environment, plugin: Plugin, contract: Contract, own_module: str, hear: "weakref.WeakMethod[Hear]"
+        self,
+        env: Environment,
+        plugin: Plugin,
+        contract: Contract,
+        own_module: str,
+        receive: "weakref.WeakMethod[ReceiveEvent]",
     ) -> None:
         self._env = env
         self._plugin = weakref.ref(plugin)
         self._contract = contract
         self._own_module = own_module
-        self._receive = hear
+        self._receive = receive
         self._held: list[_Held] = []
 
     def serve(self, request: Request) -> bytes:
@@ -478,25 +461,25 @@ class ParentServer:
 
         """
         match request:
-            case CallRequest(number, function, arguments):
+            case messages.CallRequest(number, function, arguments):
                 held = self._get(number)
                 args, kwargs = held.contract.functions[function].read_arguments(arguments)
                 return encode(getattr(held.handle, function)(*args, **kwargs))
-            case Get(number, attribute):
+            case messages.Get(number, attribute):
                 return encode(getattr(self._get(number).handle, attribute))
-            case Use(plugin, module, name):
+            case messages.Use(plugin, module, name):
                 interface = self._interface(plugin, module, name)
                 self._held.append(_Held(self._env.use(plugin, interface), Contract(interface)))
                 return encode(len(self._held))
-            case Observe(number, event, subscription):
+            case messages.Observe(number, event, subscription):
                 self._observe(getattr(self._get(number).handle, event), subscription)
-            case ReadBoard(name):
+            case messages.ReadBoard(name):
                 return encode(getattr(self._env.board, name))
-            case WriteBoard(name, value):
+            case messages.WriteBoard(name, value):
                 self._write_board(name, value)
-            case Notify(event, value):
+            case messages.Notify(event, value):
                 self._notify(event, value)
-            case Log(level, text):
+            case messages.Log(level, text):
                 plugin, number = self._env.plugin, logging.getLevelNamesMapping().get(level.upper(), logging.INFO)
                 logging.getLogger(plugin).log(number, text, extra={"plugin": plugin})
             case _:
@@ -518,7 +501,7 @@ class ParentServer:
 
     def _write_board(self, name: str, written: bytes) -> None:
         try:
-            setattr(self._env.board, name, decoder(BOARD_TYPES.get(name, Any)).decode(written))
+            setattr(self._env.board, name, decoder(messages.BOARD_TYPES.get(name, Any)).decode(written))
         except msgspec.ValidationError as error:
             logger.error("%s: on the board, %s: %s", self._env.plugin, name, error)  # noqa: TRY400 - the message says it all, no traceback needed
 

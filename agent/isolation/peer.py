@@ -80,7 +80,7 @@ class Peer:
                     raise PeerLate
                 self._answer(frame, limit_s)
 
-    def tell(self, request: Request) -> None:
+    def send(self, request: Request) -> None:
         """Send a message without an answer."""
         with self._lock:
             self._send(request, None)

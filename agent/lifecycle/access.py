@@ -6,7 +6,7 @@ other. The router decides which participants may address a robot at all.
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
@@ -14,11 +14,12 @@ from robrain.agent.environment import Environment
 from robrain.agent.errors import FOREIGN_ERRORS, AccessDenied, ForeignError, PluginBusy, PluginError, PluginUnloaded
 from robrain.agent.event import Event, ObservableEvent
 from robrain.agent.lifecycle.external_function import ExternalFunction, find_function
+from robrain.agent.lifecycle.plugin_code import PluginCode
 from robrain.agent.lifecycle.turn import PluginLock
 from robrain.agent.manifest import ANYBODY, COMMAND, Manifest
 from robrain.agent.plugin import UNLOCKED_MARK, Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import log_error
-from robrain.agent.task_desk import Accept, LetGo, TaskWork
+from robrain.agent.robot_tasks import Accept, LetGo, TaskWork
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.keys import check_name
@@ -47,14 +48,12 @@ class AccessiblePlugin(Protocol):
     """The instance while it may be called, else None."""
     environment: Environment | None
     """The environment of its instance, the present one or the one that is being made."""
+    imported_code: PluginCode | None
+    """Its class and functions; None if its class has not been imported, or cannot be."""
 
     @property
     def plugin_class(self) -> type[Plugin]:
         """Its class (ManifestError if it cannot be imported)."""
-
-    @property
-    def functions(self) -> Mapping[str, ExternalFunction] | None:
-        """Its external functions by name; None if its class could not be imported."""
 
     def live_plugin(self) -> Plugin:
         """The instance, if it may be called now (PluginInactive, PluginUnloaded if not)."""
@@ -111,93 +110,37 @@ def _offers(own: type, wanted: type) -> bool:
     return any((base.__module__, base.__qualname__) == name for base in own.__mro__)
 
 
-class ExternalLeases:
-    """The leases of one robot. May be used from any thread; a lease that has run out is as none.
-
-    Args:
-        clock: the run's clock.
-
-    """
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._leases: dict[str, Lease] = {}
-        """How long each was given for."""
-
-    def grant(self, plugin: str, holder: str, lease_s: float) -> Lease:
-        """Give a plugin to a holder, from now on for this long; the holder's own lease is renewed by it.
-
-        Raises:
-            PluginBusy: another one holds it.
-            BadName: the holder's name cannot be one.
-
-        """
-        role, _, name = holder.rpartition(":")  # in a secured team: `operator:ann`
-        for part in (name, role) if role else (holder,):
-            check_name("holder", part)
-        with self._lock:
-            found = self._valid(plugin)
-            if found is not None and found.holder != holder:
-                raise PluginBusy(plugin, found.holder)
-            lease = Lease(plugin=plugin, holder=holder, until_ns=self._clock.now_ns() + to_ns(lease_s))
-            self._leases[plugin] = lease
-            return lease
-
-    def release(self, plugin: str, holder: str) -> bool:
-        """End a holder's lease; False if it has none."""
-        with self._lock:
-            found = self._valid(plugin)
-            if found is None or found.holder != holder:
-                return False
-            del self._leases[plugin]
-            return True
-
-    def drop(self, plugin: str) -> None:
-        """End an existing lease: the plugin goes."""
-        with self._lock:
-            self._leases.pop(plugin, None)
-
-    def holder(self, plugin: str) -> str:
-        """The outside holder of a plugin; empty if there is none."""
-        with self._lock:
-            found = self._valid(plugin)
-            return found.holder if found is not None else ""
-
-    def _valid(self, plugin: str) -> Lease | None:
-        found, now_ns = self._leases.get(plugin), self._clock.now_ns()
-        if found is None:
-            return None
-        if now_ns >= found.until_ns:
-            del self._leases[plugin]
-            return None
-        return found
-
-
 class ExclusiveUse:
-    """The exclusive use of one plugin; it may be asked for on any thread.
+    """The exclusive use of one plugin: by another plugin, or by a client that leases it. May be used on any thread.
 
     Args:
         plugin: its name.
-        leases: the robot's, of those outside.
+        clock: the run's clock; a lease that has run out is as none.
 
     """
 
-    def __init__(self, plugin: str, leases: ExternalLeases) -> None:
+    def __init__(self, plugin: str, clock: Clock) -> None:
         self.inside = ""
         """The plugin that holds it; empty if none does."""
         self._plugin = plugin
-        self._leases = leases
+        self._clock = clock
+        self._lease: Lease | None = None
         self._deciding = threading.Lock()
+
+    @property
+    def outside(self) -> str:
+        """The client that holds it; empty if none does."""
+        lease = self._lease
+        return lease.holder if lease is not None and self._clock.now_ns() < lease.until_ns else ""
 
     @property
     def by(self) -> str:
         """The holder, inside or outside; empty if there is none."""
-        return self.inside or self._leases.holder(self._plugin)
+        return self.inside or self.outside
 
     def rival_of(self, by: str) -> str:
-        """The holder that keeps an outside caller from the plugin; empty if there is none."""
-        outside = self._leases.holder(self._plugin)
+        """The holder that keeps a client from the plugin; empty if there is none."""
+        outside = self.outside
         return self.inside or (outside if outside != by else "")
 
     def keep(self, user: AccessiblePlugin, *, granted: bool = False) -> None:
@@ -211,17 +154,30 @@ class ExclusiveUse:
                 self.inside = user.name
 
     def lease(self, by: str, lease_s: float) -> Lease:
-        """Lease it to a client for a time, or longer if the client has it.
+        """Lease it to a client from now on for a time; a client's own lease is renewed by it.
 
         Raises:
             PluginBusy: another holder has it.
             BadName: the holder's name cannot be one.
 
         """
+        role, _, name = by.rpartition(":")  # in a secured team: `operator:ann`
+        for part in (name, role) if role else (by,):
+            check_name("holder", part)
         with self._deciding:
-            if self.inside:
-                raise PluginBusy(self._plugin, self.inside)
-            return self._leases.grant(self._plugin, by, lease_s)
+            if rival := self.rival_of(by):
+                raise PluginBusy(self._plugin, rival)
+            until_ns = self._clock.now_ns() + to_ns(lease_s)
+            self._lease = Lease(plugin=self._plugin, holder=by, until_ns=until_ns)
+            return self._lease
+
+    def end_lease(self, by: str) -> bool:
+        """End a client's lease; False if it has none."""
+        with self._deciding:
+            if not by or self.outside != by:
+                return False
+            self._lease = None
+            return True
 
 
 class Handle:
@@ -343,43 +299,27 @@ def _names_in(interface: type) -> set[str]:
     return {name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))}
 
 
-def external_function(callee: AccessiblePlugin, function: str, by: str) -> ExternalFunction:
-    """An external function that a client may call now.
+def call_from_outside(
+    callee: AccessiblePlugin, function: str, by: str, call: Callable[[ExternalFunction, Plugin], Any]
+) -> Any:
+    """Call an external function for a client, in the plugin's turn unless the function needs none.
 
     Args:
         callee: plugin of the function.
         function: its external name, or that of one signature.
         by: name of the caller; only the holder may call a plugin that is held.
+        call: calls the function of the instance.
 
     Raises:
         CallError: with the code of the reason.
 
     """
-    if COMMAND not in callee.manifest.tag.visibility:
-        raise CallError(ErrorCode.FORBIDDEN, f"{callee.name} is not open to the outside")
-    functions = callee.functions
-    if functions is None:
-        raise CallError(ErrorCode.INACTIVE, f"{callee.name} is {callee.state}: {callee.why}")
-    known = find_function(functions, function)
-    if known is None:
-        names = ", ".join(functions) or "none"
-        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"{callee.name} has no function {function}; it has: {names}")
-    if callee.state is PluginState.HALTED:
-        raise CallError(ErrorCode.HALTED, f"{callee.name} is halted")
-    if not callee.manifest.tag.shared:
-        holder = callee.exclusive.rival_of(by)
-        if holder:
-            raise CallError(ErrorCode.BUSY, str(PluginBusy(callee.name, holder)), holder)
-    return known
-
-
-def call_from_outside(callee: AccessiblePlugin, known: ExternalFunction, call: Callable[[Plugin], Any]) -> Any:
-    """Call a plugin that is live, in its turn unless the function needs none (CallError if it refuses)."""
+    known = _external_function(callee, function, by)
     try:
         if known.unlocked:
-            return call(callee.live_plugin())
+            return call(known, callee.live_plugin())
         with callee.turn:
-            return call(callee.live_plugin())
+            return call(known, callee.live_plugin())
     except CallError:
         raise
     except PluginError as error:
@@ -388,6 +328,25 @@ def call_from_outside(callee: AccessiblePlugin, known: ExternalFunction, call: C
         kind = type(error).__name__
         detail = log_error(logger, f"plugin {callee.name}: {known.name} failed: {kind}", error)
         raise CallError(ErrorCode.FAILED, f"{kind}: {error}", detail) from error
+
+
+def _external_function(callee: AccessiblePlugin, function: str, by: str) -> ExternalFunction:
+    if COMMAND not in callee.manifest.tag.visibility:
+        raise CallError(ErrorCode.FORBIDDEN, f"{callee.name} is not open to the outside")
+    code = callee.imported_code
+    if code is None:
+        raise CallError(ErrorCode.INACTIVE, f"{callee.name} is {callee.state}: {callee.why}")
+    known = find_function(code.functions, function)
+    if known is None:
+        names = ", ".join(code.functions) or "none"
+        raise CallError(ErrorCode.UNKNOWN_FUNCTION, f"{callee.name} has no function {function}; it has: {names}")
+    if callee.state is PluginState.HALTED:
+        raise CallError(ErrorCode.HALTED, f"{callee.name} is halted")
+    if not callee.manifest.tag.shared:
+        holder = callee.exclusive.rival_of(by)
+        if holder:
+            raise CallError(ErrorCode.BUSY, str(PluginBusy(callee.name, holder)), holder)
+    return known
 
 
 def task_handlers(
@@ -408,10 +367,10 @@ def task_handlers(
             plugin.blame(error)
             return _refused_by_state(plugin, f": {cut(plugin.why or str(error))}")
 
-    def release_in_turn(why: str) -> None:
+    def release_in_turn(reason: str) -> None:
         try:
             with plugin.turn:
-                let_go(why)
+                let_go(reason)
         except FOREIGN_ERRORS as error:  # foreign plugin code
             plugin.blame(error)
 

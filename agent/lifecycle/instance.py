@@ -1,61 +1,44 @@
 """One instance of a plugin with all objects made for it, and its resources while it is active."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.event import Event, Mailbox, ObservableEvent
-from robrain.agent.lifecycle.access import AccessiblePlugin, ExternalLeases
+from robrain.agent.lifecycle.access import AccessiblePlugin
 from robrain.agent.lifecycle.plugin_code import PluginCode
 from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.plugin import Plugin
-from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
+from robrain.agent.robot_tasks import Accept, LetGo, RobotTasks, TaskWork
 from robrain.protocol.clock import Clock
 from robrain.protocol.wire.endpoint import Endpoint
 
 MakeEnvironment = Callable[[PluginRequests], Environment]
 
 
-class RobotContext:
-    """The part of a robot that its plugins use.
+@dataclass(eq=False, kw_only=True)
+class RobotContext(ABC):
+    """The part of a robot that its plugins use."""
 
-    Args:
-        robot: its name.
-        clock: the run's clock.
-        desk: where behaviors register for tasks.
-        make_environment: makes the environment of a plugin.
-        parameters: for each plugin, parameters that override its manifest's.
-        has_one_thread: whether nothing but the lockstep runner's own thread ever calls a plugin.
-        starters: starts plugins, in live; one that hangs while it is started is abandoned.
-
-    """
-
-    def __init__(
-        self,
-        robot: str,
-        clock: Clock,
-        desk: TaskDesk,
-        make_environment: MakeEnvironment,
-        parameters: Mapping[str, Mapping[str, Any]],
-        *,
-        has_one_thread: bool = False,
-        starters: WorkerPool | None = None,
-    ) -> None:
-        self.robot = robot
-        self.clock = clock
-        self.desk = desk
-        self.make_environment = make_environment
-        self.leases = ExternalLeases(clock)
-        self.halted = False
-        self.halts = 0
-        """How often it was halted."""
-        self.has_one_thread = has_one_thread
-        self.starters = starters
-        self.newly_running = False
-        """Whether a plugin runs that did not, since the host last started those that lacked one."""
-        self._parameters = parameters
+    robot: str
+    """Its name."""
+    clock: Clock
+    make_environment: MakeEnvironment
+    parameters: Mapping[str, Mapping[str, Any]]
+    """For each plugin, parameters that override its manifest's."""
+    has_one_thread: bool = False
+    """Whether nothing but the lockstep runner's own thread ever calls a plugin."""
+    starters: WorkerPool | None = None
+    """Starts plugins, in live; one that hangs while it is started is abandoned."""
+    halted: bool = False
+    halts: int = 0
+    """How often it was halted."""
+    newly_running: bool = False
+    """Whether a plugin runs that did not, since the host last started those that lacked one."""
 
     @property
     def is_live(self) -> bool:
@@ -64,23 +47,23 @@ class RobotContext:
 
     def parameters_of(self, name: str) -> Mapping[str, Any]:
         """Parameters of a plugin in the robot's own file."""
-        return self._parameters.get(name, {})
+        return self.parameters.get(name, {})
 
+    @abstractmethod
     def request(self, caller: AccessiblePlugin, name: str, interface: type) -> object:
         """A handle on another plugin (PluginMissing, AccessDenied, PluginBusy)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def release(self, name: str) -> None:
         """A plugin holds no other any more."""
-        raise NotImplementedError
 
+    @abstractmethod
     def record_fault(self, plugin: Any) -> None:
-        """A plugin has faulted; the host's own step handles it."""
-        raise NotImplementedError
+        """A plugin has faulted; its users' locks must not be taken from below, so the host's step handles it."""
 
+    @abstractmethod
     def excuses(self, plugin: AccessiblePlugin, error: BaseException) -> bool:
-        """Whether an error that a plugin raised is the fault of another plugin, or of a halt."""
-        raise NotImplementedError
+        """Whether an error that a plugin raised is the fault of one that it requires, or of a halt."""
 
 
 class Instance(msgspec.Struct, frozen=True, eq=False):
@@ -127,21 +110,13 @@ class Instance(msgspec.Struct, frozen=True, eq=False):
 
 
 class Holdings:
-    """Records the resources of one plugin, and releases all of them at once.
+    """Records the events that one plugin observes and its kinds of tasks, and releases all of them at once."""
 
-    Args:
-        plugin: its name.
-        context: its robot.
-
-    """
-
-    def __init__(self, plugin: str, context: RobotContext) -> None:
+    def __init__(self) -> None:
         self.mailbox = Mailbox()
         """Where notifications wait for the plugin; another one after each `release`."""
-        self._plugin = plugin
-        self._context = context
         self._observed: list[Event[Any] | ObservableEvent[Any]] = []
-        self._tasks: list[tuple[TaskDesk, str]] = []
+        self._tasks: list[tuple[RobotTasks, str]] = []
 
     def observe(self, event: Event[Any] | ObservableEvent[Any], function: Callable[[Any], None]) -> None:
         """Notify the plugin of an event, through its mailbox."""
@@ -152,7 +127,7 @@ class Holdings:
         """Have the mailbox, and those after it, set this place of `bell` when something arrives."""
         self.mailbox.bell, self.mailbox.bell_index = bell, index
 
-    def do_tasks(self, desk: TaskDesk, kind: str, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
+    def do_tasks(self, desk: RobotTasks, kind: str, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
         """Have the plugin do tasks of a kind."""
         desk.register(kind, accept, let_go, work)
         self._tasks.append((desk, kind))
@@ -168,5 +143,3 @@ class Holdings:
             event.remove(before)
         for desk, kind in tasks:
             desk.unregister(kind)
-        self._context.release(self._plugin)
-        self._context.leases.drop(self._plugin)

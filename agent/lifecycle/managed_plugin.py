@@ -5,7 +5,7 @@ It holds the plugin's manifest, its state and its instance. A restart or a reloa
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, TypeVar, cast
 
@@ -29,11 +29,9 @@ from robrain.agent.lifecycle.access import (
     call_from_outside,
     check_outside,
     check_use,
-    external_function,
     query_handler,
     task_handlers,
 )
-from robrain.agent.lifecycle.external_function import ExternalFunction
 from robrain.agent.lifecycle.instance import Holdings, Instance, RobotContext
 from robrain.agent.lifecycle.plugin_code import PluginCode, check_parameters, import_code
 from robrain.agent.lifecycle.transitions import Effect, Trigger, transition
@@ -41,7 +39,7 @@ from robrain.agent.lifecycle.turn import LockstepTurn, PluginLock
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Level, Plugin, PluginState
 from robrain.agent.plugin_traceback import end_thread, raised, traceback_in
-from robrain.agent.task_desk import Accept, LetGo, TaskDesk, TaskWork
+from robrain.agent.robot_tasks import Accept, LetGo, RobotTasks, TaskWork
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.host_messages import Lease
 from robrain.protocol.table.topic import Query
@@ -80,7 +78,7 @@ class ManagedPlugin:
         self._context = context
         self.turn = self._new_turn()
         """The plugin's lock."""
-        self.exclusive = ExclusiveUse(self.name, context.leases)
+        self.exclusive = ExclusiveUse(self.name, context.clock)
         """The plugin's exclusive use, if it is not shared."""
         self.overruns = self.restarts = 0
         self.generation = 0
@@ -91,8 +89,9 @@ class ManagedPlugin:
         """When its next step is due, in lockstep."""
         self.environment: Environment | None = None
         """The environment of the instance, the present one or the one that is being made."""
-        self.holdings = Holdings(self.name, context)
-        self._code: PluginCode | None = None
+        self.holdings = Holdings()
+        self.imported_code: PluginCode | None = None
+        """The plugin's class and functions; None if its class has not been imported, or cannot be."""
         self.instance: Instance | None = None
         self.callable: Plugin | None = None
         """The plugin itself while it may be called; see `live_plugin`."""
@@ -106,19 +105,9 @@ class ManagedPlugin:
     @property
     def code(self) -> PluginCode:
         """The plugin's class and functions; imported on first use (ManifestError if that fails)."""
-        if self._code is None:
-            self._code = import_code(self.manifest, live=self._context.is_live)
-        return self._code
-
-    @property
-    def imported_code(self) -> PluginCode | None:
-        """The plugin's class and functions; None if its class has not been imported, or cannot be."""
-        return self._code
-
-    @property
-    def functions(self) -> Mapping[str, ExternalFunction] | None:
-        """The plugin's external functions by name; None if its class could not be imported."""
-        return self._code.functions if self._code is not None else None
+        if self.imported_code is None:
+            self.imported_code = import_code(self.manifest, live=self._context.is_live)
+        return self.imported_code
 
     @property
     def plugin_class(self) -> type[Plugin]:
@@ -128,7 +117,7 @@ class ManagedPlugin:
     @property
     def level(self) -> Level:
         """The plugin's level; the highest if its class could not be imported."""
-        return self._code.plugin_class.level if self._code is not None else max(Level)
+        return self.imported_code.plugin_class.level if self.imported_code is not None else max(Level)
 
     @property
     def period_s(self) -> float | None:
@@ -187,12 +176,12 @@ class ManagedPlugin:
         """Its manifest's parameters, overridden by the robot's file."""
         return {**self.manifest.parameters, **self._context.parameters_of(self.name)}
 
-    def apply(self, trigger: Trigger, why: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
+    def apply(self, trigger: Trigger, reason: str = "", error: BaseException | None = None, *, lacks: str = "") -> None:
         """Change the state by the table of transitions, and run its actions; the only way to do either.
 
         Args:
             trigger: trigger of the transition.
-            why: the reason in words; the state keeps its reason if this is empty and the state stays.
+            reason: the reason in words; the state keeps its reason if this is empty and the state stays.
             error: error of the plugin's code, if any.
             lacks: the plugin that it requires and that does not run, if this is the reason.
 
@@ -204,18 +193,18 @@ class ManagedPlugin:
         steps = transition(self.name, self.state, trigger).steps
         wait_s = next((WAITS_S[step] for step in steps if step in WAITS_S), None)
         if wait_s is None or self.instance is None:
-            self._follow(trigger, why, error, lacks)
+            self._follow(trigger, reason, error, lacks)
             return
         turn = self.turn
         if turn.acquire(wait_s):
             try:
-                self._follow(trigger, why, error, lacks)
+                self._follow(trigger, reason, error, lacks)
             finally:
                 turn.release()
             return
         logger.error("%s: plugin %s hangs and is abandoned", self._context.robot, self.name)
-        self.apply(Trigger.ABANDON, why or self.why or "hangs", lacks=lacks)
-        self.apply(trigger, why, error, lacks=lacks)
+        self.apply(Trigger.ABANDON, reason or self.why or "hangs", lacks=lacks)
+        self.apply(trigger, reason, error, lacks=lacks)
 
     def _follow(self, trigger: Trigger, reason: str, error: BaseException | None, lacks: str) -> None:
         needs = error.needed if isinstance(error, PackageMissing) else ""
@@ -266,7 +255,7 @@ class ManagedPlugin:
     def stuck_at(self) -> TracebackType | None:
         """Where a thread is in the plugin, also in an instance that was abandoned; None if none is."""
         thread = self.turn.owner or self._stuck
-        return traceback_in(thread, self.plugin_class) if thread and self._code is not None else None
+        return traceback_in(thread, self.plugin_class) if thread and self.imported_code is not None else None
 
     def _leave(self) -> None:
         self._stuck = self.turn.owner
@@ -283,6 +272,8 @@ class ManagedPlugin:
         if self.instance is not None:
             self.instance.environment.end(self.why or f"{self.name} is {self.state}")
         self.holdings.release()
+        self._context.release(self.name)
+        self.exclusive.end_lease(self.exclusive.outside)
 
     def load(self) -> None:
         """Create the plugin with its checked parameters and environment, and call its `init`."""
@@ -322,7 +313,7 @@ class ManagedPlugin:
 
     def swap(self, instance: Instance | None, manifest: Manifest, code: PluginCode | None) -> None:
         """Have this instance, made from this manifest and code."""
-        self.manifest, self._code, self.instance = manifest, code, instance
+        self.manifest, self.imported_code, self.instance = manifest, code, instance
         self.environment = instance.environment if instance is not None else None
         self.turn.set_limit(manifest.tag.hang_s)
         self._update_callable()
@@ -390,44 +381,25 @@ class ManagedPlugin:
         if environment.has_gone:
             raise PluginHung(self.name, f"this instance of {self.name} was abandoned")
 
-    def run_step(self) -> None:
-        """Deliver its notifications, then run the plugin's own step; a plugin that raises is faulted."""
-        self._run(self.step_in_turn)
-
-    def deliver(self) -> None:
-        """Deliver its notifications, between two steps or to a passive plugin."""
-        self._run(self.deliver_in_turn)
-
-    def _run(self, do: Callable[[], None]) -> None:
+    def run(self, *, steps: bool) -> None:
+        """As `run_in_turn`, after waiting for the plugin's turn; not while a caller is stuck in it."""
         turn = self.turn
-        if not turn.acquire(turn.limit_s):
-            return  # a caller is stuck in it: the host handles that
-        try:
-            do()
-        finally:
-            turn.release()
+        if turn.acquire(turn.limit_s):
+            try:
+                self.run_in_turn(steps=steps)
+            finally:
+                turn.release()
 
-    def step_in_turn(self) -> None:
-        """As `run_step`, for a runner that has the plugin's turn."""
+    def run_in_turn(self, *, steps: bool) -> None:
+        """Deliver its notifications, and if it `steps` run its own step, for a runner that has the plugin's turn."""
         instance = self.instance
         if self.state is not PluginState.ACTIVE or instance is None:
             return
         try:
             if self.holdings.mailbox.waiting:
                 self.holdings.mailbox.deliver()
-            if instance.plugin.period_s is not None:
+            if steps and instance.plugin.period_s is not None:
                 instance.plugin.step()
-        except FOREIGN_ERRORS as error:  # foreign plugin code
-            if instance is self.instance:
-                self.blame(error)
-
-    def deliver_in_turn(self) -> None:
-        """As `deliver`, for a runner that has the plugin's turn."""
-        instance = self.instance
-        if self.state is not PluginState.ACTIVE or instance is None:
-            return
-        try:
-            self.holdings.mailbox.deliver()
         except FOREIGN_ERRORS as error:  # foreign plugin code
             if instance is self.instance:
                 self.blame(error)
@@ -454,9 +426,9 @@ class ManagedPlugin:
         if environment is not None:
             environment.wire.answer(topic, query_handler(self, environment, handler), serve=Serve.AT_ONCE, **names)
 
-    def do_tasks(self, desk: TaskDesk, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
+    def do_tasks(self, desk: RobotTasks, accept: Accept, let_go: LetGo, work: TaskWork) -> None:
         """Register the plugin at the desk; it is called with its lock held, and only while it is active."""
-        task_kind = self._code.task_kind if self._code is not None else None
+        task_kind = self.imported_code.task_kind if self.imported_code is not None else None
         if task_kind is None:
             raise PluginError(self.name, f"{self.name} cannot take tasks: its class declares no `kind`")
         self.holdings.do_tasks(desk, task_kind.kind, *task_handlers(self, accept, let_go, work))
@@ -495,10 +467,8 @@ class ManagedPlugin:
         `payload` is an array by position, an object by name, or nothing. `by` names the caller: only the holder may
         call a plugin that is held (CallError with the code of the reason).
         """
-        known = external_function(self, function, by)
-        return call_from_outside(self, known, lambda plugin: known.call(plugin, payload))
+        return call_from_outside(self, function, by, lambda known, plugin: known.call(plugin, payload))
 
     def call_external_text(self, function: str, words: list[str], *, by: str = "") -> str:
         """Call an external function with arguments as text; the result is text as well (CallError as above)."""
-        known = external_function(self, function, by)
-        return str(call_from_outside(self, known, lambda plugin: known.call_text(plugin, words)))
+        return str(call_from_outside(self, function, by, lambda known, plugin: known.call_text(plugin, words)))

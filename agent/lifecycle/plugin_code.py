@@ -98,8 +98,8 @@ def _task_kind(plugin_class: type[Plugin]) -> TaskKind | None:
         return None
     check_name("kind of task", plugin_class.kind)
     names = {field.encode_name for field in msgspec.structs.fields(plugin_class.task_parameters)}
-    if taken := sorted(names & set(Task.__struct_fields__)):
-        raise ValueError(f"task_parameters: {taken[0]} is a field of every task; give the parameter another name")
+    if reserved := sorted(names & set(Task.__struct_fields__)):
+        raise ValueError(f"task_parameters: {reserved[0]} is a field of every task; give the parameter another name")
     return TaskKind(
         kind=plugin_class.kind,
         doc=(plugin_class.__doc__ or "").strip().partition("\n")[0],

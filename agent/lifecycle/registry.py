@@ -3,56 +3,34 @@
 import zlib
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
-from typing import Any
 
 import msgspec
 
 from robrain.agent.errors import PluginCrashed, PluginError, PluginInactive, PluginMissing
 from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins
 from robrain.agent.lifecycle.access import AccessiblePlugin, Handle, level_conflict
-from robrain.agent.lifecycle.instance import MakeEnvironment, RobotContext
+from robrain.agent.lifecycle.instance import RobotContext
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.lifecycle.worker_pool import WorkerPool
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import causes_of, where_raised
-from robrain.agent.task_desk import TaskDesk
-from robrain.protocol.clock import Clock
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
 from robrain.protocol.messages.robots.robot_messages import PluginFault
 from robrain.protocol.model.ranges import cut
 
 
+@dataclass(eq=False, kw_only=True)
 class PluginRegistry(RobotContext):
-    """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock.
+    """Knows the plugins of one robot; its dict of them is replaced, never changed, so that readers need no lock."""
 
-    Args:
-        foreign: plugins in separate processes, in live.
-        robot, clock, desk, make_environment, parameters, has_one_thread, starters: see RobotContext.
-
-    """
-
-    def __init__(
-        self,
-        robot: str,
-        clock: Clock,
-        desk: TaskDesk,
-        make_environment: MakeEnvironment,
-        parameters: Mapping[str, Mapping[str, Any]],
-        *,
-        has_one_thread: bool = False,
-        starters: WorkerPool | None = None,
-        foreign: ForeignPlugins | None = None,
-    ) -> None:
-        super().__init__(
-            robot, clock, desk, make_environment, parameters, has_one_thread=has_one_thread, starters=starters
-        )
-        self.plugins: dict[str, ManagedPlugin] = {}
-        """Requirements before those that require them."""
-        self.foreign = foreign
-        self.new_faults: deque[ManagedPlugin] = deque()
-        """Plugins that have faulted since the host's last look at them."""
+    foreign: ForeignPlugins | None = None
+    """Plugins in separate processes, in live."""
+    plugins: dict[str, ManagedPlugin] = field(default_factory=dict)
+    """Requirements before those that require them."""
+    new_faults: deque[ManagedPlugin] = field(default_factory=deque)
+    """Plugins that have faulted since the host's last look at them."""
 
     def get(self, name: str) -> ManagedPlugin:
         """The plugin of a name (PluginMissing if there is none)."""

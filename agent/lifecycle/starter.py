@@ -61,7 +61,7 @@ class Replacement:
         self._old = plugin.instance
         self._old_code = plugin.imported_code
         self._old_manifest = plugin.manifest
-        self._before, self._why = plugin.state, plugin.why
+        self._before, self._reason = plugin.state, plugin.why
         self._stage = _Stage.MAKING
 
     def run(self) -> None:
@@ -87,11 +87,11 @@ class Replacement:
         if self._old is not None:
             self._old.close()
 
-    def give_up(self, why: str) -> Callable[[], None]:
+    def give_up(self, reason: str) -> Callable[[], None]:
         """A thread is stuck in the new instance: abandon it and restore the old one in its place.
 
         Args:
-            why: the reason, for a plugin that has no instance then: they are stuck in the old one.
+            reason: the reason, for a plugin that has no instance then: they are stuck in the old one.
 
         Returns:
             The remaining work, which may be slow.
@@ -100,7 +100,7 @@ class Replacement:
         stage, self._stage = self._stage, _Stage.GIVEN_UP
         plugin = self._plugin
         if stage in (_Stage.LEAVING, _Stage.DONE):
-            plugin.apply(Trigger.ABANDON, why)
+            plugin.apply(Trigger.ABANDON, reason)
         elif stage is _Stage.MAKING:
             plugin.leave_new()
             if self._old is not None:
@@ -133,12 +133,12 @@ class Replacement:
     def _put_back(self, trigger: Trigger) -> None:
         """End the new instance and have the old one again, in the state that it was in if that is not to be started."""
         plugin, old = self._plugin, self._old
-        plugin.apply(trigger, self._why)
+        plugin.apply(trigger, self._reason)
         plugin.swap(old, self._old_manifest, self._old_code)
         if old is not None:
             old.take_over(old)
         if self._before is PluginState.FAULTED:
-            plugin.apply(Trigger.LEAVE_OUT, self._why)
+            plugin.apply(Trigger.LEAVE_OUT, self._reason)
 
     def _start_old(self) -> None:
         if self._old is None or not self._before.is_running:

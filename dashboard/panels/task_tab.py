@@ -6,8 +6,7 @@ from typing import Any
 import msgspec
 import viser
 
-from robrain.client.errors import BadTask
-from robrain.client.submission import submission_of
+from robrain.client.submission import BadTask, submission_of
 from robrain.dashboard.html.elements import CLOSE_MARK, cut, render
 from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue_html
 from robrain.dashboard.panels.function_form import FormField, FormPanel, fields_of

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw
 
-from robrain.client.errors import BadTask
+from robrain.client.submission import BadTask
 from robrain.client.team import Team
 from robrain.deploy.assistant.arguments import (
     Arguments,

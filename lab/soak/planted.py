@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks import reconcile as reconciling
 from robrain.coordinator.tasks import task_lifecycle
@@ -44,7 +44,7 @@ def _epoch_not_raised() -> list[Patch]:
 
 
 def _lease_not_kept() -> list[Patch]:
-    return [(TaskDesk, "check_lease", lambda self, now_ns: None)]
+    return [(RobotTasks, "check_lease", lambda self, now_ns: None)]
 
 
 def _journal_late() -> list[Patch]:

@@ -5,8 +5,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.client.errors import BadTask
-from robrain.client.submission import submission_of
+from robrain.client.submission import BadTask, submission_of
 from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox

@@ -5,7 +5,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
+from robrain.agent.robot_tasks import DONE_REPORTED_S, RobotTasks
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
@@ -20,7 +20,7 @@ from tests.plain_reason import Plain
 
 @pytest.fixture
 def desk():
-    return TaskDesk()
+    return RobotTasks()
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_what_is_for_after_a_task_that_the_robot_is_not_at_is_refused(desk, expl
     assert hold(desk, after="t0").reason == Plain("not_at_task", task="t0")
     desk.halted()
     assert hold(desk).reason == Plain("not_at_task", task="t1")
-    assert TaskDesk().offer(offer(after="t0"), 0).reason == Plain("not_at_task", task="t0")
+    assert RobotTasks().offer(offer(after="t0"), 0).reason == Plain("not_at_task", task="t0")
 
 
 def test_what_no_behavior_does_is_not_held(desk, explorer):
@@ -163,15 +163,15 @@ def test_the_end_of_the_lease_forgets_what_is_held(desk, explorer):
 
 def test_how_long_a_task_takes_is_told_while_it_runs(desk, explorer):
     desk.foresee("t0", to_ns(9.0))
-    assert desk.standing(to_ns(1.0)).task.remaining_s is None
+    assert desk.situation(to_ns(1.0)).task.remaining_s is None
     desk.foresee("t1", to_ns(3.5))
-    assert desk.standing(to_ns(1.0)).task.remaining_s == 2.5
-    assert desk.standing(to_ns(5.0)).task.remaining_s == 0.0
+    assert desk.situation(to_ns(1.0)).task.remaining_s == 2.5
+    assert desk.situation(to_ns(5.0)).task.remaining_s == 0.0
     assert desk.facts.task.remaining_s is None
     desk.end("t1", TaskState.DONE)
-    assert desk.standing(to_ns(5.0)).task.remaining_s is None
+    assert desk.situation(to_ns(5.0)).task.remaining_s is None
     desk.offer(offer("t1", 2), to_ns(6.0))  # the same again
-    assert desk.standing(to_ns(6.0)).task.remaining_s is None
+    assert desk.situation(to_ns(6.0)).task.remaining_s is None
 
 
 IDS, EPOCHS = st.sampled_from(["t1", "t2", "t3"]), st.integers(0, 6)
@@ -182,7 +182,7 @@ class DeskWithNext(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.desk = TaskDesk()
+        self.desk = RobotTasks()
         self.now_ns = 0
         self.heard_ns = None
         self.answer = YES
@@ -224,7 +224,7 @@ class DeskWithNext(RuleBasedStateMachine):
             assert not answered.accepted
         elif (task_id, epoch) in known:
             assert answered.accepted
-        elif task_id in self.done_ns and self.now_ns - self.done_ns[task_id] <= to_ns(DONE_TOLD_S):
+        elif task_id in self.done_ns and self.now_ns - self.done_ns[task_id] <= to_ns(DONE_REPORTED_S):
             assert answered.reason == DoneJustNow()
         elif after and (self.task is None or self.task[0] != after or self.task[2] is TaskState.CANCELLED):
             assert answered.reason == Plain("not_at_task", task=after)

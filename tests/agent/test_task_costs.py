@@ -2,7 +2,7 @@
 
 import msgspec
 
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.messages.tasks.offer_messages import TaskCost
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.task import Task
@@ -10,7 +10,7 @@ from tests.agent.desk_of_one import GOAL, YES
 
 
 def test_the_desk_tells_what_tasks_would_take_and_why_it_cannot():
-    desk = TaskDesk()
+    desk = RobotTasks()
 
     def work(task: Task) -> Work:
         if task.service_s > 100:

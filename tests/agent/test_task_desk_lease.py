@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.agent.task_desk import RESULT_BYTES_MAX, TaskDesk
+from robrain.agent.robot_tasks import RESULT_BYTES_MAX, RobotTasks
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
@@ -16,7 +16,7 @@ SILENT = "the coordinator is silent, the lease ran out"
 
 @pytest.fixture
 def desk():
-    return TaskDesk()
+    return RobotTasks()
 
 
 @pytest.fixture
@@ -240,18 +240,18 @@ def test_result_has_at_most_a_kilobyte(desk, explorer, length, is_taken):
 def test_remaining_time_is_reported_while_the_task_runs_and_is_never_negative(desk, explorer):
     desk.offer(offer(), 0)
     desk.foresee("t0", to_ns(8))
-    assert desk.standing(0).task.remaining_s is None
+    assert desk.situation(0).task.remaining_s is None
     desk.foresee("t1", to_ns(8))
-    assert desk.standing(to_ns(5.5)).task.remaining_s == 2.5
-    assert desk.standing(to_ns(5.504)).task.remaining_s == 2.5  # to a hundredth
-    assert desk.standing(to_ns(9)).task.remaining_s == 0.0
+    assert desk.situation(to_ns(5.5)).task.remaining_s == 2.5
+    assert desk.situation(to_ns(5.504)).task.remaining_s == 2.5  # to a hundredth
+    assert desk.situation(to_ns(9)).task.remaining_s == 0.0
     desk.foresee("t1", None)
-    assert desk.standing(0).task.remaining_s is None
+    assert desk.situation(0).task.remaining_s is None
     desk.foresee("t1", to_ns(8))
     desk.end("t1", TaskState.DONE)
-    assert desk.standing(0).task.remaining_s is None
+    assert desk.situation(0).task.remaining_s is None
     desk.offer(offer("t1", epoch=2), 0)  # the same task again: the old estimate does not apply
-    assert desk.standing(0).task.remaining_s is None
+    assert desk.situation(0).task.remaining_s is None
 
 
 def summary(*robots: RobotSummary) -> TeamState:

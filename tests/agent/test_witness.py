@@ -58,7 +58,7 @@ def test_a_coordinator_that_was_heard_or_elected_just_before_is_not_voted_out(wi
     assert witness.answer(elect(1), LATER_NS).refusal is None
     now_ns = LATER_NS + SILENT_NS
     assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
-    assert witness.receive(summary(1), now_ns)
+    assert witness.receive_summary(summary(1), now_ns)
     now_ns += SILENT_NS
     assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
     assert witness.answer(elect(2, "b"), now_ns + 1).refusal is None
@@ -66,7 +66,7 @@ def test_a_coordinator_that_was_heard_or_elected_just_before_is_not_voted_out(wi
 
 def test_the_one_that_leads_may_be_elected_again_at_once(witness: Witness) -> None:
     witness.answer(elect(1), LATER_NS)
-    witness.receive(summary(1), LATER_NS)
+    witness.receive_summary(summary(1), LATER_NS)
     assert witness.answer(elect(2), LATER_NS).refusal is None
 
 
@@ -124,21 +124,21 @@ def test_it_remembers_over_a_restart(witness: Witness, memory: WitnessInMemory) 
 
 def test_it_follows_no_coordinator_that_was_replaced_or_is_suspended(witness: Witness) -> None:
     assert witness.follows(TeamState(robots=[]))  # of a team without elections
-    assert witness.receive(summary(2, stamp_ns=70), LATER_NS)
+    assert witness.receive_summary(summary(2, stamp_ns=70), LATER_NS)
     assert witness.led == Led(election=2, stamp_ns=70)
-    assert not witness.receive(summary(1), LATER_NS)
-    assert not witness.receive(summary(2, is_suspended=True, stamp_ns=80), LATER_NS)
+    assert not witness.receive_summary(summary(1), LATER_NS)
+    assert not witness.receive_summary(summary(2, is_suspended=True, stamp_ns=80), LATER_NS)
     assert witness.led == Led(election=2, stamp_ns=70)
     now_ns = LATER_NS + SILENT_NS + 1
     assert witness.answer(elect(3, "b"), now_ns).refusal is None
-    assert not witness.receive(summary(2), now_ns)
+    assert not witness.receive_summary(summary(2), now_ns)
     assert witness.led == Led(election=3, stamp_ns=0)  # elected, and not heard yet
 
 
 def test_a_suspended_coordinator_can_be_voted_out(witness: Witness) -> None:
     witness.answer(elect(1), LATER_NS)
     now_ns = LATER_NS + SILENT_NS + 1
-    witness.receive(summary(1, is_suspended=True), now_ns)
+    witness.receive_summary(summary(1, is_suspended=True), now_ns)
     assert witness.answer(elect(2, "b"), now_ns).refusal is None
 
 
@@ -166,7 +166,7 @@ def test_it_elects_nobody_if_it_could_forget_that(reads: bool) -> None:
 
 
 def test_one_that_stood_still_may_have_missed_a_coordinator(witness: Witness) -> None:
-    witness.receive(summary(1), LATER_NS)
+    witness.receive_summary(summary(1), LATER_NS)
     now_ns = LATER_NS + to_ns(3600.0)
     witness.restart_silence(now_ns)
     assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD

@@ -87,18 +87,17 @@ def _one_idle(load: list[str]) -> tuple[float, float, float, float]:
     run = _Standing(load)
     used = [0.0]
 
-    def timed(do: Callable[[], None]) -> Callable[[], None]:
-        def do_timed() -> None:
+    def timed(do: Callable[..., None]) -> Callable[..., None]:
+        def do_timed(*, steps: bool) -> None:
             before_s = time.process_time()
-            do()
+            do(steps=steps)
             used[0] += time.process_time() - before_s
 
         return do_timed
 
     for name, tag in run.host.manager.plugins.items():
         if name in OURS:
-            tag.run_step = timed(tag.run_step)  # type: ignore[method-assign]
-            tag.deliver = timed(tag.deliver)  # type: ignore[method-assign]
+            tag.run_in_turn = timed(tag.run_in_turn)  # type: ignore[method-assign]
     whole_s = 0.0
     for tick in range(1, round(IDLE_S / TICK_S)):
         run.clock.advance_to(to_ns(tick * TICK_S))

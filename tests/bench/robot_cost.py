@@ -132,10 +132,8 @@ def _timed(meter: Meter) -> Iterator[None]:
     with contextlib.ExitStack() as patches:
         for owner, name, part in PARTS:
             patches.enter_context(mock.patch.object(owner, name, _wrapped(getattr(owner, name), meter, part)))
-        for name in ("run_step", "deliver"):
-            patches.enter_context(
-                mock.patch.object(ManagedPlugin, name, _of_plugin(getattr(ManagedPlugin, name), meter))
-            )
+        of_plugin = _of_plugin(ManagedPlugin.run_in_turn, meter)
+        patches.enter_context(mock.patch.object(ManagedPlugin, "run_in_turn", of_plugin))
         yield
 
 

@@ -1,6 +1,6 @@
 """Robots with a task desk as real ones have it, that work by the clock, lose touch, are stopped and are killed."""
 
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
@@ -92,7 +92,7 @@ class DeskRobot(FakeRobot):
         self.desk.go_on(now_ns)
         if self.isolated:
             return
-        standing = self.desk.standing(now_ns)
+        standing = self.desk.situation(now_ns)
         self._states.put(
             RobotState(
                 robot=self.name,
@@ -110,7 +110,7 @@ class DeskRobot(FakeRobot):
         return self._team.clock.now_ns()
 
     def _new_desk(self) -> None:
-        self.desk = TaskDesk()
+        self.desk = RobotTasks()
         for kind in ("visit", "explore", "recharge"):
             self.desk.register(kind, self._begin, lambda _why: None)
 

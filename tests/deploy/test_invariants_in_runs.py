@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from robrain.agent.host.robot_halts import RobotHalts
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.client.team import Team
 from robrain.coordinator import exploration
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -153,7 +153,7 @@ def test_a_coordinator_that_forgets_what_it_queues_again_is_found(monkeypatch: p
 
 
 def test_a_robot_that_keeps_its_task_after_the_lease_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(TaskDesk, "check_lease", lambda *_: None)
+    monkeypatch.setattr(RobotTasks, "check_lease", lambda *_: None)
     [one] = only(judged(cut_off), "task_at_two")
     assert (one["task"], one["robots"]) == ("long", ("r1", "r2"))
 

@@ -112,7 +112,7 @@ def test_an_edit_changes_only_what_is_drawn_of_the_lines_it_touches(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    "path", ["agent/task_desk.py", "coordinator/journal/journal.py", "plugins/unit/driver/driver.py"]
+    "path", ["agent/robot_tasks.py", "coordinator/journal/journal.py", "plugins/unit/driver/driver.py"]
 )
 def test_what_is_dangerous_is_in_scope(path: str) -> None:
     assert path in files_in_scope(ROOT)

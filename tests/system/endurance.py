@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robrain import Scenario, Team
-from robrain.client.errors import BadTask
+from robrain.client.submission import BadTask
 from robrain.protocol.errors import CallError, NobodyThere, RobrainError
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.agent.errors import PluginBusy
-from robrain.agent.lifecycle.access import ExternalLeases
+from robrain.agent.lifecycle.access import ExclusiveUse
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import LONGEST_LEASE_S, CommandRequest
@@ -156,16 +156,16 @@ def test_an_asker_without_a_proper_name_does_not_ask(lab):
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.floats(0.1, LONGEST_LEASE_S), st.floats(0.0, 40.0))))
 def test_there_is_one_holder_at_most_and_only_within_its_time(steps):
     clock = VirtualClock()
-    leases = ExternalLeases(clock)
+    use = ExclusiveUse("p", clock)
     holder, until_ns = "", 0
     for who, lease_s, wait_s in steps:
         if clock.now_ns() >= until_ns:
             holder = ""
         if holder in ("", who):
-            holder, until_ns = who, leases.grant("p", who, lease_s).until_ns
+            holder, until_ns = who, use.lease(who, lease_s).until_ns
             assert until_ns == clock.now_ns() + to_ns(lease_s)
         else:
             with pytest.raises(PluginBusy, match=f"held by {holder}"):
-                leases.grant("p", who, lease_s)
+                use.lease(who, lease_s)
         clock.advance_to(clock.now_ns() + to_ns(wait_s))
-        assert leases.holder("p") == (holder if clock.now_ns() < until_ns else "")
+        assert use.by == (holder if clock.now_ns() < until_ns else "")

@@ -27,7 +27,7 @@ from robrain.agent.lifecycle.plugin_code import import_code
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import Plugin
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
@@ -169,7 +169,7 @@ def reached(*starts):
 
 def test_no_public_attribute_leads_to_a_tag_or_to_another_plugin(lab, env, handle):
     there = reached(env, handle)
-    assert {Endpoint, Board, TaskDesk} <= {type(each) for each in there}  # it has looked around
+    assert {Endpoint, Board, RobotTasks} <= {type(each) for each in there}  # it has looked around
     hidden = (ManagedPlugin, PluginManager, AgentHost, Plugin, Environment)
     assert [each for each in there if isinstance(each, hidden)] == [env]
     there = reached(lab.hosts[-1])  # whoever has the host has all

@@ -4,7 +4,7 @@ from typing import Any
 
 from robrain.agent.board import Board
 from robrain.agent.consensus.consensus import Consensus
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
@@ -32,7 +32,7 @@ class OneRobot:
         self.session = open_lockstep_session()
         self.clock = VirtualClock()
         self.wire = Endpoint(self.session, "test", self.clock, Drive.LOCKSTEP)
-        self.board, self.desk = Board(), TaskDesk()
+        self.board, self.desk = Board(), RobotTasks()
         self.board.pose = Pose2D(0.0, 0.0, 0.0)
         self.begun: list[str] = []
         for kind in ("visit", "recharge"):

@@ -69,16 +69,16 @@ def test_an_echo_of_a_ballot_without_the_claim_does_not_count() -> None:
     claim.record_sent(7)
     for teammate, number in (("r2", 6), ("r3", 8)):
         claim.record_echo(teammate, [Heard(robot="r1", number=number), Heard(robot="r9", number=7)])
-    assert not claim.is_heard({"r2", "r3"}, 3)
+    assert not claim.is_confirmed({"r2", "r3"}, 3)
     claim.record_echo("r2", [Heard(robot="r1", number=7)])
-    assert claim.is_heard({"r2", "r3"}, 3)
-    assert not claim.is_heard({"r3"}, 3), "it is not heard any more"
-    assert not claim.is_heard({"r2", "r3"}, 4)
+    assert claim.is_confirmed({"r2", "r3"}, 3)
+    assert not claim.is_confirmed({"r3"}, 3), "it is not heard any more"
+    assert not claim.is_confirmed({"r2", "r3"}, 4)
     assert not claim.want("t1")
     assert claim.want("t2")
-    assert not claim.is_heard({"r2", "r3"}, 3)
+    assert not claim.is_confirmed({"r2", "r3"}, 3)
     assert not claim.want("")
-    assert not claim.is_heard(set(), 1)
+    assert not claim.is_confirmed(set(), 1)
 
 
 def test_what_a_mate_wanted_before_it_was_cut_off_is_not_free_and_the_others_are_told(one: OneRobot) -> None:

@@ -157,12 +157,12 @@ def test_chargers_are_those_of_the_plugin_home() -> None:
 
 def test_half_of_the_team_is_not_enough_to_keep_a_task(one: OneRobot) -> None:
     intake, asked = one.consensus._intake, TaskSubmission(task=visit("t1"))
-    taken = intake.take(asked, 5, {}, 2)
+    taken = intake.accept(asked, 5, {}, 2)
     assert (taken.known_to, taken.is_kept) == (["r1"], False)
     told = {"r2": [TaskKnown(id="t1", at_ns=5)], "r3": [TaskKnown(id="t1", at_ns=6)]}
-    taken = intake.take(asked, 9, told, 3)
+    taken = intake.accept(asked, 9, told, 3)
     assert (taken.known_to, taken.is_kept) == (["r1", "r2"], True), "another task of that name does not count"
-    assert intake.take(asked, 9, told, 4).is_kept is False
+    assert intake.accept(asked, 9, told, 4).is_kept is False
 
 
 def test_a_name_that_the_coordinator_has_given_is_refused_and_a_deadline_that_is_now(one: OneRobot) -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.agent.consensus.known_tasks import KnownTasks
 from robrain.agent.consensus.task_intake import TaskIntake
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.geometry import Point2D
@@ -17,7 +17,7 @@ def is_kept(teammates: dict[str, set[str]], holder: str, team: int = 3) -> bool:
     """Whether a cancellation at r1 is, if the teammates know of these."""
     known = KnownTasks()
     known.receive(TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)), state=TaskState.RUNNING))
-    return TaskIntake("r1", known, TaskDesk()).drop(TaskRequest(id="t1"), teammates, team, holder).is_kept
+    return TaskIntake("r1", known, RobotTasks()).drop(TaskRequest(id="t1"), teammates, team, holder).is_kept
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def test_a_call_from_outside_that_raises_is_answered_and_faults_nobody(house):
 def test_who_raises_because_of_an_indirect_requirement_is_put_aside_and_not_blamed(house):
     bench = house()
     bench.manager.get("boiler").fault(RuntimeError("leak"))
-    bench.manager.get("comfort").run_step()  # before the host has seen to it
+    bench.manager.get("comfort").run(steps=True)  # before the host has seen to it
     assert states(bench)["comfort"] == "active"
     bench.tick()
     assert states(bench) == {"boiler": "faulted", "radiator": "inactive", "comfort": "inactive", "clock": "active"}

@@ -176,9 +176,9 @@ def test_a_handle_on_one_that_has_gone_says_so_and_works_when_it_is_back(robot, 
 
 def test_a_plugin_is_not_faulted_because_a_foreign_one_that_it_uses_has_gone(robot, gauge, meter):
     meter.plugin.measuring = True
-    meter.run_step()
+    meter.run(steps=True)
     robot.leave(gauge)
-    meter.run_step()
+    meter.run(steps=True)
     assert meter.state == "active"
 
 

@@ -8,7 +8,6 @@ import pytest
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.worker_pool import WorkerPool
-from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
@@ -225,7 +224,9 @@ def test_a_load_waits_for_the_hosts_own_look_at_faults_and_is_not_refused_for_it
 
 def test_what_was_to_be_done_later_is_not_begun_after_the_robot_has_stopped():
     starters = WorkerPool("start-r1", PATIENCE_S)
-    registry = PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}, starters=starters)
+    registry = PluginRegistry(
+        robot="r1", clock=VirtualClock(), make_environment=lambda _: None, parameters={}, starters=starters
+    )
     manager = PluginManager(registry, RecordGuard(Refusals(VirtualClock())))
     done = []
     manager.later(lambda: done.append("before"))

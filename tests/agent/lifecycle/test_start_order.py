@@ -10,7 +10,6 @@ from robrain.agent.lifecycle.registry import PluginRegistry
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.manifest import Manifest, TagTable
 from robrain.agent.plugin import PluginState
-from robrain.agent.task_desk import TaskDesk
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.refusals import Refusals
@@ -182,7 +181,8 @@ class Still(ManagedPlugin):
 @given(st.fixed_dictionaries({name: st.lists(st.sampled_from([*NAMES, "ghost"]), max_size=3) for name in NAMES}))
 def test_exactly_those_start_whose_whole_branch_can(tmp_path_factory, requires):
     manager = PluginManager(
-        PluginRegistry("r1", VirtualClock(), TaskDesk(), lambda _: None, {}), RecordGuard(Refusals(VirtualClock()))
+        PluginRegistry(robot="r1", clock=VirtualClock(), make_environment=lambda _: None, parameters={}),
+        RecordGuard(Refusals(VirtualClock())),
     )
     for name, required in requires.items():
         manifest = Manifest(name, tmp_path_factory.getbasetemp(), "x:X", {}, TagTable(requires=required))

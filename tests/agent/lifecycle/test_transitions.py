@@ -122,10 +122,10 @@ class Counts:
     def __init__(self, house, monkeypatch):
         self.seen: Counter[str] = Counter()
         self._patch = monkeypatch
-        registry, buzzer = house.manager.registry, house.manager.get("buzzer")
+        buzzer = house.manager.get("buzzer")
         self._count("observed event", house.manager.get("bell").plugin.rung, "remove")
-        self._count("task", registry.desk, "unregister", only="explore")
-        self._count("lease", registry.leases, "drop", only="buzzer", when=lambda: registry.leases.holder("buzzer"))
+        self._count("task", house.hosts[-1].desk, "unregister", only="explore")
+        self._count("lease", buzzer.exclusive, "end_lease", when=lambda: buzzer.exclusive.outside)
         wires = {"wire of activate": buzzer.environment.wire, "wire of init": buzzer.instance.wire}
         for name, wire in wires.items():
             self._count(name, wire, "close", when=lambda wire=wire: not wire.is_closed)

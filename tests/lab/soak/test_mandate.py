@@ -185,7 +185,7 @@ def test_the_loss_of_the_first_loses_nothing_that_was_acknowledged(team: Team) -
 def witness(team: Team) -> Witness:
     extension = team.run.host("r1").extensions["witness"]
     assert isinstance(extension, WitnessExtension)
-    return extension.witness
+    return extension
 
 
 def test_a_witness_that_took_part_in_a_later_election_follows_again_soon(team: Team) -> None:
@@ -253,9 +253,7 @@ def test_one_that_robots_do_not_hear_stops_before_its_stand_by_may_be_elected(te
 
 def test_a_witness_with_an_absurd_number_is_left_alone(team: Team) -> None:
     absurd = WitnessRequest(wish=WitnessWish.ELECT, election=10**15, journal="x", forced=True)
-    assert (
-        team.run.host("r1").extensions["witness"].witness.answer(absurd, team.run.now_ns + to_ns(3.0)).refusal is None
-    )
+    assert team.run.host("r1").extensions["witness"].answer(absurd, team.run.now_ns + to_ns(3.0)).refusal is None
     with team.cut(OTHER):
         team.pass_s(3.0)
         team.submit("t1")

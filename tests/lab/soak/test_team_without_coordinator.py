@@ -67,7 +67,7 @@ class Done:
                     desk = run.host(name)
                     facts = desk.desk.facts
                     ends |= {one.id for one in (facts.task, facts.before) if one is not None and one.state == "done"}
-                    self.rounds[name] = max(self.rounds[name], desk.extensions["consensus"].desk._negotiation.round)
+                    self.rounds[name] = max(self.rounds[name], desk.extensions["consensus"]._negotiation.round)
                 ends = {task for task in ends if task.startswith("t")}
             self.took_s = to_seconds(run.now_ns)
             run.close()

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.plugins.behavior.budget import BudgetVerdict
 from robrain.plugins.behavior.recharge import GUARD_S, RechargeBehavior
 from robrain.plugins.behavior.travel import TravelState
@@ -28,7 +28,7 @@ class BareRecharge:
         self.battery: Any = SimpleNamespace(soc=0.5, charging=False, voltage_v=15.0, current_a=1.0)
         self.ways_home = 0
         self.learned: list[ChargerPlace] = []
-        self.tasks = TaskDesk()
+        self.tasks = RobotTasks()
         self.tasks.register("explore", lambda _task: YES, lambda _reason: None)
         env = self.errand.env
         env.plugin, env.tasks = "recharge", self.tasks

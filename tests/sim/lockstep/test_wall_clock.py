@@ -9,7 +9,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.task_desk import TaskDesk
+from robrain.agent.robot_tasks import RobotTasks
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.wire.endpoint import Endpoint
@@ -19,14 +19,14 @@ pytestmark = pytest.mark.slow
 SECONDS = 5.0
 LONG_S, SHORT_S = 0.7, 0.002
 PAUSED = {
-    TaskDesk: "offer",
-    ManagedPlugin: "step_in_turn",
+    RobotTasks: "offer",
+    ManagedPlugin: "run_in_turn",
     Coordinator: "step",
     Exchange: "deliver",  # each message on its way to the inboxes
     Endpoint: "_reply",  # each handler of a query
 }
 """Functions that pause at random, each with the share of calls that pause."""
-SHARES = {"offer": 1.0, "step_in_turn": 0.02, "step": 0.2, "deliver": 0.02, "_reply": 0.5}
+SHARES = {"offer": 1.0, "run_in_turn": 0.02, "step": 0.2, "deliver": 0.02, "_reply": 0.5}
 
 
 def digest() -> str:

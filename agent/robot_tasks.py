@@ -45,7 +45,7 @@ its clock. An epoch farther than this ahead of that clock is refused, because ev
 date (chosen)."""
 
 
-DONE_TOLD_S = 5.0
+DONE_REPORTED_S = 5.0
 """An offer of a task that the robot has done no longer ago was made before its report arrived (chosen)."""
 DONE_KEPT = 8
 """Number of done tasks that are kept for it."""
@@ -62,10 +62,10 @@ def work_at_place(task: Task) -> Work:
     return Work(wait_s=task.service_s)
 
 
-class _Said(NamedTuple):
+class _End(NamedTuple):
     task_id: str
     state: TaskState
-    why: str
+    reason: str
     result: dict[str, Any]
 
 
@@ -93,8 +93,8 @@ class _Own(NamedTuple):
     firm: str
 
 
-class TaskDesk:
-    """Where offers arrive and the behavior that can do them is found."""
+class RobotTasks:
+    """The tasks of one robot: answers offers, and finds the behavior that does them."""
 
     def __init__(self) -> None:
         self._status: TaskStatus | None = None
@@ -105,7 +105,7 @@ class TaskDesk:
         self._checked_ns: int | None = None
         self._done: deque[tuple[str, int]] = deque(maxlen=DONE_KEPT)
         """Tasks that were done, with the time."""
-        self._said: deque[_Said] = deque()
+        self._ends: deque[_End] = deque()
         self.coordinator_seen_ns: int | None = None
         self.goes_on_ns = 0
         """A task continues without its coordinator for this long, if that is longer than the lease."""
@@ -126,8 +126,8 @@ class TaskDesk:
     @property
     def status(self) -> TaskStatus | None:
         """How the last task stands; for the host's own thread, like everything here but `end`."""
-        while self._said:
-            self._end(*self._said.popleft())
+        while self._ends:
+            self._end(*self._ends.popleft())
         return self._status
 
     @property
@@ -135,15 +135,15 @@ class TaskDesk:
         """How all tasks stand; for the host's own thread. A difference from the last is published at once."""
         return TaskSituation(self.status, self.held.status if self.held is not None else None, self._before)
 
-    def differs_from(self, told: TaskSituation) -> bool:
-        """Whether the state of any task differs from `told`, an earlier `facts`; as that, and faster."""
-        if self._said:
-            return self.facts != told
+    def differs_from(self, published: TaskSituation) -> bool:
+        """Whether the state of any task differs from `published`, an earlier `facts`; as that, and faster."""
+        if self._ends:
+            return self.facts != published
         held = self.held.status if self.held is not None else None
-        is_same = self._status is told.task and held is told.next_task and self._before is told.before
-        return not is_same and self.facts != told
+        is_same = self._status is published.task and held is published.next_task and self._before is published.before
+        return not is_same and self.facts != published
 
-    def standing(self, now_ns: int) -> TaskSituation:
+    def situation(self, now_ns: int) -> TaskSituation:
         """The same, with the expected end of the running task."""
         facts, foreseen = self.facts, self._foreseen
         status = facts.task
@@ -209,9 +209,9 @@ class TaskDesk:
         if self._own is not None and self._own.name == name:
             self._own = None
 
-    def recall(self, why: str) -> None:
+    def recall(self, reason: str) -> None:
         """Have the running task end as failed: the robot cannot continue it. On any thread; done at the next step."""
-        self._recalled = why
+        self._recalled = reason
 
     def register(self, kind: str, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
         """A behavior registers a kind of tasks that it can do.
@@ -237,8 +237,8 @@ class TaskDesk:
             return TaskCost(id=task.id, why=told(_no_behavior(task.kind)))
         try:
             work = executor.work(task)
-            told_work = {name: getattr(work, name) for name in ("path_m", "turn_rad", "wait_s", "radio_packets")}
-            return msgspec.convert({"id": task.id, **told_work}, TaskCost)
+            fields = {name: getattr(work, name) for name in ("path_m", "turn_rad", "wait_s", "radio_packets")}
+            return msgspec.convert({"id": task.id, **fields}, TaskCost)
         except FOREIGN_ERRORS as error:  # foreign plugin code
             return TaskCost(id=task.id, why=cut(str(error)))
 
@@ -260,7 +260,7 @@ class TaskDesk:
         for known in (status, held.status if held is not None else None):
             if known is not None and (known.id, known.epoch) == (offer.task.id, offer.epoch):
                 return TaskAnswer(accepted=True)
-        if any(done == offer.task.id and now_ns - done_ns <= to_ns(DONE_TOLD_S) for done, done_ns in self._done):
+        if any(done == offer.task.id and now_ns - done_ns <= to_ns(DONE_REPORTED_S) for done, done_ns in self._done):
             return TaskAnswer.refused(DoneJustNow())
         if not offer.after:
             return self._begin_as_asked(offer, now_ns)
@@ -268,7 +268,7 @@ class TaskDesk:
             return TaskAnswer.refused(plain("not_at_task", f"is not at {offer.after}", task=offer.after))
         if status.state.ended:
             return self._begin_as_asked(offer, now_ns)
-        reason = self._why_not(offer)
+        reason = self._refusal(offer)
         if reason is not None:
             return TaskAnswer.refused(reason)
         waiting = TaskStatus(id=offer.task.id, epoch=offer.epoch, state=TaskState.OFFERED)
@@ -297,12 +297,12 @@ class TaskDesk:
         except FOREIGN_ERRORS as error:  # foreign plugin code
             return TaskAnswer.refused(PlainReason(cut(str(error))))
 
-    def cancel_for_team(self, task_id: str, why: str) -> None:
+    def cancel_for_team(self, task_id: str, reason: str) -> None:
         """End the running task, or forget the held one, if it has this id: it was cancelled without a coordinator."""
         if self.held is not None and self.held.offer.task.id == task_id:
             self.held = None
         if self.is_busy and self.status is not None and self.status.id == task_id:
-            self._let_go(TaskState.CANCELLED, why)
+            self._let_go(TaskState.CANCELLED, reason)
 
     def go_on(self, now_ns: int) -> bool:
         """Begin the held task if the task before it has ended; whether it was begun."""
@@ -321,7 +321,7 @@ class TaskDesk:
             )
         return answer.accepted
 
-    def _why_not(self, offer: TaskOffer) -> OfferRefusal | None:
+    def _refusal(self, offer: TaskOffer) -> OfferRefusal | None:
         own = self._own
         if own is not None and own.firm and offer.task.kind != RECHARGE:
             return Occupied(own.name, own.firm)
@@ -334,7 +334,7 @@ class TaskDesk:
         return answer
 
     def _begin(self, offer: TaskOffer) -> TaskAnswer:
-        reason = self._why_not(offer)
+        reason = self._refusal(offer)
         if reason is not None:
             return TaskAnswer.refused(reason)
         executor = self._executors[offer.task.kind]
@@ -377,7 +377,7 @@ class TaskDesk:
         self._let_go(TaskState.CANCELLED, withdrawal.why or "withdrawn")
         return TaskAnswer(accepted=True)
 
-    def end(self, task_id: str, state: TaskState, why: str = "", result: dict[str, Any] | None = None) -> None:
+    def end(self, task_id: str, state: TaskState, reason: str = "", result: dict[str, Any] | None = None) -> None:
         """The behavior reports, on any thread, how its task ended and its result.
 
         Raises:
@@ -393,7 +393,7 @@ class TaskDesk:
             raise ValueError(f"expected a result of {task_id} of at most {RESULT_BYTES_MAX} bytes, got {size}")
         if len(result) > RESULT_FIELDS_MAX:
             raise ValueError(f"expected a result of {task_id} of at most {RESULT_FIELDS_MAX} fields, got {len(result)}")
-        self._said.append(_Said(task_id, state, why, result))
+        self._ends.append(_End(task_id, state, reason, result))
         if self.on_line is not None:
             self.on_line()
 
@@ -404,12 +404,12 @@ class TaskDesk:
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
-    def _end(self, task_id: str, state: TaskState, why: str, result: dict[str, Any] | None = None) -> None:
+    def _end(self, task_id: str, state: TaskState, reason: str, result: dict[str, Any] | None = None) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
             if state is TaskState.DONE:
                 self._done.append((task_id, self._checked_ns or 0))
-            self._status = TaskStatus(id=task_id, epoch=status.epoch, state=state, why=cut(why), result=result or {})
+            self._status = TaskStatus(id=task_id, epoch=status.epoch, state=state, why=cut(reason), result=result or {})
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:
@@ -421,27 +421,27 @@ class TaskDesk:
         checked_ns, self._checked_ns = self._checked_ns, now_ns
         recalled, self._recalled = self._recalled, ""
         held = self.held
-        heard_ns = self.coordinator_seen_ns if self.trusted_ns is None else self._vouched_ns
+        received_ns = self.coordinator_seen_ns if self.trusted_ns is None else self._vouched_ns
         if held is not None:
             since_ns = max(held.since_ns, now_ns if checked_ns is None else checked_ns)
-            silent_ns = now_ns - (heard_ns if heard_ns is not None else held.since_ns)
+            silent_ns = now_ns - (received_ns if received_ns is not None else held.since_ns)
             lease_ns = to_ns(held.offer.lease_s)
             if recalled or silent_ns > max(lease_ns, self.goes_on_ns) or now_ns - since_ns > lease_ns:
                 self.held = None
         if recalled and self.is_busy:
             self._let_go(TaskState.FAILED, recalled)
-        if self._current is None or heard_ns is None:
+        if self._current is None or received_ns is None:
             return
-        if (self.status if self._said else self._status) is None:
+        if (self.status if self._ends else self._status) is None:
             return
-        if now_ns - heard_ns > max(self._lease_ns, self.goes_on_ns):
+        if now_ns - received_ns > max(self._lease_ns, self.goes_on_ns):
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
 
     @property
     def _vouched_ns(self) -> int | None:
         """Time of the coordinator's last message, or when another vouched for the robot's tasks; None if never."""
-        heard_ns, trusted_ns = self.coordinator_seen_ns, self.trusted_ns
-        return heard_ns if trusted_ns is None else max(trusted_ns, heard_ns or 0)
+        received_ns, trusted_ns = self.coordinator_seen_ns, self.trusted_ns
+        return received_ns if trusted_ns is None else max(trusted_ns, received_ns or 0)
 
     def _go_back(self, status: TaskStatus | None, current: _Executor | None) -> None:
         self._status, self._current = status, current
@@ -453,12 +453,12 @@ class TaskDesk:
         if self._current is not None and self.status is not None and not there:
             self._end(self.status.id, TaskState.FAILED, "the behavior that did it has gone")
 
-    def _let_go(self, state: TaskState, why: str) -> None:
+    def _let_go(self, state: TaskState, reason: str) -> None:
         status, executor = self.status, self._current
         if status is not None:
-            self._end(status.id, state, why)
+            self._end(status.id, state, reason)
         if executor is not None:
-            executor.let_go(why)
+            executor.let_go(reason)
 
 
 def _too_old(epoch: int, newest: int) -> TaskAnswer:

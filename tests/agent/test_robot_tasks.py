@@ -6,7 +6,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.agent.task_desk import DONE_TOLD_S, TaskDesk
+from robrain.agent.robot_tasks import DONE_REPORTED_S, RobotTasks
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.model.ranges import WHY_MAX
@@ -18,7 +18,7 @@ from tests.plain_reason import Plain
 
 @pytest.fixture
 def desk():
-    return TaskDesk()
+    return RobotTasks()
 
 
 @pytest.fixture
@@ -242,7 +242,7 @@ class Desk(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.desk = TaskDesk()
+        self.desk = RobotTasks()
         self.now_ns = 0
         self.heard_ns = None
         self.lease_ns = 0
@@ -269,7 +269,7 @@ class Desk(RuleBasedStateMachine):
             assert answered.reason.code == "epoch_old"
         elif repeated:
             assert answered.accepted
-        elif self.now_ns - self.done_ns.get(task_id, -math.inf) <= to_ns(DONE_TOLD_S):
+        elif self.now_ns - self.done_ns.get(task_id, -math.inf) <= to_ns(DONE_REPORTED_S):
             assert answered == TaskAnswer.refused(DoneJustNow())
         else:
             assert answered == answer
