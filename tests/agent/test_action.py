@@ -88,13 +88,6 @@ def test_progress_is_told_twice_a_second_however_often_it_is_reported(bench):
     assert [one["share"] for one in progress] == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
-def test_an_action_that_cannot_be_done_fails_and_says_why(bench):
-    oven(bench)
-    bench.call("oven", "bake", [-1])
-    bench.tick(1)
-    assert ends(bench) == [("bake-1", "failed", "there is no dough")]
-
-
 def test_an_action_is_cancelled_by_its_id_once(bench):
     oven(bench)
     action = bench.call("oven", "bake", [100])
@@ -111,28 +104,6 @@ def test_one_at_a_time_the_new_one_takes_the_place_of_the_old(bench):
     first, second = (bench.call("oven", "bake", [3]) for _ in range(2))
     bench.tick(3)
     assert ends(bench) == [(first, "superseded", f"superseded by {second}"), (second, "done", "")]
-
-
-def test_several_run_side_by_side(bench):
-    oven(bench, several=True)
-    first, second = (bench.call("oven", "bake", [steps]) for steps in (5, 3))
-    bench.tick(5)
-    assert ends(bench) == [(second, "done", ""), (first, "done", "")]
-
-
-def test_what_runs_ends_as_cancelled_when_the_plugin_is_deactivated(bench):
-    oven(bench)
-    action = bench.call("oven", "bake", [100])
-    bench.hosts[-1].manager.unload("oven")
-    assert ends(bench) == [(action, "cancelled", "it is being unloaded")]
-
-
-def test_what_runs_ends_as_cancelled_when_the_plugin_faults(bench):
-    oven(bench)
-    action = bench.call("oven", "bake", [100])
-    bench.plugin("oven").step = lambda: 1 / 0
-    bench.tick(2)
-    assert ends(bench) == [(action, "cancelled", "ZeroDivisionError: division by zero")]
 
 
 def test_what_runs_ends_as_cancelled_in_an_emergency_halt_and_does_not_go_on_after_it(bench):

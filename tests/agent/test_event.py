@@ -20,18 +20,6 @@ def bell():
     return Bell()
 
 
-def test_nobody_is_told_before_it_is_their_turn(bell):
-    mailbox, heard = Mailbox(), []
-    bell.rung.add(heard.append, mailbox)
-    bell.rung.notify(1)
-    bell.rung.notify(2)
-    assert heard == []
-    assert mailbox
-    mailbox.deliver()
-    assert heard == [1, 2]
-    assert not mailbox
-
-
 def test_each_instance_and_each_event_has_observers_of_its_own(bell):
     other, mailbox, heard = Bell(), Mailbox(), []
     bell.rung.add(heard.append, mailbox)
@@ -41,10 +29,6 @@ def test_each_instance_and_each_event_has_observers_of_its_own(bell):
     assert heard == []
     assert bell.rung is bell.rung
     assert bell.rung is not other.rung
-
-
-def test_the_class_shows_the_event_itself():
-    assert isinstance(Bell.rung, Event)
 
 
 def test_all_observers_are_told_in_order_through_one_mailbox_or_several(bell):
@@ -83,14 +67,6 @@ def test_what_is_notified_during_delivery_waits_for_the_next_turn(bell):
     mailbox.deliver()
     mailbox.deliver()
     assert heard == [1, 2, 3]
-
-
-def test_an_arrival_wakes_the_observer(bell):
-    mailbox, wakes = Mailbox(), []
-    mailbox.wake = lambda: wakes.append(bool(mailbox))
-    bell.rung.add(print, mailbox)
-    bell.rung.notify(1)
-    assert wakes == [True]
 
 
 @given(st.integers(1, 5), st.integers(0, 12))

@@ -39,11 +39,6 @@ def test_a_manifest_says_who_a_plugin_is_and_who_may_use_it(tmp_path):
     assert not manifest.tag.shared
 
 
-def test_a_plugin_that_says_nothing_more_is_open_to_the_outside_and_shared(tmp_path):
-    tag = read_manifest(write(tmp_path, '[plugin]\nclass = "lamp:Lamp"')).tag
-    assert (tag.visibility, tag.requires, tag.shared) == (["command"], [], True)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "key", "expected"),
     [
@@ -75,13 +70,6 @@ def test_a_wrong_manifest_is_refused_naming_file_and_key(tmp_path, old, new, key
 def test_a_file_whose_name_no_key_can_hold_is_refused(tmp_path):
     with pytest.raises(ManifestError, match=r"file name: bad plugin name 'my lamp'"):
         read_manifest(write(tmp_path, GOOD, "my lamp"))
-
-
-def test_a_file_that_is_no_text_is_refused(tmp_path):
-    path = tmp_path / "lamp.toml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ManifestError, match="cannot be read"):
-        read_manifest(path)
 
 
 def test_other_toml_files_beside_plugins_are_passed_over(tmp_path):
@@ -177,9 +165,3 @@ def test_a_plugin_that_is_in_no_place_stops_the_robot_in_words(bench):
     with pytest.raises(PluginMissing, match=r"no plugin lump in any place; there are: .*lamp") as missing:
         bench.start("lump")
     assert missing.value.plugin == "lump"
-
-
-def test_a_wrong_manifest_of_a_wanted_plugin_stops_the_robot_in_words(bench):
-    (bench.place / "lamp.toml").write_text("[plugin]\nclass = 3", encoding="utf-8")
-    with pytest.raises(ManifestError, match=r"lamp.toml: plugin.class: Expected `str`"):
-        bench.start("lamp")

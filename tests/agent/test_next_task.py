@@ -9,12 +9,12 @@ from robrain.agent.robot_tasks import DONE_REPORTED_S, RobotTasks
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import DoneJustNow, PlainReason
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
-from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
+from tests.agent.desk_of_one import NO, YES, Explorer, offer
 from tests.plain_reason import Plain
 
 
@@ -34,13 +34,6 @@ def hold(desk, task_id="t2", epoch=2, after="t1", now_ns=0):
     return desk.offer(offer(task_id, epoch, after), now_ns)
 
 
-def test_a_task_that_is_for_later_is_held_and_not_begun(desk, explorer):
-    assert hold(desk) == YES
-    assert explorer.started == ["t1"]
-    assert desk.facts.task.id == "t1"
-    assert desk.facts.next_task == TaskStatus(id="t2", epoch=2, state=TaskState.OFFERED)
-
-
 @pytest.mark.parametrize("how", [TaskState.DONE, TaskState.FAILED])
 def test_it_is_begun_when_the_one_before_has_ended_by_itself_and_both_are_told(desk, explorer, how):
     hold(desk)
@@ -55,16 +48,6 @@ def test_it_is_begun_when_the_one_before_has_ended_by_itself_and_both_are_told(d
     assert not desk.go_on(0)
 
 
-def test_the_same_offer_twice_is_accepted_twice_and_held_once(desk, explorer):
-    assert hold(desk) == YES
-    assert hold(desk) == YES
-    desk.end("t1", TaskState.DONE)
-    desk.go_on(0)
-    assert hold(desk) == YES  # a third time, on its way for long
-    assert explorer.started == ["t1", "t2"]
-    assert desk.facts.next_task is None
-
-
 def test_to_begin_what_is_held_is_no_word_of_the_coordinator_and_the_lease_goes_on(desk, explorer):
     hold(desk)
     desk.end("t1", TaskState.DONE)
@@ -76,23 +59,11 @@ def test_to_begin_what_is_held_is_no_word_of_the_coordinator_and_the_lease_goes_
     assert explorer.let_go_of == ["the coordinator is silent, the lease ran out"]
 
 
-def test_what_comes_when_the_one_before_has_just_ended_is_begun(desk, explorer):
-    desk.end("t1", TaskState.DONE)
-    assert hold(desk) == YES
-    assert (desk.facts.task.id, desk.facts.before.id) == ("t2", "t1")
-    assert explorer.started == ["t1", "t2"]
-
-
 def test_what_is_for_after_a_task_that_the_robot_is_not_at_is_refused(desk, explorer):
     assert hold(desk, after="t0").reason == Plain("not_at_task", task="t0")
     desk.halted()
     assert hold(desk).reason == Plain("not_at_task", task="t1")
     assert RobotTasks().offer(offer(after="t0"), 0).reason == Plain("not_at_task", task="t0")
-
-
-def test_what_no_behavior_does_is_not_held(desk, explorer):
-    visit = TaskOffer(task=Task(id="v", kind="visit", place=GOAL), epoch=2, lease_s=5.0, after="t1")
-    assert desk.offer(visit, 0).reason == Plain("no_behavior", kind="visit")
 
 
 @pytest.mark.parametrize("answer", [NO, RuntimeError("no way there")])
@@ -108,70 +79,6 @@ def test_a_held_task_that_is_refused_when_its_turn_comes_is_cancelled_with_why(d
     assert (held, before.id, before.state) == (None, "t1", TaskState.DONE)
     explorer.answer = YES
     assert desk.offer(offer("t3", 2), 0) == YES  # an epoch that was never begun is none that was accepted
-
-
-def test_the_running_task_can_be_withdrawn_with_its_own_epoch_and_the_next_is_begun(desk, explorer):
-    hold(desk)
-    assert desk.withdraw(TaskWithdrawal(id="t1", epoch=1, why="called off")) == YES
-    assert explorer.let_go_of == ["called off"]
-    assert desk.go_on(0)
-    assert (desk.facts.task.id, desk.facts.before.state) == ("t2", TaskState.CANCELLED)
-
-
-def test_the_held_task_can_be_withdrawn_and_the_running_one_goes_on(desk, explorer):
-    hold(desk)
-    stale = desk.withdraw(TaskWithdrawal(id="t2", epoch=1))
-    assert (stale.reason, stale.epoch) == (Plain("epoch_old", epoch=1, newest=2), 2)
-    assert desk.withdraw(TaskWithdrawal(id="t2", epoch=2)) == YES
-    assert desk.facts.next_task is None
-    assert desk.facts.task.state is TaskState.RUNNING
-    desk.end("t1", TaskState.DONE)
-    assert not desk.go_on(0)
-
-
-def test_a_newer_task_takes_the_place_of_the_one_that_is_held_and_an_older_does_not(desk, explorer):
-    hold(desk, "t2", 4)
-    answer = hold(desk, "t3", 3)
-    assert (answer.reason, answer.epoch) == (Plain("epoch_old", epoch=3, newest=4), 4)
-    assert hold(desk, "t3", 5) == YES
-    assert desk.facts.next_task.id == "t3"
-
-
-def test_an_offer_that_is_for_now_takes_the_place_of_both(desk, explorer):
-    hold(desk)
-    assert desk.offer(offer("t3", 3), 0) == YES
-    assert (desk.facts.task.id, desk.facts.next_task, desk.facts.before) == ("t3", None, None)
-
-
-def test_an_offer_for_now_that_is_refused_leaves_both(desk, explorer):
-    hold(desk)
-    explorer.answer = NO
-    assert desk.offer(offer("t3", 3), 0) == NO
-    assert (desk.facts.task.id, desk.facts.next_task.id) == ("t1", "t2")
-
-
-def test_the_end_of_the_lease_forgets_what_is_held(desk, explorer):
-    hold(desk)
-    for second in range(6):
-        desk.check_lease(to_ns(second))
-    assert desk.facts.next_task is not None
-    desk.check_lease(to_ns(5.01))
-    assert desk.facts.next_task is None
-    assert not desk.go_on(0)
-    assert explorer.started == ["t1"]
-
-
-def test_how_long_a_task_takes_is_told_while_it_runs(desk, explorer):
-    desk.foresee("t0", to_ns(9.0))
-    assert desk.situation(to_ns(1.0)).task.remaining_s is None
-    desk.foresee("t1", to_ns(3.5))
-    assert desk.situation(to_ns(1.0)).task.remaining_s == 2.5
-    assert desk.situation(to_ns(5.0)).task.remaining_s == 0.0
-    assert desk.facts.task.remaining_s is None
-    desk.end("t1", TaskState.DONE)
-    assert desk.situation(to_ns(5.0)).task.remaining_s is None
-    desk.offer(offer("t1", 2), to_ns(6.0))  # the same again
-    assert desk.situation(to_ns(6.0)).task.remaining_s is None
 
 
 IDS, EPOCHS = st.sampled_from(["t1", "t2", "t3"]), st.integers(0, 6)

@@ -6,10 +6,8 @@ import pytest
 
 from robrain.agent.plugin_traceback import MOST_CHARACTERS, plugin_traceback, where_raised
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.host_messages import CommandRequest, LoadRequest
-from robrain.protocol.table.host_queries import HOST_COMMAND, HOST_LOAD
-from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.messages.robots.host_messages import LoadRequest
+from robrain.protocol.table.host_queries import HOST_LOAD
 
 LAMP = """
 import helper
@@ -71,30 +69,6 @@ def test_a_fault_is_listed_with_its_line_and_traceback(bench, lamp):
     assert untangled(info.detail) == traceback_of_step(lamp)
 
 
-def test_a_fault_is_told_to_the_team_with_its_line_and_in_the_log_with_its_traceback(bench, lamp):
-    states, log = Inbox(every=True), Inbox(every=True)
-    bench.wire.subscribe(states, ROBOT_STATE)
-    bench.wire.subscribe(log, ROBOT_LOG)
-    bench.start("lamp")
-    bench.plugin("lamp").broken = True
-    bench.tick(12)
-    (fault,) = states.drain()[-1].message.faulted
-    said = "ZeroDivisionError: integer division or modulo by zero (lamp/helper.py:2 in divide)"
-    assert (fault.plugin, fault.why) == ("lamp", said)
-    (record,) = [received.message for received in log.drain()]
-    assert record.text.startswith(f"does not run: {said}\nTraceback ")
-    assert untangled(record.text).endswith(traceback_of_step(lamp))
-
-
-def test_a_plugin_that_runs_again_has_no_traceback_any_more(bench, lamp):
-    bench.manifest("lamp", "lamp:Lamp", restart="on-failure")
-    bench.start("lamp")
-    bench.plugin("lamp").broken = True
-    bench.tick(100)
-    info = bench.infos()["lamp"]
-    assert (info.state, info.where, info.detail) == ("active", "", "")
-
-
 def test_a_call_that_raises_answers_with_the_traceback_and_logs_it(bench, lamp, caplog):
     bench.start("lamp")
     with pytest.raises(CallError) as raised:
@@ -108,14 +82,6 @@ def test_a_call_that_raises_answers_with_the_traceback_and_logs_it(bench, lamp, 
     with pytest.raises(CallError) as raised:
         bench.call("lamp", "refuse")
     assert (raised.value.message, raised.value.detail) == ("not now", "")  # a refusal is not an error of the plugin
-
-
-def test_the_text_form_answers_with_the_traceback_as_well(bench, lamp):
-    bench.start("lamp")
-    request = CommandRequest(text="call lamp dim(0)")
-    with pytest.raises(CallError) as raised:
-        bench.wire.ask(HOST_COMMAND, request, robot="r1")
-    assert 'File "lamp/helper.py", line 2, in divide' in raised.value.detail
 
 
 @pytest.mark.parametrize(
@@ -150,14 +116,6 @@ def test_a_plugin_that_is_left_out_at_the_start_is_listed_and_logged_with_its_li
     assert info.where == "lamp/helper.py:2 in divide"
     assert info.detail in caplog.text
     assert [record.levelno for record in caplog.records] == [logging.ERROR]
-
-
-def test_what_fails_in_the_host_itself_has_no_traceback(bench, lamp):
-    bench.manifest("lamp", "lamp:Lamp", requires=["ghost"])
-    bench.start("lamp")
-    info = bench.infos()["lamp"]
-    assert "no plugin ghost" in info.why
-    assert (info.where, info.detail) == ("", "")
 
 
 def fall(depth: int) -> None:

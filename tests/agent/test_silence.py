@@ -8,12 +8,6 @@ from robrain.agent.silence import Silence
 LIMIT_NS = 400
 
 
-def test_silence_is_what_has_passed_since_the_source_was_heard() -> None:
-    silence = Silence(LIMIT_NS)
-    assert [silence.since(1000, 1000 + passed) for passed in (0, 50, 100, 200, 390, 410)] == [0, 50, 100, 200, 390, 410]
-    assert silence.since(1500, 1510) == 10
-
-
 def test_pause_of_the_process_counts_for_half_of_the_limit() -> None:
     silence = Silence(LIMIT_NS)
     assert silence.since(0, 100) == 100

@@ -38,15 +38,6 @@ def test_newer_offer_brings_its_own_lease(desk, explorer, first_s, second_s):
     assert (desk.status.id, desk.status.state, desk.status.why) == ("t2", TaskState.CANCELLED, SILENT)
 
 
-def test_newer_offer_restarts_the_lease(desk, explorer):
-    desk.offer(offer(lease_s=5.0), 0)
-    desk.offer(offer("t2", epoch=2, lease_s=5.0), to_ns(4))
-    desk.check_lease(to_ns(9))
-    assert desk.status.state is TaskState.RUNNING
-    desk.check_lease(to_ns(9) + 1)
-    assert desk.status.state is TaskState.CANCELLED
-
-
 @pytest.mark.parametrize("refusal", ["refused", "old", "repeated"])
 def test_offer_that_begins_nothing_leaves_the_lease_as_it_was(desk, explorer, refusal):
     desk.offer(offer(epoch=5, lease_s=5.0), 0)
@@ -149,20 +140,6 @@ def test_epoch_of_what_is_held_fences_offers_but_not_the_withdrawal_of_what_runs
     assert desk.withdraw(TaskWithdrawal(id="t1", epoch=3)).accepted
     assert desk.withdraw(TaskWithdrawal(id="t2", epoch=7)) == YES
     assert desk.facts.next_task is None
-
-
-def test_same_task_with_a_newer_epoch_is_begun_again(desk, explorer):
-    desk.offer(offer(epoch=1), 0)
-    assert desk.offer(offer(epoch=2), 0).accepted
-    assert explorer.started == ["t1", "t1"]
-    assert desk.status.epoch == 2
-
-
-def test_withdrawal_without_a_reason_gets_a_default_reason(desk, explorer):
-    desk.offer(offer(), 0)
-    desk.withdraw(TaskWithdrawal(id="t1", epoch=1))
-    assert desk.status.why == "withdrawn"
-    assert explorer.let_go_of == ["withdrawn"]
 
 
 def test_halted_robot_forgets_its_task_its_held_task_and_its_own_activity(desk, explorer):

@@ -2,7 +2,6 @@
 
 import pytest
 
-from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
@@ -105,11 +104,6 @@ def test_the_task_of_a_behavior_that_breaks_has_failed(seeker):
     seeker.plugin("seeker").trouble = "step"
     assert status(seeker).state is TaskState.FAILED
     assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).why
-
-
-def test_a_deactivated_behavior_takes_no_tasks(seeker):
-    seeker.hosts[-1].manager.get("seeker").apply(Trigger.DEACTIVATE)
-    assert "no behavior does explore tasks" in send(seeker, ROBOT_OFFER, offer()).why
 
 
 def stand_still(bench, for_s):

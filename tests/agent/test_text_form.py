@@ -187,12 +187,6 @@ def test_infinite_and_undefined_numbers_have_words():
     assert math.isnan(parse_value(print_value(math.nan), float))
 
 
-def test_an_own_type_travels_as_json_by_its_text():
-    encoded = msgspec.json.encode({"c": Complex(1, 2)}, enc_hook=encode_own)
-    assert encoded == b'{"c":"(1, 2)"}'
-    assert msgspec.json.decode(encoded, type=dict[str, Complex], dec_hook=decode_own) == {"c": Complex(1, 2)}
-
-
 def test_an_own_type_may_have_a_json_form_of_its_own():
     class Angle:
         def __init__(self, degrees: float) -> None:
@@ -212,21 +206,6 @@ def test_an_own_type_may_have_a_json_form_of_its_own():
     assert angle.degrees == 90.0
     with pytest.raises(msgspec.ValidationError, match="expected a Angle"):
         msgspec.json.decode(b"[3]", type=list[Angle], dec_hook=decode_own)
-
-
-def test_an_own_type_without_a_json_form_is_its_text_in_json():
-    class Version:
-        def __init__(self, text: str) -> None:
-            self.parts = text.split(".")
-
-        def __str__(self) -> str:
-            return ".".join(self.parts)
-
-    register_text_form(Version, Version, str)
-    encoded = msgspec.json.encode([Version("1.2")], enc_hook=encode_own)
-    assert encoded == b'["1.2"]'
-    (version,) = msgspec.json.decode(encoded, type=list[Version], dec_hook=decode_own)
-    assert version.parts == ["1", "2"]
 
 
 def test_a_struct_may_have_a_text_form_beside_its_json():
@@ -281,10 +260,6 @@ def test_a_type_without_a_form_says_how_it_gets_one():
 )
 def test_a_call_is_taken_apart(text, arguments):
     assert parse_call(text) == TextCall("driver", "drive", arguments)
-
-
-def test_a_call_by_signature_is_taken_apart():
-    assert parse_call("call p void.foo-int-string(1, x)") == TextCall("p", "void.foo-int-string", ["1", "x"])
 
 
 @pytest.mark.parametrize(

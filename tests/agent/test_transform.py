@@ -64,14 +64,6 @@ def test_outgoing_words_become_the_callers(tmp_path, said, got):
     assert paper(tmp_path).outgoing(said) == got
 
 
-def test_a_plugin_without_a_table_hears_and_says_what_is_said(tmp_path):
-    path = tmp_path / "plain.toml"
-    path.write_text('[plugin]\nclass = "a:B"', encoding="utf-8")
-    plain = Transform(read_manifest(path).transform)
-    assert plain.incoming(["BEGIN"]) == ["BEGIN"]
-    assert plain.outgoing("0") == "0"
-
-
 @pytest.mark.parametrize(
     ("table", "key", "complaint"),
     [

@@ -58,14 +58,6 @@ def test_a_dry_run_takes_the_arguments_of_a_submission() -> None:
 
 
 @pytest.mark.slow
-def test_a_wait_ends_in_the_tick_of_the_end() -> None:
-    with SCENARIO.team() as team:
-        team.run_for(1.0)
-        record = team.wait(team.submit("visit", place=(2, 1)))
-        assert team.now_s - record.changed_ns / 1e9 < 0.021
-
-
-@pytest.mark.slow
 def test_equal_seeds_and_calls_give_equal_recordings_and_other_seeds_others(tmp_path: Path) -> None:
     def digest(name: str, seed: int) -> str:
         with SCENARIO.team(seed=seed, record=tmp_path / name) as team:
@@ -127,11 +119,3 @@ def test_idle_team_explores_only_as_a_task_says_and_ends_with_its_tasks() -> Non
         began = team.state("r1").pose
         team.run_for(5.0)
         assert team.state("r1").pose.distance_m(began) < 0.05
-
-
-@pytest.mark.slow
-def test_a_client_is_made_of_any_transport() -> None:
-    with SCENARIO.team() as team:
-        other = Team(team.transport, by="bob")
-        assert other.submit("visit", place=(2, 1)).by == "bob"
-        other._listening.close()

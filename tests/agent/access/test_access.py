@@ -2,7 +2,7 @@ import re
 
 import pytest
 
-from robrain.agent.errors import AccessDenied, PluginBusy, PluginInactive, PluginMissing
+from robrain.agent.errors import AccessDenied, PluginBusy, PluginInactive
 from robrain.agent.event import ObservableEvent
 from robrain.agent.lifecycle.transitions import Trigger
 
@@ -179,19 +179,6 @@ def test_a_handle_of_a_deactivated_plugin_says_so(bench, handle):
         assert inactive.value.plugin == "switch"
 
 
-def test_a_handle_of_a_faulted_plugin_says_why(bench, handle):
-    bench.hosts[-1].manager.get("switch").fault(ValueError("a loose contact"))
-    with pytest.raises(PluginInactive, match="switch is faulted: ValueError: a loose contact"):
-        handle.press()
-
-
-def test_a_handle_works_again_when_its_plugin_does(bench, handle):
-    tag = bench.hosts[-1].manager.get("switch")
-    tag.apply(Trigger.DEACTIVATE)
-    tag.activate()
-    assert handle.press(2) == 2
-
-
 # -- exclusive access -------------------------------------------------------------------------------------------
 
 EXCLUSIVE = {"shared": False}
@@ -208,25 +195,12 @@ def test_who_is_second_at_an_exclusive_plugin_is_told_who_holds_it(bench, lab):
     assert (busy.value.plugin, busy.value.holder) == ("switch", "first")
 
 
-def test_the_holder_itself_may_ask_again(bench, lab):
-    lab(EXCLUSIVE, first="Grabber")
-    assert bench.plugin("first").env.use("switch", interface(bench)).press() == 1
-
-
 def test_an_exclusive_plugin_is_free_again_when_its_holder_is_deactivated(bench, lab):
     lab(EXCLUSIVE, first="Grabber", second="Unit1")
     bench.hosts[-1].manager.get("first").apply(Trigger.DEACTIVATE)
     assert bench.infos()["switch"].holder == ""
     bench.plugin("second").env.use("switch", interface(bench))
     assert bench.infos()["switch"].holder == "second"
-
-
-def test_an_exclusive_plugin_is_free_again_when_its_holder_faults(bench, lab):
-    lab(EXCLUSIVE, first="Faulty")
-    assert bench.infos()["switch"].holder == "first"
-    bench.tick()
-    assert bench.infos()["first"].state == "faulted"
-    assert bench.infos()["switch"].holder == ""
 
 
 def test_a_plugin_that_is_left_out_half_way_holds_nothing(bench):
@@ -239,21 +213,8 @@ def test_a_plugin_that_is_left_out_half_way_holds_nothing(bench):
     assert (bench.infos()["second"].state, bench.infos()["switch"].holder) == ("active", "second")
 
 
-def test_a_shared_plugin_has_no_holder(bench, lab):
-    lab(first="Grabber", second="Grabber")
-    infos = bench.infos()
-    assert infos["switch"].holder == ""
-    assert infos["first"].state == infos["second"].state == "active"
-
-
 def test_a_refused_request_does_not_take_an_exclusive_plugin(bench, lab):
     lab(EXCLUSIVE, first="Unit1", second="Unit1")
     with pytest.raises(AccessDenied):
         bench.plugin("first").env.use("switch", interface(bench, "OtherInterface"))
     assert bench.infos()["switch"].holder == ""
-
-
-def test_asking_for_a_plugin_that_is_not_there_says_who_is(bench, lab):
-    lab()
-    with pytest.raises(PluginMissing, match="no plugin ghost; there are: switch"):
-        bench.hosts[-1].manager.get("ghost")

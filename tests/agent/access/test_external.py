@@ -11,7 +11,6 @@ from robrain.agent.plugin import Unit, external, unlocked
 from robrain.agent.text_form import print_value, register_text_form
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.keys import check_name
-from robrain.protocol.model.geometry import Point2D, Pose2D
 
 
 class Complex:
@@ -253,22 +252,6 @@ def test_each_overload_is_told_under_the_external_name():
     assert FUNCTIONS["foo"].info == infos[0]
 
 
-def test_a_signature_names_types_without_the_modules_that_they_come_from():
-    class Guide(Unit):
-        @external
-        def lead(
-            self, points: list[Point2D], by: Annotated[Pose2D | None, msgspec.Meta(description="x")] = None
-        ) -> Pose2D:
-            raise NotImplementedError
-
-    signature = external_functions(Guide)["lead"].info.signature
-    assert signature == "(points: list[Point2D], by: Pose2D | None = None) -> Pose2D"
-
-
-def test_functions_are_listed_by_name():
-    assert list(FUNCTIONS) == sorted(FUNCTIONS)
-
-
 def test_an_own_type_is_taken_and_given_as_json():
     assert call("add", ["(1, 2)", "(3, 4)"]) == "(4, 6)"
     assert call("total", [["(1, 2)", "(3, 4)"]]) == {"total": "(4, 6)"}
@@ -324,11 +307,6 @@ def test_text_arguments_have_their_defaults():
     assert call_text("gather", "1") == "[1]"  # the default list is not shared between calls
     assert call("gather", [1]) == [1]
     assert "missing argument `more`" in refused(call_text, "gather")
-
-
-def test_a_function_may_be_called_without_the_plugins_lock():
-    assert FUNCTIONS["free"].unlocked
-    assert not FUNCTIONS["hello"].unlocked
 
 
 def test_an_overridden_function_keeps_its_place_and_a_hidden_one_goes():

@@ -1,9 +1,7 @@
-import msgspec
 import pytest
 
 from robrain.agent.lifecycle.transitions import Trigger
-from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.errors import CallError, ErrorCode
 
 # As a student writes it: ten lines and a manifest.
 GREETER = """
@@ -187,49 +185,3 @@ def test_a_deactivated_plugin_refuses_calls(more):
 def test_a_call_that_needs_a_plugin_that_is_not_active_says_which(more):
     more.hosts[-1].manager.get("low").apply(Trigger.DEACTIVATE)
     assert refused(more, "more", "poke") == (ErrorCode.INACTIVE, "low is inactive")
-
-
-def test_a_plugin_that_was_left_out_says_why_when_it_is_called(bench):
-    bench.code("more", "import no_such_module")
-    bench.manifest("more", "more:More")
-    bench.start("more")
-    code, message = refused(bench, "more", "add", [1])
-    assert code is ErrorCode.INACTIVE
-    assert "no_such_module" in message
-
-
-def test_another_robot_is_not_there(more):
-    with pytest.raises(NobodyThere):
-        more.call("more", "add", [1], robot="r2")
-
-
-def test_two_robots_in_one_run_answer_for_themselves(bench):
-    bench.code("who", "class Who(Unit):\n    @external\n    def am_i(self) -> str: return self.env.robot")
-    bench.manifest("who", "who:Who")
-    bench.start("who", robot="r1")
-    bench.start("who", robot="r2")
-    assert [bench.call("who", "am_i", robot=robot) for robot in ("r1", "r2")] == ["r1", "r2"]
-
-
-def test_the_same_class_may_be_loaded_under_two_names(bench):
-    bench.code(
-        "lamp",
-        """
-        class Lamp(Device):
-            class Parameters(msgspec.Struct, frozen=True):
-                colour: str
-            @external
-            def colour(self) -> str: return f"{self.env.plugin} is {self.parameters.colour}"
-        """,
-    )
-    bench.manifest("left", "lamp:Lamp", {"colour": "red"})
-    bench.manifest("right", "lamp:Lamp", {"colour": "green"})
-    bench.start("left", "right")
-    assert bench.call("left", "colour") == "left is red"
-    assert bench.call("right", "colour") == "right is green"
-
-
-def test_the_reply_is_plain_json_on_the_wire(more):
-    reply = more.wire.ask(ROBOT_CALL, [1, 2], robot="r1", plugin="more", function="add")
-    assert reply == b"3"
-    assert msgspec.json.decode(reply) == 3

@@ -121,12 +121,6 @@ def test_a_wrong_manifest_is_found(lamps, text, key, message):
     assert message in found_message
 
 
-def test_toml_files_that_are_no_manifests_are_not_complained_of(lamps):
-    (lamps.place / "pyproject.toml").write_text('[project]\nname = "lamps"')
-    (lamps.place / "r1.toml").write_text('[robot]\nname = "r1"\n[parameters.lamp]\nwatts = 2')
-    assert found(lamps) == []
-
-
 def test_a_name_that_is_there_twice_is_found(lamps):
     (lamps.place / "z").mkdir()
     (lamps.place / "z" / "lamp.toml").write_bytes((lamps.place / "lamp.toml").read_bytes())
@@ -195,13 +189,6 @@ def test_a_class_that_cannot_be_loaded_is_found(lamps, source, message):
     ((path, key, found_message),) = found(lamps)
     assert (path, key) == ("other.toml", "[plugin] class")
     assert message in found_message
-
-
-def test_an_edit_is_seen_at_the_next_look(lamps):
-    assert found(lamps) == []
-    edit(lamps, "class Evening(Skill)", "class Morning(Skill)")
-    ((_, key, _),) = found(lamps)
-    assert key == "[plugin] class"
 
 
 @pytest.mark.parametrize(
@@ -406,11 +393,6 @@ def test_a_circle_is_found_once_with_its_full_path(lamps):
         "chandelier → lamp → evening → chandelier",
     )
     assert path.startswith(name)
-
-
-def test_a_plugin_that_requires_itself_is_found(lamps):
-    lamps.manifest("evening", "lamps:Evening", visibility=["*"], requires=["evening"])
-    assert found(lamps) == [("evening.toml", "[tag] requires", "evening requires itself: evening → evening")]
 
 
 def test_a_visibility_that_no_plugin_has_is_found(lamps):

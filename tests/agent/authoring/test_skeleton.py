@@ -75,11 +75,6 @@ def test_a_class_is_named_after_its_plugin(tmp_path, name, class_name):
     assert check_plugins(tmp_path) == []
 
 
-def test_the_folder_around_is_made_if_need_be(tmp_path):
-    paths = write_skeleton("lamp", "unit", tmp_path / "my" / "plugins")
-    assert all(path.parent == tmp_path / "my" / "plugins" / "lamp" for path in paths)
-
-
 # -- what is refused --------------------------------------------------------------------------------------------
 
 
@@ -118,12 +113,6 @@ def test_what_is_there_is_left_as_it_is(tmp_path, what):
     with pytest.raises(PluginError, match="is there already"):
         write_skeleton("lamp", "unit", tmp_path)
     assert list(tmp_path.rglob("*")) == [there]
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(PluginError, match=r"file/deep/lamp cannot be written"):
-        write_skeleton("lamp", "unit", tmp_path / "file" / "deep")
 
 
 # -- the bench of the skeletons' tests --------------------------------------------------------------------------
@@ -185,19 +174,6 @@ def test_the_bench_takes_parameters_and_a_seed(counter):
         assert bench.plugin("counter").dice != dice
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "why"),
-    [
-        (("one",), ErrorCode.BAD_ARGUMENTS, "number"),
-        ((-1,), ErrorCode.FAILED, "expected number >= 0"),
-    ],
-)
-def test_a_call_that_fails_says_why(counter, arguments, code, why):
-    with PluginBench(counter) as bench, pytest.raises(CallError, match=why) as failed:
-        bench.call("counter", "add", *arguments)
-    assert failed.value.code is code
-
-
 def test_a_plugin_that_does_not_start_is_told_with_why(counter):
     (counter / "counter.toml").write_text('[plugin]\nclass = "counter:Counter"\n[parameters]\nstart = "a"\n')
     with PluginBench(counter) as bench:
@@ -205,17 +181,3 @@ def test_a_plugin_that_does_not_start_is_told_with_why(counter):
         assert "[parameters] start: Expected `int`" in bench.info("counter").why
         with pytest.raises(PluginInactive, match="Expected `int`"):
             bench.plugin("counter")
-
-
-def test_the_bench_loads_what_is_named_and_the_stock_plugins_that_it_requires(counter):
-    with PluginBench(counter, load=["driver"]) as bench:
-        assert bench.info("mocdevice").state == "active"
-        with pytest.raises(KeyError):
-            bench.info("counter")
-
-
-def test_a_bench_that_cannot_start_leaves_nothing_open(counter):
-    with pytest.raises(PluginError, match="no plugin ghost"), PluginBench(counter, load=["ghost"]):
-        pass
-    with PluginBench(counter) as bench:
-        assert bench.call("counter", "add", 1) == 1

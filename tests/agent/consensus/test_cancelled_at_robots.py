@@ -190,7 +190,7 @@ def test_robots_remember_so_many_and_long_words_are_cut(lost: LostTeam) -> None:
     kept(lost, visit())
     known = lost.robots[0].consensus.known
     known.drop(TaskDropped(id=f"x{number}") for number in range(CANCELLED_MAX))
-    assert "robots remember no more cancellations until a coordinator notes them" in why_not(lost.robots[0])
+    assert "robots remember no more cancellations until a coordinator records them" in why_not(lost.robots[0])
     known.dropped.clear()
     cancel(lost.robots[0], TaskRequest(id="t1", why="x" * 1000))
     assert len(known.dropped["t1"].why) == CANCELLED_TEXT_MAX

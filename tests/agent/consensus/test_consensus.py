@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.agent.consensus.consensus import AGAIN_NS, REPORTING, chargers_in
+from robrain.agent.consensus.consensus import AGAIN_NS, REPORTING
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
-from robrain.algorithms.consensus.route_scorer import task_scorer
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.consensus_messages import (
@@ -23,8 +22,6 @@ from robrain.protocol.messages.tasks.consensus_messages import (
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.ballot import Ballot, Bid
-from robrain.protocol.model.energy_model import Work
-from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Occupied
 from robrain.protocol.table.topics import ROBOT_BALLOT
@@ -45,20 +42,6 @@ def test_a_team_of_two_that_is_cut_in_half_allocates_nothing_on_either_side(one:
     one.run(10.0)
     assert not one.consensus.is_leaderless
     assert one.begun == []
-
-
-def test_nothing_is_allocated_before_a_coordinator_could_have_been_heard(one: OneRobot) -> None:
-    one.is_coordinated = False
-    one.says = {"r2": {"is_new": True}}
-    one.run(1.4)
-    assert not one.consensus.is_leaderless
-    one.run(0.3)
-    assert one.consensus.is_leaderless
-
-
-def test_a_leaderless_robot_keeps_its_lease_as_if_it_heard_a_coordinator(one: OneRobot) -> None:
-    alone(one)
-    assert one.desk.trusted_ns == one.clock.now_ns()
 
 
 def test_five_ballots_a_second_without_a_coordinator_and_for_two_seconds_after_it_returns(one: OneRobot) -> None:
@@ -150,11 +133,6 @@ def test_a_robot_for_which_there_is_nothing_charges_at_the_nearest_charger(
     assert one.begun == charges
 
 
-def test_chargers_are_those_of_the_plugin_home() -> None:
-    assert chargers_in({"home": {"chargers": [{"x_m": 1.0, "y_m": 2.0}]}}) == [Point2D(1.0, 2.0)]
-    assert chargers_in({}) == []
-
-
 def test_half_of_the_team_is_not_enough_to_keep_a_task(one: OneRobot) -> None:
     intake, asked = one.consensus._intake, TaskSubmission(task=visit("t1"))
     taken = intake.accept(asked, 5, {}, 2)
@@ -175,17 +153,6 @@ def test_a_name_that_the_coordinator_has_given_is_refused_and_a_deadline_that_is
 
 
 # -- what tasks are worth ------------------------------------------------------------------------------------------
-
-
-def test_a_task_that_cannot_be_reached_before_its_deadline_is_worth_nothing_and_a_nearer_one_is() -> None:
-    now_ns = to_ns(1000.0)
-    tasks = [
-        visit("near", 10.0, deadline_ns=now_ns + to_ns(16.0)),
-        visit("far", 11.0, deadline_ns=now_ns + to_ns(16.0)),
-    ]
-    scorer = task_scorer(tasks, Point2D(0.0, 0.0), [Point2D(0.0, 0.0)], None, now_ns, lambda _: Work())
-    assert scorer.value(["near"]) > 0
-    assert not scorer.value(["far"]) > 0
 
 
 # -- what it knows ------------------------------------------------------------------------------------------------
@@ -248,15 +215,6 @@ def test_a_task_is_not_ready_before_what_comes_before_it_is_known_to_have_ended(
     assert [task.id for task in known.ready(0)] == ["t2"]
     known.receive(heard(visit("t1"), TaskState.DONE))
     assert [task.id for task in known.ready(0)] == ["t2"]
-
-
-def test_so_many_ends_are_remembered_and_then_no_task_is_begun(one: OneRobot) -> None:
-    known = one.consensus.known
-    for number in range(ENDS_MAX):
-        known.done[f"d{number}"] = TaskDone(id=f"d{number}", robot="r2", epoch=1)
-    assert known.is_full
-    known.done.pop("d0")
-    assert not known.is_full
 
 
 def test_what_a_mate_knows_to_have_ended_is_open_no_more(one: OneRobot) -> None:

@@ -212,7 +212,7 @@ def test_robots_remember_so_many_and_no_more_and_all_of_them_come_to_all(lost: L
     names = [f"t{number}" for number in range(ASKED_MAX)]
     for name in names:
         submit(lost.robots[0], visit(name))
-    assert "no more tasks until a coordinator notes them" in why_refused(lost.robots[0], visit("one-more"))
+    assert "no more tasks until a coordinator records them" in why_refused(lost.robots[0], visit("one-more"))
     lost.run(0.2 * (ASKED_MAX / ASKED_TOLD + 2))
     assert all(sorted(robot.consensus.known.asked) == sorted(names) for robot in lost.robots)
     lost.revive()

@@ -1,4 +1,3 @@
-import threading
 from types import SimpleNamespace
 
 import pytest
@@ -12,7 +11,6 @@ from robrain.agent.plugin import Unit, external
 from robrain.agent.transform import TransformTable
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from tests.waiting import PATIENCE_S
 
 
 @pytest.fixture(autouse=True)
@@ -143,30 +141,6 @@ def test_help_tells_the_plugins_and_their_functions():
         "  plant(count: int, what: str = 'roses') -> int  Plant some.",
         "  water() -> None  Water them.",
     ]
-
-
-def test_only_plugins_that_are_visible_to_command_are_told():
-    assert [plugin.name for plugin in DOOR.plugins()] == ["garden", "meadow", "asleep"]
-
-
-def test_the_door_may_be_used_from_below_while_a_call_is_under_way():
-    inside, go_on, results = threading.Event(), threading.Event(), []
-    slow = Tag("slow")
-
-    def call_external_text(function, words, *, by):
-        inside.set()
-        assert go_on.wait(PATIENCE_S)
-        return "done"
-
-    slow.call_external_text = call_external_text
-    door = TextCommandDoor(Registry(slow, Tag("meadow")))
-    thread = threading.Thread(target=lambda: results.append(door.call_text("call slow plant(1)")))
-    thread.start()
-    assert inside.wait(PATIENCE_S)
-    assert door.call_text("call meadow plant(1)") == "1"
-    go_on.set()
-    thread.join()
-    assert results == ["done"]
 
 
 commands = st.text(max_size=60) | st.text("garden plnt()[]{}\"'\\,=0123ROSES ", max_size=30).map(

@@ -189,22 +189,6 @@ def test_pause_before_a_restart_is_at_most_half_a_minute_or_what_the_manifest_sa
         assert boiler.state is PluginState.ACTIVE
 
 
-def test_plugin_that_has_failed_thousands_of_times_is_started_again_all_the_same() -> None:
-    boiler = Tag("boiler", restart_limit=1_000_000, backoff_max_s=1.0)
-    robot = Robot(boiler)
-    for attempt in range(2000):
-        faulted(boiler, robot, attempt * SECOND_NS)
-        robot.look((attempt + 1) * SECOND_NS)
-        assert boiler.state is PluginState.ACTIVE
-
-
-def test_plugin_without_restarts_is_not_restarted() -> None:
-    boiler = Tag("boiler", restart="never")
-    robot = Robot(boiler)
-    faulted(boiler, robot, 0)
-    assert restarted_after_ns(boiler, robot, 0) is None
-
-
 def test_restart_waits_for_the_end_of_a_halt() -> None:
     boiler = Tag("boiler")
     robot = Robot(boiler)

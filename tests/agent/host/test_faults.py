@@ -2,7 +2,6 @@
 
 import pytest
 
-from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import PluginState
 from robrain.protocol.errors import CallError, ErrorCode
 
@@ -128,34 +127,6 @@ def test_a_step_that_raises_puts_the_users_aside_and_the_rest_goes_on(house):
         assert refused.value.code is ErrorCode.INACTIVE
 
 
-def test_a_plugin_that_was_put_aside_is_not_deactivated_again_when_the_robot_stops(house):
-    bench = house()
-    radiator = bench.plugin("radiator")
-    bench.broken.append("step")
-    bench.tick(10)
-    assert states(bench)["radiator"] == "inactive"
-    bench.hosts[-1].close()
-    assert radiator.diary.count("deactivate") == 1
-
-
-def test_an_observer_that_raises_is_faulted_and_its_notifier_is_not(house):
-    bench = house()
-    bench.call("boiler", "heat", [13])
-    bench.tick(2)
-    assert states(bench) == {"boiler": "active", "radiator": "faulted", "comfort": "inactive", "clock": "active"}
-    assert bench.infos()["radiator"].why == "KeyError: 13"
-
-
-def test_a_call_from_outside_that_raises_is_answered_and_faults_nobody(house):
-    bench = house()
-    for plugin in ("boiler", "radiator"):
-        with pytest.raises(CallError, match="ValueError: below zero") as failed:
-            bench.call(plugin, "heat", [-1])
-        assert failed.value.code is ErrorCode.FAILED
-    bench.tick(2)
-    assert states(bench) == ALL_ACTIVE
-
-
 def test_who_raises_because_of_an_indirect_requirement_is_put_aside_and_not_blamed(house):
     bench = house()
     bench.manager.get("boiler").fault(RuntimeError("leak"))
@@ -202,40 +173,6 @@ def test_a_plugin_that_floods_its_observers_is_faulted(house):
     assert info.state == "faulted"
     assert info.why.startswith("PluginError: boiler floods: ")
     assert states(bench)["clock"] == "active"
-
-
-def test_every_state_is_told_with_why(house):
-    bench = house()
-    bench.manifest("unfit", "house:Unfit")
-    tag = bench.manager.get("clock")
-    seen = {}
-
-    def note(tag):
-        seen[tag.state] = tag.why
-
-    plain = type(tag)(tag.manifest, bench.manager.registry)
-    note(plain)
-    plain.load()
-    note(plain)
-    plain.apply(Trigger.CLOSE)
-    note(tag)
-    bench.manager.get("boiler").fault(RuntimeError("leak"))
-    bench.tick()
-    note(bench.manager.get("boiler"))
-    note(bench.manager.get("radiator"))
-    bench.manager.halt()
-    note(tag)
-    note(bench.manager.unload("clock")[0])
-    assert seen == {
-        PluginState.DISCOVERED: "",
-        PluginState.LOADED: "",
-        PluginState.ACTIVE: "",
-        PluginState.FAULTED: "RuntimeError: leak",
-        PluginState.INACTIVE: "requires boiler, which is faulted: RuntimeError: leak",
-        PluginState.HALTED: "emergency halt",
-        PluginState.UNLOADED: "it was unloaded",
-    }
-    assert set(seen) == set(PluginState)
 
 
 # -- faults and halts while plugins start -----------------------------------------------------------------------

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.agent.errors import PluginHung, PluginInactive
+from robrain.agent.errors import PluginInactive
 from robrain.agent.host import live_drive
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
@@ -194,16 +194,6 @@ def test_an_endless_loop_ends_when_its_plugin_is_abandoned_and_one_that_cannot_b
     deaf.going.clear()
 
 
-def test_callers_of_a_plugin_that_hangs_are_told_within_the_limit(mine):
-    robot = mine()
-    handle = robot.tag("miner").plugin.mule
-    hang(robot)
-    with pytest.raises(PluginInactive) as late:  # it waits for its turn, and so learns of it before or with the host
-        handle.push()
-    assert isinstance(late.value, PluginHung)
-    assert late.value.plugin == "mule"
-
-
 @pytest.mark.slow
 def test_who_is_stuck_in_a_call_to_what_hangs_is_put_aside_with_it_and_started_again(mine):
     robot = mine(restart="on-failure", backoff_s=0.2)
@@ -249,15 +239,6 @@ def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
     assert len([step for step in space["STEPS"] if step[0] == id(old)]) == count
     assert states(robot)["mule"][0] == "active"
     assert msgspec.json.decode(robot.call("mule", "push")) == "pushed"
-
-
-def test_a_restart_after_a_raise_steps_again(mine):
-    robot = mine(restart="on-failure", backoff_s=0.05)
-    robot.tag("mule").plugin.broken = True
-    until(lambda: robot.tag("mule").restarts == 1 and states(robot)["mule"][0] == "active")
-    fresh = robot.tag("mule").plugin
-    until(lambda: [step for step in robot.space["STEPS"] if step[0] == id(fresh)])
-    until(lambda: states(robot)["miner"][0] == "active")
 
 
 class Wall:

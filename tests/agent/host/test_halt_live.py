@@ -13,7 +13,6 @@ from robrain.agent.host import robot_halts
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import PluginThreads
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
@@ -179,19 +178,3 @@ def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_
     robot.code["RELEASE"].set()
     for call in calls:
         call.join(PATIENCE_S)
-
-
-@pytest.mark.slow
-def test_a_worker_pool_tells_what_failed_and_what_is_late():
-    pool = WorkerPool("test", 1.0)
-    release = threading.Event()
-    calls = {"good": lambda: None, "bad": lambda: 1 / 0, "late": lambda: release.wait(600)}
-
-    def kinds():
-        return {name: type(error) for name, error in pool.run(calls).items()}
-
-    until(lambda: kinds() == {"bad": ZeroDivisionError, "late": NotBack})  # again where the machine was late itself
-    assert pool.run({"good": lambda: None}, PATIENCE_S) == {}
-    release.set()
-    pool.close()
-    until(lambda: not any(thread.name.startswith("test-") for thread in threading.enumerate()))

@@ -2,10 +2,10 @@ from itertools import pairwise
 
 import pytest
 
-from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.errors import NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
 
 DICE = """
     from robrain.protocol.model.geometry import Pose2D
@@ -119,14 +119,6 @@ def test_what_plugins_write_on_the_board_is_told_ten_times_a_second(dice):
     assert (state.robot, state.pose, state.behavior, state.radius_m) == ("r1", Pose2D(1.0, 2.0, 0.5), "writing", 0.3)
     assert not state.halted
     assert [message.seq for message in messages] == list(range(len(messages)))
-
-
-@pytest.mark.parametrize("payload", [b"", b"{}", b"[", b"\xff", b"[" * 100_000], ids=len)
-def test_an_offer_that_is_none_is_refused_as_bad_arguments(dice, payload):
-    dice.start("dice")
-    with pytest.raises(CallError, match="expected a TaskOffer") as refused:
-        dice.wire.ask(ROBOT_OFFER, payload, robot="r1")
-    assert refused.value.code is ErrorCode.BAD_ARGUMENTS
 
 
 def test_a_robot_can_be_closed_twice_and_before_it_was_started(dice):

@@ -4,7 +4,6 @@ import json
 import re
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from robrain.agent.host import host_verbs
@@ -23,7 +22,6 @@ from robrain.protocol.table.host_queries import (
     HOST_RESUME,
     HOST_UNLOAD,
     HOST_VERB,
-    host_query,
 )
 from tests.hostile_payloads import fixed_payloads
 from tests.installed_distributions import install  # noqa: F401 - a fixture
@@ -86,12 +84,6 @@ def refused(lab, verb, data=b"{}"):
     return error.value.code, error.value.message
 
 
-def test_the_registry_has_a_verb_for_each_row_of_the_table():
-    assert set(STOCK) <= set(host_verbs.HOST_VERBS.names)
-    for query in HOST_QUERIES:
-        assert host_verbs.HOST_VERBS.get(query.chunks[-1]).query is query
-
-
 def test_every_reply_decodes_as_its_row_says(lab):
     lease = lab.wire.ask(HOST_HOLD, HoldRequest(plugin="lamp", by="ann"), robot="r1")
     assert (lease.plugin, lease.holder) == ("lamp", "ann")
@@ -148,16 +140,6 @@ def test_the_verb_of_the_how_to_counts_plugins(lab, verbs, install):  # noqa: F8
     install("counters", {"count": "count_verb:count"}, {"count_verb.py": code}, "robrain.host_verbs")
     assert ask(lab, "count", b"{}") == b"1"
     assert ask(lab, "count", b'{"state": "faulted"}') == b"0"
-
-
-class Blinks(msgspec.Struct):
-    times: int
-
-
-def test_a_verb_of_another_distribution_is_asked_by_its_own_row(lab, verbs, install):  # noqa: F811
-    install("blinkers", {"blink": "blinkers:blink"}, {"blinkers.py": BLINK}, "robrain.host_verbs")
-    row = host_query("blink", Blinks, list[str], "Blink")
-    assert lab.wire.ask(row, Blinks(times=1), robot="r1") == ["r1"]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.agent.errors import PluginError
 from robrain.protocol.errors import ErrorCode, ErrorReply
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.host_queries import HOST_VERB
@@ -193,16 +192,3 @@ def test_manifests(lab):
 
     try_all(lab, attempt, 4, count=250, warm_up=150)  # each is written to a file, and loaded
     assert refused > loaded > 0
-
-
-@pytest.mark.slow
-def test_manifests_by_path(lab):
-    odd = lab.place / "odd.toml"
-    manager = lab.hosts[-1].manager
-    for data in list(hostile(5))[:100]:
-        odd.write_bytes(data)
-        try:
-            manager.load(str(odd))
-        except PluginError:
-            continue
-        manager.unload("odd")

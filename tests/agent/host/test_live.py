@@ -14,9 +14,8 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.managed_plugin import WAITS_S
 from robrain.agent.lifecycle.transitions import Effect
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT, ROBOT_ALIVE, ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.table.topics import HALT, ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
 from tests.patient_endpoint import PatientEndpoint
@@ -152,25 +151,6 @@ def test_steps_that_take_longer_than_their_period_are_counted(start):
     assert robot.infos()["slow"].period_s == 0.005
 
 
-def test_a_plugin_that_raises_does_not_stop_the_others(start):
-    robot = start("broken", "counter")
-    until(lambda: robot.infos()["broken"].state == "faulted")
-    steps = robot.plugin("counter").steps
-    until(lambda: robot.plugin("counter").steps > steps + 3)
-
-
-def test_a_running_robot_tells_its_state_and_that_it_is_there(start):
-    robot = start("counter")
-    presence, inbox = robot.wire.watch(ROBOT_ALIVE), Inbox(every=True)
-    robot.wire.subscribe(inbox, ROBOT_STATE)
-    until(lambda: len(inbox) >= 3)
-    changes = []
-    until(lambda: changes.extend(presence.changes()) or changes)
-    robot.stop()
-    until(lambda: changes.extend(presence.changes()) or len(changes) > 1)
-    assert [(change.names["robot"], change.present) for change in changes] == [("r1", True), ("r1", False)]
-
-
 @pytest.mark.slow
 def test_closing_leaves_no_thread_behind(start):
     before = set(threading.enumerate())
@@ -186,14 +166,6 @@ def test_closing_leaves_no_thread_behind(start):
 def threads_since(before, *names):
     """Threads that were not there before and whose names begin so."""
     return [thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith(names)]
-
-
-def test_nothing_steps_after_the_end(start):
-    robot = start("counter")
-    counter = robot.plugin("counter")
-    until(lambda: counter.steps > 0)
-    robot.stop()
-    assert robot.host.manager.get("counter").state == "inactive"
 
 
 @pytest.fixture

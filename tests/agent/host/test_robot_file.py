@@ -39,12 +39,6 @@ def test_a_robot_file_says_what_the_agent_needs_to_know(write):
     assert robot_file.parameters == {"driver": {"speed_m_s": 0.4}}
 
 
-def test_a_name_is_enough(write):
-    robot_file = read_robot_file(write('[robot]\nname = "r1"'))
-    assert (robot_file.robot.team, robot_file.robot.places, robot_file.robot.load) == ("default", [], None)
-    assert robot_file.zenoh.mode == "client"
-
-
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
@@ -74,8 +68,3 @@ def test_a_wrong_robot_file_is_refused_naming_file_and_key(write, old, new, expe
 def test_a_file_that_is_not_there_is_said_in_words(tmp_path):
     with pytest.raises(RobotFileError, match=r"robot.toml: no such file; expected a ROBOT.toml"):
         read_robot_file(tmp_path / "robot.toml")
-
-
-def test_a_folder_is_no_robot_file(tmp_path):
-    with pytest.raises(RobotFileError, match="cannot be read"):
-        read_robot_file(tmp_path)

@@ -143,12 +143,6 @@ def test_silent_foreign_plugin_is_queried_again_only_after_a_pause(hub, monkeypa
     wire.close()
 
 
-def test_who_was_there_before_is_found(robot, gauge):
-    late = ForeignPlugins(robot.wire, "r1")
-    robot.foreign = late
-    robot.until(lambda: "gauge" in late)
-
-
 def test_those_of_other_robots_are_not_ours(robot, gauge):
     other = ForeignPlugins(robot.wire, "r2")
     other.follow()

@@ -14,7 +14,7 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import CommandRequest
 from robrain.protocol.table.host_queries import HOST_COMMAND
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_PLUGINS
+from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.agent.conftest import Bench
@@ -198,42 +198,6 @@ def test_the_host_lists_it_beside_its_own(robot, gauge, meter):
     ]
 
 
-def test_the_host_relays_calls_with_their_arguments_as_they_are(robot, gauge):
-    assert robot.call("gauge", "read") == 1.5
-    assert robot.call("gauge", "place", [3]) == {"x_m": 1.0, "y_m": 2.0}
-    assert robot.call("gauge", "place", {"sensor": 3}) == {"x_m": 1.0, "y_m": 2.0}
-    assert gauge.asked == [b"", b"[3]", b'{"sensor":3}']
-
-
-def test_the_host_relays_its_errors(robot):
-    robot.join(functions=["fail"])
-    with pytest.raises(CallError, match="not today") as caught:
-        robot.call("gauge", "fail")
-    assert (caught.value.code, caught.value.detail) == (ErrorCode.REFUSED, "rain")
-
-
-@pytest.mark.parametrize(
-    ("plugin", "function", "code"),
-    [
-        ("gauge", "wipe", ErrorCode.UNKNOWN_FUNCTION),
-        ("thermometer", "read", ErrorCode.UNKNOWN_PLUGIN),
-    ],
-)
-def test_what_is_not_there_is_not_asked_for(robot, gauge, plugin, function, code):
-    with pytest.raises(CallError) as refused:
-        robot.call(plugin, function)
-    assert refused.value.code is code
-    assert gauge.asked == []
-
-
-def test_one_that_is_not_open_to_the_outside_is_forbidden(robot):
-    process = robot.join(visibility=["meter"])
-    with pytest.raises(CallError, match="gauge is not open to the outside") as refused:
-        robot.call("gauge", "read")
-    assert refused.value.code is ErrorCode.FORBIDDEN
-    assert process.asked == []
-
-
 def test_a_halted_robot_relays_no_calls(robot, gauge):
     robot.host.manager.halt()
     with pytest.raises(CallError) as refused:
@@ -255,8 +219,3 @@ def test_a_process_under_the_name_of_a_plugin_of_the_robot_is_neither_listed_nor
 def test_the_text_form_reaches_it_too(robot, gauge):
     assert robot.command("list") == "gauge"
     assert robot.command("call gauge read()") == "1.5"
-
-
-def test_whoever_asks_the_process_itself_is_checked_by_nobody(robot):
-    robot.join(visibility=[])
-    assert robot.wire.ask(ROBOT_FOREIGN_CALL, robot="r1", plugin="gauge", function="read") == b"1.5"

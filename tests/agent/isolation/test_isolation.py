@@ -3,14 +3,13 @@
 import logging
 import os
 import threading
-import time
 from typing import Protocol
 
 import msgspec
 import numpy as np
 import pytest
 
-from robrain.agent.errors import AccessDenied, HardwareAbsent, PluginBusy, PluginError
+from robrain.agent.errors import AccessDenied, PluginBusy, PluginError
 from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import IsolatedPlugin
 from robrain.agent.lifecycle.external_function import external_functions
@@ -176,14 +175,6 @@ def test_events_of_its_own_threads_are_told_as_well(bench):
     assert told == [5]
 
 
-def test_period_may_be_set_when_it_starts(bench):
-    vision = bench.start("""
-        class Vision(Unit):
-            def init(self): self.period_s = 0.75
-        """)
-    assert vision.period_s == 0.75
-
-
 def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench):
     ranger = bench.env.others["ranger"] = Ranger()
     vision = bench.start(
@@ -306,16 +297,6 @@ def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_calle
     assert caught.value.plugin == "vision"
 
 
-def test_absent_hardware_is_told_as_such(bench):
-    vision = bench.make("""
-        class Vision(Device):
-            def init(self): raise HardwareAbsent("vision", "no camera at /dev/video9")
-        """)
-    with pytest.raises(HardwareAbsent, match="no camera"):
-        vision.init()
-    assert vision.pid is None
-
-
 def test_arguments_of_the_wrong_type_are_refused_by_name(bench):
     vision = bench.start(VISION)
     with pytest.raises(TypeError, match="find: Expected `int`"):
@@ -329,16 +310,6 @@ def test_what_is_not_plain_data_is_refused_in_words(bench):
     with pytest.raises(TypeError, match="lock is not plain data"):
         vision.find(threading.Lock())
     assert vision.process() == vision.pid
-
-
-def test_random_numbers_are_those_of_the_same_plugin_in_process(bench):
-    drawn = list(np.random.default_rng(StandInEnvironment().seeds).integers(0, 1000, 5))
-    vision = bench.start("""
-        class Vision(Unit):
-            @external
-            def draw(self) -> list[int]: return [int(n) for n in self.env.rng.integers(0, 1000, 5)]
-        """)
-    assert vision.draw() == drawn
 
 
 def test_the_board_is_the_robots(bench):
@@ -367,19 +338,6 @@ def test_its_log_is_in_the_robots(bench, caplog):
     assert ("vision", logging.WARNING, "dirt on the lens") in caplog.record_tuples
 
 
-def test_it_knows_robot_time_and_its_own_name(bench):
-    vision = bench.start("""
-        class Vision(Unit):
-            @external
-            def about(self) -> list[str]: return [self.env.robot, self.env.plugin]
-            @external
-            def now(self) -> int: return self.env.clock.now_ns()
-        """)
-    assert vision.about() == ["r1", "vision"]
-    before_ns = time.time_ns()
-    assert before_ns <= vision.now() <= time.time_ns()
-
-
 @pytest.mark.parametrize(
     ("wish", "text"),
     [
@@ -397,13 +355,6 @@ def test_what_it_cannot_have_is_refused_in_words(bench, wish, text):
         """)
     with pytest.raises(PluginError, match=text):
         vision.wish()
-
-
-def test_in_lockstep_isolation_is_an_error_that_says_so(bench):
-    bench.env = StandInEnvironment(Drive.LOCKSTEP)
-    vision = bench.make(VISION)
-    with pytest.raises(PluginError, match="is for the live drive"):
-        vision.init()
 
 
 def test_types_that_cannot_pass_between_processes_are_found_before_the_start(bench):

@@ -143,12 +143,6 @@ def test_memory_beyond_the_limit_is_not_given_and_the_plugin_lives(bench):
     assert fragile.halted() == 0
 
 
-def test_a_step_that_does_not_end_is_killed(stuck):
-    stuck.stumble()
-    with pytest.raises(PluginCrashed, match="did not come back from step"):
-        stuck.step()
-
-
 def test_a_crash_that_no_call_runs_into_is_told_through_the_plugins_mailbox(bench, fragile, tmp_path):
     fragile.leave_later(str(tmp_path / "now"))
     (tmp_path / "now").touch()
@@ -184,38 +178,6 @@ def test_waiting_for_a_lower_plugin_is_not_held_against_it(bench):
         limits=QUICK,
     )
     assert vision.rest() == 5
-
-
-def test_after_a_crash_it_can_be_started_anew(fragile):
-    with pytest.raises(PluginCrashed):
-        fragile.abort()
-    fragile.init()
-    fragile.activate()
-    assert fragile.halted() == 0
-
-
-def test_deactivate_ends_the_process_and_activate_starts_another(fragile):
-    pid = fragile.pid
-    fragile.deactivate()
-    assert gone(pid)
-    fragile.activate()
-    assert fragile.pid not in (None, pid)
-
-
-def test_a_plugin_that_is_initialised_again_runs_in_another_process_and_the_first_one_has_ended(fragile):
-    pid = fragile.pid
-    fragile.init()
-    assert fragile.pid not in (None, pid)
-    assert not Path(f"/proc/{pid}").exists()
-
-
-def test_a_plugin_that_is_closed_has_no_process_any_more_and_says_so(fragile):
-    pid = fragile.pid
-    fragile.close()
-    assert fragile.pid is None
-    assert not Path(f"/proc/{pid}").exists()
-    with pytest.raises(PluginCrashed, match="vision was closed"):
-        fragile.halted()
 
 
 def test_what_the_plugin_has_started_ends_with_it(fragile):

@@ -13,7 +13,6 @@ import pytest
 from robrain.agent.isolation.child import ChildEnvironment, PluginChild
 from robrain.agent.isolation.isolated_plugin import ChildProcess
 from robrain.agent.isolation.messages import Begin
-from robrain.agent.isolation.process_group import how_it_ended
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import PATIENCE_S
 
@@ -81,10 +80,6 @@ def environment_in_its_process(connect: Sequence[str] = ()) -> ChildEnvironment:
     return ChildEnvironment(begin, nobody, threading.RLock())
 
 
-def test_an_environment_that_never_used_the_wire_closes_without_opening_it() -> None:
-    environment_in_its_process().close()  # would be refused the wire, as there is no way to it
-
-
 def test_an_environment_that_has_used_the_wire_leaves_it_when_it_closes() -> None:
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub:
         environment = environment_in_its_process(connect=listening_at(hub))
@@ -93,33 +88,3 @@ def test_an_environment_that_has_used_the_wire_leaves_it_when_it_closes() -> Non
         environment.close()
         assert wire.is_closed
         assert wire.session.is_closed()
-
-
-@pytest.mark.parametrize(
-    ("status", "words"),
-    [
-        (0, "has ended with status 0"),
-        (3, "has ended with status 3"),
-        (-6, "was ended by SIGABRT"),
-        (-250, "was ended by signal 250"),
-    ],
-)
-def test_an_exit_status_is_told_in_words(status: int, words: str) -> None:
-    assert how_it_ended(status) == words
-
-
-def test_nobody_needs_to_be_there_to_hear_of_a_loss(child: ChildProcess) -> None:
-    child._on_lost = weakref.WeakMethod(Watcher().lost)
-    os.kill(child.pid, signal.SIGKILL)
-    child._watcher.join(PATIENCE_S)
-    assert not child._watcher.is_alive()
-    assert child._group.status == -signal.SIGKILL
-
-
-def test_its_connections_are_given_back_once(child: ChildProcess) -> None:
-    lifeline = child._lifeline
-    child.kill()
-    with pytest.raises(OSError, match="Bad file descriptor"):
-        os.fstat(lifeline)
-    child.kill()
-    assert child._lifeline == -1

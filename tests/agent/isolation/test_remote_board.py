@@ -1,15 +1,12 @@
 """The board as a plugin in a process of its own sees it: facts cross the border as what they are."""
 
-from collections import deque
 from typing import Any
 
 import pytest
 
 from robrain.agent.isolation.child import RemoteBoard
 from robrain.agent.isolation.contract import decoder
-from robrain.agent.isolation.isolated_plugin import BOARD_TYPES
-from robrain.agent.isolation.messages import ReadBoard, WriteBoard
-from robrain.algorithms.localization.odometry import YawRate
+from robrain.agent.isolation.messages import BOARD_TYPES, ReadBoard, WriteBoard
 from robrain.protocol.model.geometry import Pose2D
 
 
@@ -19,7 +16,7 @@ class Parent:
     def __init__(self) -> None:
         self.board: dict[str, bytes] = {}
 
-    def tell(self, said: WriteBoard) -> None:
+    def send(self, said: WriteBoard) -> None:
         self.board[said.name] = said.value
         decoder(BOARD_TYPES[said.name]).decode(said.value)  # as the robot's process reads it
 
@@ -43,12 +40,3 @@ def test_what_devices_leave_on_the_board_is_the_same_on_both_sides(name: str, va
     board = RemoteBoard(parent)
     setattr(board, name, value)
     assert getattr(board, name) == value
-
-
-def test_turn_rates_do_not_cross_and_a_base_reads_none() -> None:
-    parent: Any = Parent()
-    board = RemoteBoard(parent)
-    assert board.yaw_rates == deque()
-    board.yaw_rates.append(YawRate(1, 0.5))
-    assert len(RemoteBoard(parent).yaw_rates) == 0
-    assert parent.board == {}

@@ -61,10 +61,6 @@ def test_a_path_in_a_folder_that_the_robot_opens_is_loaded(load, disk, asked):
     assert "lamp" in load(disk / asked)
 
 
-def test_a_path_in_a_place_is_loaded(load, disk):
-    assert "lamp" in load(write_lamp(disk / "place" / "lamp"))
-
-
 @pytest.mark.parametrize(
     "asked",
     [
@@ -159,13 +155,6 @@ def test_a_refusal_does_not_say_where_the_robot_keeps_its_files(load, disk, file
     (write_lamp(disk / "place" / "lamp") / file).write_text(content)
     _, text = code_of(load, "lamp")
     assert str(disk) not in text
-
-
-def test_an_already_loaded_plugin_names_only_its_folder(load, disk):
-    write_lamp(disk / "place" / "lamp")
-    load("lamp")
-    _, text = code_of(load, "lamp")
-    assert text == "lamp is loaded already, from lamp/lamp.toml: reload it, or unload it first"
 
 
 def test_a_robot_file_opens_folders_beside_it_and_at_home(tmp_path, monkeypatch):

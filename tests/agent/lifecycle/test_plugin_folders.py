@@ -53,10 +53,6 @@ def test_a_broken_entry_point_is_logged_and_left_out(install, caplog, value, fil
     assert why in record.getMessage()
 
 
-def test_without_distributions_there_are_no_places():
-    assert entry_point_places() == []
-
-
 def test_a_robot_loads_plugins_of_a_distribution_and_tells_where_they_come_from(install):  # noqa: F811
     install("robrain-lamps", {"lamps": "lamps"}, LAMP)
     with PluginBench(load=["lamp", "scan"]) as bench:

@@ -89,22 +89,10 @@ def test_what_is_not_for_the_role_is_refused_with_those_that_are(place: Path, ch
         pass
 
 
-def test_a_role_that_no_plugin_has_is_refused(place: Path) -> None:
-    bench = PluginBench(place, roles={"lantern": "bright_lamp"})
-    why = r"\[robot.roles\] lantern: no plugin bright_lamp for that; there are: none"
-    with pytest.raises(PluginMissing, match=why), bench:
-        pass
-
-
 def test_a_role_must_be_a_name(place: Path) -> None:
     (place / "bright_lamp.toml").write_text('[plugin]\nclass = "lamps:Bright"\nrole = "a/b"\n')
     with pytest.raises(ManifestError, match=r"\[plugin\] role"):
         read_manifest(place / "bright_lamp.toml")
-
-
-def test_a_role_of_stock_plugins_that_has_no_plugin_of_its_own_is_one(place: Path) -> None:
-    (place / "bright_lamp.toml").write_text('[plugin]\nclass = "lamps:Bright"\nrole = "imu"\n')
-    assert check_plugins(place) == []
 
 
 def test_the_check_finds_nothing_wrong_but_a_role_that_there_is_not(place: Path) -> None:

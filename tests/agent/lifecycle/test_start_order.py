@@ -109,23 +109,6 @@ def test_what_cannot_start_leaves_out_its_branch_and_the_rest_starts(bench, diar
     assert all(why in infos[name].why for name in ("user", "boss"))
 
 
-def test_a_plugin_whose_activate_raises_is_left_out_too(bench, diary):
-    bench.manifest("bad", "diary:Unwilling")
-    bench.manifest("boss", "diary:Top", requires=["bad"])
-    bench.start("boss")
-    assert bench.infos()["bad"].why == "ZeroDivisionError: division by zero"
-    assert bench.infos()["boss"].why.startswith("requires bad, which is left out")
-
-
-def test_a_missing_requirement_leaves_out_the_plugin_and_says_what_there_is(bench, diary):
-    bench.manifest("a", "diary:Top", requires=["ghost"])
-    bench.manifest("b", "diary:Low")
-    bench.start("a", "b")
-    infos = bench.infos()
-    assert (infos["a"].state, infos["b"].state) == ("faulted", "active")
-    assert infos["a"].why == "no plugin ghost; there are: a, b"
-
-
 def test_what_is_left_out_before_it_is_loaded_is_listed_with_its_level_all_the_same(bench, diary):
     bench.manifest("alone", "diary:Low", requires=["ghost"])
     bench.manifest("head", "diary:Top", requires=["tail"])
@@ -149,12 +132,6 @@ def test_plugins_that_require_each_other_are_left_out_and_the_rest_starts(bench,
     assert infos["a"].why == infos["b"].why == infos["c"].why
     assert infos["a"].why in cycle
     assert infos["user"].why.startswith("requires b, which is left out: requires itself")
-
-
-def test_a_plugin_that_requires_itself_is_left_out(bench, diary):
-    bench.manifest("a", "diary:Low", requires=["a"])
-    bench.start("a")
-    assert bench.infos()["a"].why == "requires itself: a → a"
 
 
 NAMES = ["a", "b", "c", "d", "e"]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.agent.errors import PluginInUse, PluginMissing, PluginUnloaded
+from robrain.agent.errors import PluginInUse, PluginUnloaded
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import UnloadRequest
 from robrain.protocol.table.host_queries import HOST_UNLOAD
@@ -105,8 +105,3 @@ def test_a_plugin_that_was_left_out_can_be_unloaded(stack):
     assert stack.infos()["odd"].state == "faulted"
     manager.unload("odd")
     assert stack.infos() == {}
-
-
-def test_what_is_not_there_cannot_be_unloaded(stack):
-    with pytest.raises(PluginMissing, match="no plugin ghost"):
-        stack.manager.unload("ghost")
