@@ -150,20 +150,20 @@ class EventPublisher:
     A notifier's thread may be in `put` while another closes it.
 
     Args:
-        event: event of the plugin.
+        source: event of the plugin.
         wire: the plugin's place on the wire.
-        names: of the robot, the plugin and the event.
+        robot, plugin, event: their names.
 
     """
 
-    def __init__(self, event: Event[Any], wire: Endpoint, **names: str) -> None:
-        self._event = event
+    def __init__(self, source: Event[Any], wire: Endpoint, *, robot: str, plugin: str, event: str) -> None:
+        self._event = source
         self._wire = wire
-        self._message = plugin_messages.Event(**names)
-        self._publisher = wire.publisher(ROBOT_EVENT, **names)
+        self._message = plugin_messages.Event(robot=robot, plugin=plugin, event=event)
+        self._publisher = wire.publisher(ROBOT_EVENT, robot=robot, plugin=plugin, event=event)
         self._lock = threading.Lock()
         self._is_open = True
-        event.leave = self.put
+        source.leave = self.put
 
     def put(self, value: Any) -> None:
         """Publish a notification; one that cannot leave the robot is counted, and the first one is logged."""

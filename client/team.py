@@ -381,7 +381,7 @@ class Team(RobotCalls):
         """Return the regions that exploration has not covered, by the coordinator's map; None without a map."""
         return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
 
-    def lead(self, *, by: str | None = None) -> list[str]:
+    def lead(self, *, by: str | None = None) -> Names:
         """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.
 
         A coordinator offers no task while most of its robots may be allocating tasks among themselves. A candidate does

@@ -22,46 +22,10 @@ LAB = """
         def hello(self, name: str = "world") -> str: return f"hello {name}"
 """
 WORDS = [
-    *(
-        b"[plugin]",
-        b"[parameters]",
-        b"[tag]",
-        b"class",
-        b"=",
-        b'"lab:Lamp"',
-        b'"lab:Lamp',
-        b"lab",
-        b"requires",
-        b"[",
-        b"]",
-    ),
-    *(b"\n", b"{", b"}", b'"', b"'", b",", b":", b"(", b")", b"null", b"true", b"1e999", b"-1", b"0.5", b"NaN", b" "),
-    *(
-        b"\\ud800",
-        b"\xff",
-        b"\x00",
-        b"\xe2\x86\x92",
-        b"call",
-        b"list",
-        b"help",
-        b"lamp",
-        b"dim",
-        b"hello",
-        b"name=",
-        b".",
-    ),
-    *(
-        b'"plugin"',
-        b'"text"',
-        b'"cascade"',
-        b"visibility",
-        b"'''",
-        b'"""',
-        b"#",
-        b"1979-05-27",
-        b"[" * 2000,
-        b"9" * 5000,
-    ),
+    *rb"""[plugin] [parameters] [tag] class = "lab:Lamp" "lab:Lamp lab requires [ ] { } " ' , : ( )""".split(),
+    *rb"""null true 1e999 -1 0.5 NaN \ud800 call list help lamp dim hello name= . "plugin" "text" "cascade" """.split(),
+    *(b"visibility", b"'''", b"#", b"1979-05-27", b"\n", b" ", b"\xff", b"\x00", b"\xe2\x86\x92", b'"""'),
+    *(b"[" * 2000, b"9" * 5000),
 ]
 
 
