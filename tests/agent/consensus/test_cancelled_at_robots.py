@@ -145,7 +145,7 @@ def test_robots_refuse_an_offer_of_it_and_tell_a_coordinator_that_missed_it(lost
     assert lost.states()["t1"] is not TaskState.CANCELLED
     for robot in lost.robots:
         robot.consensus._publisher.put = robot.put_before
-    lost.coordinator.tasks.tell(lost.journal.find("t1"))
+    lost.coordinator.tasks.republish_change(lost.journal.find("t1"))
     lost.run(1.0)
     assert lost.states()["t1"] is TaskState.CANCELLED
     assert not lost.begun
