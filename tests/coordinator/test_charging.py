@@ -21,7 +21,6 @@ from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.table.topics import (
     COORDINATOR_CHARGES,
     COORDINATOR_PLANNING,
-    ROBOT_CALL,
     TASK_DECISION,
     TASK_PROBLEM,
     TASK_WHY,
@@ -233,16 +232,6 @@ def test_a_charge_of_its_own_accord_that_has_brought_enough_is_ended_as_well(tea
     assert run(team, [low, own], 900.0, until=all_done(team))
 
 
-@pytest.mark.slow
-def test_a_short_turn_that_was_of_no_use_is_not_cut_short_again(team):
-    """Each visit takes more than a short turn gives: two thirds of a battery."""
-    workers = staff(team, (0.3, 0.2), dearer=1.0)
-    for number in range(2):
-        team.submit(visit(f"t{number}", service_s=0.6 * CAPACITY_J / 8.0))
-    assert run(team, workers, 300.0, until=lambda: set(team.states().values()) == {TaskState.RUNNING})
-    assert max(len(charges_of(worker)) for worker in workers) <= 2
-
-
 @pytest.mark.parametrize(("to_soc", "is_whole"), [(0.25, [True]), (TO_SOC, [])])
 def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team, monkeypatch, to_soc, is_whole):
     seen = []
@@ -302,24 +291,6 @@ def test_what_exploring_and_charging_will_take_is_told_before_it_is_done(team):
 
 
 # -- who knows chargers ---------------------------------------------------------------------------------------------
-
-
-def test_only_robots_with_a_home_are_asked_for_chargers(team):
-    asked = []
-    with_home, without = team.robot("r1", 5.0), team.robot("r2", 7.0)
-    with_home.chargers = [DOCKS[0]]
-    for robot in (with_home, without):
-        told = robot._called
-        robot.wire.answer(
-            ROBOT_CALL,
-            lambda request, robot=robot, told=told: asked.append(robot.name) or told(request.names["function"]),
-            robot=robot.name,
-        )
-    team.closed_room()
-    team.run(120.0)
-    assert "r1" in asked
-    assert "r2" not in asked
-    assert team.coordinator.planning.chargers.of["r1"][0].place == DOCKS[0]
 
 
 # -- when the schedule is published again ---------------------------------------------------------------------------

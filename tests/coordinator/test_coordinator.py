@@ -12,10 +12,8 @@ from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.answers.trace import trace_of
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.messages.team.standing_messages import RobotRemoval
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
@@ -27,8 +25,6 @@ from robrain.protocol.table.topics import (
     ROBOT_ALIVE,
     ROBOT_MAP,
     ROBOT_STATE,
-    TASK_CANCEL,
-    TASK_WHY,
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.coordinator.conftest import TICK_S
@@ -42,22 +38,6 @@ def test_a_team_at_rest_is_looked_after_twice_a_second(team, monkeypatch, method
     team.begin(None, PlanningPolicy(method=method))
     team.robot("r1")
     team.closed_room()
-    team.run(2.0)
-    looks = []
-    monkeypatch.setattr(
-        team.coordinator.part(Exploration).explorer, "choose", lambda *_: looks.append(team.clock.now_ns()) or []
-    )
-    team.run(5.0)
-    assert 9 <= len(looks) <= 11
-
-
-def test_a_team_is_looked_after_twice_a_second_again_once_it_has_looked_at_what_was_asked_for(team, monkeypatch):
-    team.begin(None, PlanningPolicy(method="nearest"))
-    team.robot("r1")
-    team.closed_room()
-    team.run(2.0)
-    team.submit(Task(id="t1", kind="visit", place=Point2D(6.0, 4.0)))
-    team.ask(TASK_CANCEL, TaskRequest(id="t1"))
     team.run(2.0)
     looks = []
     monkeypatch.setattr(
@@ -119,15 +99,6 @@ def test_each_idle_robot_is_handed_a_frontier_of_its_own(team):
     )
 
 
-def test_frontiers_of_one_round_are_apart_from_those_of_the_last(team):
-    first = team.robot("r1", 5.8)
-    team.corridor()
-    team.run(1.0)
-    second = team.robot("r2", 5.8)
-    team.run(1.0)
-    assert abs(first.goal.x_m - second.goal.x_m) > 4.0
-
-
 def test_a_robot_that_is_done_gets_the_next_frontier_at_once(team):
     robot = team.robot("r1")
     team.hall()
@@ -159,17 +130,6 @@ def test_a_halted_robot_is_offered_nothing(team):
     team.run(2.0)
     assert robot.offers == []
     robot.halted = False
-    team.run(1.0)
-    assert len(robot.offers) == 1
-
-
-def test_a_robot_that_does_not_know_where_it_is_is_offered_nothing(team):
-    robot = team.robot("r1")
-    pose, robot.pose = robot.pose, None
-    team.hall()
-    team.run(2.0)
-    assert robot.offers == []
-    robot.pose = pose
     team.run(1.0)
     assert len(robot.offers) == 1
 
@@ -388,14 +348,6 @@ def test_as_long_as_a_robot_is_at_work_not_all_is_explored(team):
     assert team.summary.all_explored
 
 
-def test_as_long_as_a_failure_may_be_tried_again_not_all_is_explored(team):
-    robot = team.robot("r1")
-    robot.accepts = False
-    team.corridor()
-    team.run(12.0)
-    assert not team.summary.all_explored
-
-
 def test_an_empty_map_is_not_explored_however_late_it_fills(team):
     team.robot("r1")
     team.run(20.0)
@@ -418,15 +370,6 @@ def test_with_no_robot_up_nothing_is_explored(team):
 
 
 # -- revising goals -----------------------------------------------------------------------------------------
-
-
-def test_by_default_a_robot_keeps_its_goal_to_the_end(team):
-    robot = team.robot("r1", 4.0)
-    team.corridor()
-    team.run(1.0)
-    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
-    team.run(5.0)
-    assert len(robot.offers) == 1
 
 
 def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
@@ -457,18 +400,6 @@ def test_a_robot_that_explores_alone_keeps_its_goal(team):
     assert len(robot.offers) == 1
 
 
-def test_a_goal_is_not_revised_for_a_little(team):
-    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
-    robot = team.robot("r1", 5.8)
-    team.robot("r2", 4.2).accepts = False
-    team.corridor()
-    team.run(1.0)
-    for x_m in (6.4, 5.4, 6.2, 5.6):
-        robot.pose = Pose2D(x_m, robot.pose.y_m, 0.0)
-        team.run(2.0)
-    assert len(robot.offers) == 1
-
-
 def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
     team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
     robot = team.robot("r1", 4.0)
@@ -494,9 +425,3 @@ def test_a_task_that_a_person_has_submitted_is_never_revised(team):
     robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
     team.run(4.0)
     assert robot.task.id == "look"
-
-
-def test_a_task_has_one_trace_in_its_explanation(team):
-    team.submit(Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)))
-    why = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
-    assert why.trace == trace_of("default", "t1")

@@ -125,14 +125,6 @@ def test_a_robot_that_forgot_its_task_in_a_restart_gets_another(team):
     assert robot.withdrawals == []
 
 
-def test_a_running_task_is_not_withdrawn(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(5.0)
-    assert robot.withdrawals == []
-    assert robot.task.state is TaskState.RUNNING
-
-
 def test_a_coordinator_that_takes_over_offers_with_greater_epochs(team):
     robot = team.robot("r1")
     team.hall()

@@ -97,12 +97,3 @@ def test_a_part_may_hold_back_what_was_submitted(team: Team) -> None:
     patrol.refusal = None
     team.run(1.5)
     assert [offer.task.id for offer in robot.offers if offer.task.kind == VISIT] == ["t1"]
-
-
-@pytest.mark.sets_aside
-def test_a_coordinator_has_no_part_that_nobody_has_registered(team: Team) -> None:
-    class Unknown(CoordinatorPart):
-        """Registered nowhere."""
-
-    with pytest.raises(KeyError, match="Unknown"):
-        team.coordinator.part(Unknown)

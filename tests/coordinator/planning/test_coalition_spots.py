@@ -45,26 +45,12 @@ def test_spots_lie_evenly_on_a_ring_with_room_between_the_robots(robots):
     assert between_m == pytest.approx([0.4 + ROOM_M] * robots, abs=2e-3)
 
 
-def test_they_are_counted_counter_clockwise_from_the_east():
-    assert spots_around(PLACE, 4, 0.2, None) == [
-        Point2D(4.495, 3.0), Point2D(4.0, 3.495), Point2D(3.505, 3.0), Point2D(4.0, 2.505),
-    ]  # fmt: skip
-
-
-def test_spots_are_told_to_the_millimetre():
-    assert spots_around(PLACE, 5, 0.2, None)[1] == Point2D(4.184, 3.566)
-
-
 def test_a_robot_may_touch_the_edge_of_the_map():
     """Which has two cells on each side of a robot of 0.2 m."""
     south = Point2D(4.0, 0.25)
     assert spots_around(south, 2, 0.2, floor()) == spots_around(south, 2, 0.2, None)
     west = spots_around(Point2D(0.25, 3.0), 2, 0.2, floor())
     assert min(spot.x_m for spot in west) > 0.2
-
-
-def test_the_ring_is_not_turned_where_all_of_it_is_free():
-    assert spots_around(PLACE, 2, 0.2, floor()) == spots_around(PLACE, 2, 0.2, None)
 
 
 def is_free(grid, x_m, y_m):

@@ -43,13 +43,6 @@ def test_a_task_takes_its_way_and_a_charge_also_the_docking(task, way_m, expecte
     assert (decision.task, decision.plan, decision.robots, decision.start_in_s) == (task.id, 7, ("r1",), 0.0)
 
 
-def test_the_reason_tells_a_charge_from_exploring():
-    assert [own_decision(task, STATE, 8.0, 7, POLICY).why for task in (EXPLORE, RECHARGE)] == [
-        "it has nothing else to do",
-        "it is to charge to 95%",
-    ]
-
-
 @pytest.mark.parametrize(
     "state",
     [RobotState(robot="r1", pose=STATE.pose), RobotState(robot="r1", energy=STATE.energy)],

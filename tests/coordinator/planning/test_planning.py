@@ -2,13 +2,10 @@
 
 from itertools import pairwise
 
-import msgspec
 import pytest
 
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.problem_codec import decode
-from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
@@ -16,7 +13,6 @@ from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import lacks_plugins
 from robrain.protocol.table.topics import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
@@ -177,28 +173,6 @@ def test_a_robot_that_is_low_charges_first_and_then_does_what_was_left_out(team)
     assert records.find(robot.offers[0].task.id).own
 
 
-@pytest.mark.slow
-def test_robots_take_turns_at_a_charger(team):
-    robots = [team.robot(f"r{number}", 4.0 + number) for number in range(3)]
-    workers = []
-    for number, robot in enumerate(robots):
-        robot.plugins = ["visit", "recharge"]
-        robot.chargers = [Point2D(3.5, 2.5)]
-        workers.append(Worker(robot, remaining_j=(0.3 - 0.05 * number) * CAPACITY_J))
-    team.closed_room()
-    order: list[str] = []
-
-    def check():
-        docked = [worker.robot.name for worker in workers if worker.at_charger is not None]
-        assert len(docked) <= 1
-        if docked and docked[0] not in order:
-            order.extend(docked)
-
-    full = 0.9 * CAPACITY_J
-    assert run(team, workers, 400.0, until=lambda: all(one.remaining_j > full for one in workers), check=check)
-    assert order == ["r2", "r1", "r0"]  # least first
-
-
 def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
     tired, fresh = team.robot("r1", 6.0), team.robot("r2", 8.5)
     tired.behavior = "recharge"
@@ -218,44 +192,6 @@ def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
 
 
 # -- told, recorded, decided again ----------------------------------------------------------------------------------
-
-
-def test_a_decision_has_each_robots_bid(team, ears):
-    for name, x_m, plugins in (("r1", 5.0, ["visit"]), ("r2", 8.0, ["visit"]), ("r3", 6.0, ["explore"])):
-        team.robot(name, x_m).plugins = plugins
-    team.closed_room()
-    team.run(1.0)
-    team.submit(visit("t1", 6.0))
-    team.run(0.5)
-    decision = ears.decided()[-1]
-    assert (decision.task, decision.robots) == ("t1", ("r1",))
-    near, far, blind = decision.bids
-    assert near.chosen
-    assert near.energy_j < far.energy_j
-    assert near.time_s < far.time_s
-    assert (blind.reason, blind.refusal) == (lacks_plugins(("visit",)), "has no visit")
-    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
-    assert [(one.robot, one.chosen, one.energy_j) for one in found.robots] == [
-        ("r1", True, near.energy_j), ("r2", False, far.energy_j), ("r3", False, None),
-    ]  # fmt: skip
-
-
-@pytest.mark.slow
-def test_what_a_plan_was_made_from_is_told_with_it_and_makes_it_again(team, ears):
-    robots = [team.robot(f"r{number}", 4.0 + 2.0 * number) for number in range(3)]
-    workers = [Worker(robot, remaining_j=CAPACITY_J, dearer=1.0 + index) for index, robot in enumerate(robots)]
-    team.closed_room()
-    run(team, workers, 1.0)
-    for number in range(9):
-        team.submit(visit(f"t{number}", 3.4 + 0.55 * number, 2.6 + 2.5 * (number % 2), service_s=1.0))
-    run(team, workers, 60.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
-    problems = ears.asked()
-    assert len(problems) > 5
-    assert [one.plan for one in problems] == list(range(1, len(problems) + 1))
-    for one in problems:
-        assert plan_again(one) == one.routes
-        assert len(msgspec.json.encode(one)) < 6000
-    assert len(decode(problems[0].question).profiles) == 3
 
 
 # -- the objective ----------------------------------------------------------------------------------------------
@@ -290,21 +226,6 @@ def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
     team.run(0.5)
     assert offered(robot) == ["t1"]
     assert ears.asked() == []
-
-
-@pytest.mark.parametrize(
-    ("fields", "named"),
-    [
-        ({"prize_j": 0.0}, "prize_j > 0"),
-        ({"confidence": 1.0}, "confidence < 1"),
-        ({"reserve_share": 1.0}, "reserve_share < 1"),
-        ({"tasks_max": 0}, "tasks_max >= 1"),
-        ({"seed": -1}, "seed >= 0"),
-    ],
-)
-def test_a_policy_that_makes_no_sense_is_refused(fields, named):
-    with pytest.raises(ValueError, match=named):
-        PlanningPolicy(**fields)
 
 
 @pytest.mark.parametrize(("visits", "iterations"), [(0, 40), (50, 40), (100, 20), (400, 5), (401, 5), (10_000, 5)])

@@ -1,6 +1,6 @@
 """Who gets which task when nobody plans."""
 
-from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, KEPT, LONGEST_PAUSE_S, TaskBackoff
+from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, LONGEST_PAUSE_S, TaskBackoff
 from robrain.coordinator.tasks.offers import dispatch, verdicts
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
@@ -70,10 +70,6 @@ def test_a_task_that_nobody_idle_can_do_does_not_hold_up_the_next() -> None:
     assert found == [("plain", "r1")]
 
 
-def test_of_robots_at_the_same_distance_the_first_name_is_taken() -> None:
-    assert dispatch([task("t1", 0.0)], [robot("b", 1.0), robot("a", -1.0)], free) == [("t1", "a")]
-
-
 def test_who_refused_is_asked_again_after_growing_pauses() -> None:
     backoff = TaskBackoff()
     now_ns, pauses = 0, []
@@ -87,11 +83,3 @@ def test_who_refused_is_asked_again_after_growing_pauses() -> None:
     assert pauses == [2.0, 4.0, 8.0, 16.0, 32.0, LONGEST_PAUSE_S, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
     assert backoff.pause_reason("t1", "r2", 0) is None
     assert backoff.pause_reason("t2", "r1", 0) is None
-
-
-def test_refusals_are_not_remembered_without_end() -> None:
-    backoff = TaskBackoff()
-    for number in range(KEPT + 10):
-        backoff.record(f"t{number}", "r1", Refused(no_path()), 0)
-    assert len(backoff._avoided) == KEPT
-    assert backoff.pause_reason(f"t{KEPT + 9}", "r1", 0) == Refused(no_path())

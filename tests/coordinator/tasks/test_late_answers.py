@@ -6,11 +6,10 @@ import pytest
 import zenoh
 
 from robrain.coordinator.core import Parts
-from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.backoff import REFUSALS_MAX
 from robrain.coordinator.tasks.offers import Answered
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_lifecycle import COMPLAIN_AGAIN_NS, WITHDRAW_AGAIN_NS, TaskLifecycle
+from robrain.coordinator.tasks.task_lifecycle import WITHDRAW_AGAIN_NS, TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns
@@ -162,16 +161,6 @@ def test_answer_to_an_offer_that_does_not_stand_any_more_changes_nothing(
     assert desk.book.find("t1") == before
 
 
-def test_answer_for_a_task_that_nobody_knows_changes_nothing(desk: Desk) -> None:
-    stranger = TaskRecord(
-        task=Task(id="t9", kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.OFFERED, robot="r1", epoch=1
-    )
-    desk.mail.asked.append((stranger, ""))
-    desk.mail.answer(0, YES)
-    assert desk.tasks.process_answers(NOW_NS) is False
-    assert desk.book.find("t9") is None
-
-
 def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_when_it_is_not(desk: Desk) -> None:
     desk.add("t1")
     desk.add("t2")
@@ -188,14 +177,6 @@ def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_wh
     assert desk.tasks.backoff.pause_reason("t2", "r1", NOW_NS) is None
     assert [after for _, after in desk.mail.asked] == ["t0", "t0"]
     assert desk.book.find("t1").why == "it is next, after t0"
-
-
-def test_immediate_offer_has_no_predecessor(desk: Desk) -> None:
-    desk.add()
-    desk.tasks.offer("t1", "r1", NOW_NS)
-    assert desk.mail.asked[0][1] == ""
-    assert desk.book.find("t1").why == ""
-    assert desk.tasks.may_be_next("r1", "t9")
 
 
 def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> None:
@@ -333,17 +314,6 @@ def test_stray_is_told_again_twice_a_second_and_no_more_often(desk: Desk) -> Non
     assert desk.mail.withdrawn[0][1].why == "the coordinator knows nothing of it"
 
 
-def test_what_was_told_is_forgotten_when_it_may_be_told_again(desk: Desk) -> None:
-    for second in range(5):
-        now_ns = NOW_NS + to_ns(second)
-        desk.clock.advance_to(now_ns)
-        desk.say("r1", at(f"t{second}", 3))
-        desk.say("r2")
-        desk.tasks.withdraw_strays(now_ns)
-    assert len(desk.mail.withdrawn) == 5
-    assert list(desk.tasks._withdrawn_ns) == [("r1", "t4", 3)]
-
-
 def test_held_task_that_was_called_off_is_withdrawn_with_the_reason(desk: Desk) -> None:
     desk.add("t2")
     desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
@@ -379,29 +349,6 @@ def test_task_of_the_coordinators_own_that_was_offered_to_nobody_ends(desk: Desk
     assert (desk.stands("e1")[0], desk.book.find("e1").why) == (TaskState.CANCELLED, "it was offered to nobody")
 
 
-def test_task_whose_dependency_has_ended_otherwise_is_called_off(desk: Desk) -> None:
-    desk.add("t1")
-    desk.book.add(Task(id="t2", kind="visit", place=Point2D(0.0, 0.0), after=["t1"]))
-    desk.tasks.settle(NOW_NS)
-    assert desk.stands("t2")[0] is TaskState.QUEUED
-    desk.book.move("t1", TaskState.FAILED, PlainReason("blocked"))
-    desk.tasks.settle(NOW_NS)
-    assert desk.stands("t2")[0] is TaskState.CANCELLED
-
-
-def test_silent_robot_gives_its_task_back_and_settle_says_that_one_came_free(desk: Desk) -> None:
-    desk.add()
-    desk.tasks.offer("t1", "r1", NOW_NS)
-    desk.book.move("t1", TaskState.RUNNING)
-    assert desk.tasks.settle(NOW_NS) is False
-    later_ns = NOW_NS + to_ns(2.0)
-    desk.clock.advance_to(later_ns)
-    assert desk.tasks.settle(later_ns) is False
-    assert desk.stands() == (TaskState.LOST_CONTACT, "r1")
-    assert desk.tasks.settle(later_ns + 1) is True
-    assert desk.stands() == (TaskState.QUEUED, "")
-
-
 def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_stop_is(desk: Desk) -> None:
     for index, (state, why) in enumerate(((TaskState.FAILED, Plain("failed")), (TaskState.CANCELLED, None))):
         task_id = f"t{index}"
@@ -421,14 +368,3 @@ def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_onc
     status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
     desk.tasks.receive("r1", status, NOW_NS)
     assert desk.tasks.backoff.pause_reason("t2", "r1", NOW_NS) == Refused(PlainReason("no way"))
-
-
-def test_journal_that_cannot_be_written_is_complained_of_every_ten_seconds(
-    desk: Desk, caplog: pytest.LogCaptureFixture
-) -> None:
-    counts = []
-    for late_ns in (0, 1, COMPLAIN_AGAIN_NS, COMPLAIN_AGAIN_NS + 1):
-        with desk.tasks.as_far_as_written(NOW_NS + late_ns):
-            raise JournalUnwritable(None, "cannot be written: disk full")
-        counts.append(len(caplog.records))
-    assert counts == [1, 1, 1, 2]

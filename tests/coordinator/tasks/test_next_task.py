@@ -180,28 +180,6 @@ def test_a_silent_robot_has_neither_after_the_lease_and_another_does_both(team, 
     assert (robot.done, sorted(other.done)) == ([], ["a", "b"])
 
 
-def test_a_process_that_was_stopped_does_not_go_on_to_what_others_were_given(team, robot):
-    until_held(team, robot)
-    other = DeskRobot(team, "r2", 8.5)
-    team.run(0.1)
-    robot.stopped = True
-    team.run(6.0)
-    robot.resume()
-    team.run(12.0)
-    assert "b" not in robot.begun
-    assert team.states() == {"a": DONE, "b": DONE}
-    assert sorted(robot.done + other.done) == ["a", "b"]
-
-
-def test_a_robot_that_was_killed_has_lost_both(team, robot):
-    until_held(team, robot)
-    robot.restart()
-    team.run(3.0)
-    team.run(12.0)
-    assert team.states() == {"a": DONE, "b": DONE}
-    assert sorted(robot.done) == ["a", "b"]
-
-
 # -- the coordinator starts again ------------------------------------------------------------------------------------
 
 

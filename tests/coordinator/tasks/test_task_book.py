@@ -7,7 +7,7 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invaria
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.tasks.task_book import ATTEMPTS, KEPT_ENDED, LEGAL, TaskBook
+from robrain.coordinator.tasks.task_book import ATTEMPTS, LEGAL, TaskBook
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.model.geometry import Point2D
@@ -285,14 +285,6 @@ def test_a_change_that_cannot_follow_is_a_mistake():
         one.add(Task(id="t1", kind="visit", place=GOAL))
 
 
-def test_the_task_of_a_robot_is_found():
-    one, _ = book()
-    running(one, "t1", "r1")
-    running(one, "t2", "r2")
-    assert one.of_robot("r2").task.id == "t2"
-    assert one.of_robot("r3") is None
-
-
 def test_a_book_goes_on_where_its_journal_ends():
     journal = Journal()
     one, _ = book(journal)
@@ -307,11 +299,3 @@ def test_a_book_goes_on_where_its_journal_ends():
         ("t1", TaskState.RUNNING, 3),
         ("t2", TaskState.DONE, 7),
     ]
-
-
-def test_ended_tasks_are_forgotten_in_the_end():
-    one, _ = book()
-    for number in range(KEPT_ENDED + 10):
-        one.add(Task(id=f"t{number}", kind="explore", place=GOAL), own=True)
-        one.move(f"t{number}", TaskState.CANCELLED)
-    assert len(one._ended) == KEPT_ENDED

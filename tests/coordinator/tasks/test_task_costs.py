@@ -147,12 +147,3 @@ def test_answers_that_nobody_asked_for_are_not_believed(team: Team) -> None:
     team.follow(sweep(1), sweep(2, service_s=1.0))
     assert team.costs.of(sweep(1)) is None
     assert team.costs.of(sweep(2, service_s=1.0)) == (Work(wait_s=7.0),)
-
-
-def test_tasks_that_have_ended_are_forgotten(team: Team) -> None:
-    team.silent = {"r1"}
-    team.robot("r1", sweep=1)
-    team.follow(sweep(1))
-    team.follow()
-    assert not team.costs.is_waiting
-    assert team.costs.of(sweep(1)) is None

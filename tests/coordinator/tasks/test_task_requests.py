@@ -3,12 +3,11 @@
 import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_SUBMIT, TASK_WHY
+from robrain.protocol.table.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_WHY
 
 
 def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):
@@ -86,29 +85,6 @@ def test_what_can_never_be_done_is_refused_at_once(team):
     assert team.submit(visit()).state is TaskState.QUEUED  # a refusal leaves the name free
 
 
-@pytest.mark.parametrize(
-    ("payload", "named"),
-    [
-        (b"", "TaskSubmission"),
-        (b"[]", "TaskSubmission"),
-        (b'{"task":{"id":"t1","place":{"x_m":1,"y_m":1}}}', "kind"),
-        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":1,"y_m":1},"parameters":[1]}}', "parameters"),
-        (b'{"task":{"kind":"visit","id":"t1"}}', "place"),
-        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":"a","y_m":1}}}', "x_m"),
-        (
-            b'{"task":{"kind":"visit","id":"t1","priority":-1,"place":{"x_m":1,"y_m":1}}}',
-            "> 0.0 - at `$.task.priority`",
-        ),
-        (b'{"task":{"kind":"visit","id":"t1","place":{"x_m":1,"y_m":1}},"deadline_in_s":-4}', "deadline_in_s"),
-    ],
-)
-def test_what_is_no_task_is_told_so(team, payload, named):
-    with pytest.raises(CallError) as caught:
-        team.asker.ask(TASK_SUBMIT, payload)
-    assert caught.value.code is ErrorCode.BAD_ARGUMENTS
-    assert named in caught.value.message
-
-
 def test_a_task_waits_for_those_before_it_and_for_its_time(team):
     robot = team.robot("r1")
     team.closed_room()
@@ -139,34 +115,6 @@ def test_those_that_wait_for_a_failed_task_are_cancelled_one_after_the_other(tea
     assert refused(team, visit("d", after=("a",))).detail.startswith("a, which it waits for, was not done")
 
 
-def test_a_queued_task_fails_when_its_deadline_passes(team):
-    team.submit(visit(), deadline_in_s=1.0)
-    team.run(0.9)
-    assert team.states() == {"t1": TaskState.QUEUED}
-    team.run(0.2)
-    assert team.states() == {"t1": TaskState.FAILED}
-    assert team.why("t1") == "its deadline has passed"
-
-
-def test_a_task_that_a_robot_fails_at_is_tried_by_others_and_fails_in_the_end(team):
-    robots = [team.robot("r1", 5.0), team.robot("r2", 7.0)]
-    team.closed_room()
-    team.run(1.0)
-    team.submit(visit())
-    failures = []
-    for _ in range(3):
-        team.run(8.0)
-        [at] = [robot for robot in robots if robot.task is not None and not robot.task.state.ended]
-        failures.append(at.name)
-        at.end(TaskState.FAILED, "the way is blocked")
-    team.run(0.3)
-    assert set(failures) == {"r1", "r2"}
-    assert team.states() == {"t1": TaskState.FAILED}
-    whys = [event.why for event in team.heard if event.state is TaskState.QUEUED and event.why]
-    assert whys == [f"{name} failed: the way is blocked; attempt {number} of 3"
-                    for number, name in enumerate(failures[:2], start=1)]  # fmt: skip
-
-
 def test_a_refused_task_stays_and_is_offered_again_with_growing_pauses(team):
     robot = team.robot("r1")
     robot.accepts = False
@@ -181,28 +129,6 @@ def test_a_refused_task_stays_and_is_offered_again_with_growing_pauses(team):
     assert team.states() == {"t1": TaskState.RUNNING}
 
 
-@pytest.mark.slow
-def test_a_task_that_every_robot_refuses_again_and_again_fails_with_what_each_said(team):
-    robots = [team.robot("r1"), team.robot("r2", 7.0)]
-    other = team.robot("r3", 5.0)
-    other.plugins = ["explore"]  # whoever cannot do it anyway has no say
-    for robot in robots:
-        robot.accepts = False
-    team.closed_room()
-    team.run(1.0)
-    team.submit(visit("never"))
-    team.submit(visit("soon"), deadline_in_s=200.0)
-    team.run(60.0)
-    assert team.states()["never"] is TaskState.QUEUED
-    team.run(60.0)
-    assert team.states() == {"never": TaskState.FAILED, "soon": TaskState.QUEUED}
-    assert team.why("never") == "nobody does it: r1 refused: no way there; r2 refused: no way there"
-    assert len([offer for robot in robots for offer in robot.offers if offer.task.id == "never"]) <= 12
-    team.run(90.0)
-    assert team.states()["soon"] is TaskState.FAILED
-    assert team.why("soon").startswith("its deadline has passed; r")
-
-
 def test_that_nobody_can_do_a_task_is_told_when_it_turns_out_and_not_tried(team):
     team.submit(visit(needs=("arm",)))  # no robot has come yet
     robot = team.robot("r1")
@@ -214,17 +140,6 @@ def test_that_nobody_can_do_a_task_is_told_when_it_turns_out_and_not_tried(team)
     robot.plugins.append("arm")
     team.run(12.0)
     assert team.states() == {"t1": TaskState.RUNNING}
-
-
-def test_what_somebody_asks_for_goes_before_exploring(team):
-    robot = team.robot("r1")
-    team.submit(visit(x_m=4.5))
-    team.hall()
-    team.run(1.0)
-    assert [offer.task.id for offer in robot.offers] == ["t1"]
-    robot.end(TaskState.DONE)
-    team.run(0.2)
-    assert robot.offers[-1].task.kind == "explore"
 
 
 # -- cancel ---------------------------------------------------------------------------------------------------
@@ -386,19 +301,3 @@ def test_on_a_full_disk_a_task_is_not_cancelled_and_who_asks_is_told_so(team, mo
     team.run(1.0)
     assert (team.states(), robot.withdrawals) == ({"t1": TaskState.RUNNING}, [])
     assert team.ask(TASK_CANCEL, TaskRequest(id="t1")).state is TaskState.CANCELLED
-
-
-def test_the_clock_of_the_run_stamps_everything(team):
-    team.run(2.0)
-    record = team.submit(visit())
-    assert record.submitted_ns == record.changed_ns == to_ns(2.0)
-
-
-def test_a_submission_is_answered_when_it_is_in_the_journal(team):
-    seen = []
-    journal = team.coordinator.tasks.journal
-    accept = journal.accept
-    journal.accept = lambda *given: seen.append(journal.find("t1")) or accept(*given)
-    team.ask(TASK_SUBMIT, TaskSubmission(task=visit()))
-    assert seen == [None]
-    assert journal.find("t1") is not None
