@@ -84,7 +84,7 @@ class TaskRequests:
         wire.answer(TASK_LIST, self._list, serve=Serve.IN_STEP)
         wire.answer(TASK_GET, self._get, serve=Serve.IN_STEP)
         wire.answer(TASK_KINDS, lambda _: self._capabilities.known_kinds(), serve=Serve.IN_STEP)
-        wire.answer(TASK_WHY, self._why, serve=Serve.IN_STEP)
+        wire.answer(TASK_WHY, self._explain, serve=Serve.IN_STEP)
 
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
@@ -226,7 +226,7 @@ class TaskRequests:
     def _get(self, request: Request[TaskRequest]) -> TaskRecord:
         return self._known(request.asked.id)
 
-    def _why(self, request: Request[TaskRequest]) -> TaskWhy:
+    def _explain(self, request: Request[TaskRequest]) -> TaskWhy:
         explained = self._explanation.explain(self._known(request.asked.id), self._clock.now_ns())
         return msgspec.structs.replace(explained, trace=self._traces.of(request.asked.id))
 

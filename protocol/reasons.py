@@ -1,8 +1,8 @@
 """Reasons as data: why a task, a robot or a plan is as it is.
 
 A reason is made where a decision is made. Decisions use its type and fields; `str` of it is its sentence, for people
-(`tests/sim/lockstep/test_reasons_are_data.py`). A reason that no decision uses is a `PlainReason`. The types are layered
-so that no reason holds another of its class: messages stay small.
+(`tests/sim/lockstep/test_reasons_are_data.py`). A reason that no decision uses is a `PlainReason`. The types are
+layered so that no reason holds another of its class: messages stay small.
 """
 
 from collections.abc import Iterable

@@ -158,7 +158,7 @@ class Journal:
         self.failing = ""
         """Why the last change could not be written, in words; empty once one could."""
         self.opening_report: list[str] = []
-        """What happened at the opening: a damaged file, and the part of it that was read."""
+        """Report of the opening: the name of a damaged file, and the number of tasks that could be read."""
         self.on_written: Callable[[JournalEntry], None] | None = None
         """Called with each transaction once it is in the file; its receiver sets `seq`."""
         self._factory, self._new_name = factory, new_name
@@ -373,9 +373,9 @@ class Journal:
             f"SELECT number, {CHANGE_COLUMNS} FROM change WHERE task = ? ORDER BY number DESC LIMIT ?", (task_id, limit)
         ).fetchall()
         return [
-            TaskChange(number=number, stamp_ns=stamp_ns, state=TaskState(state), robot=robot, epoch=epoch, why=why,
+            TaskChange(number=number, stamp_ns=stamp_ns, state=TaskState(state), robot=robot, epoch=epoch, why=text,
                        reason=read_reason(reason))
-            for number, _, stamp_ns, state, robot, epoch, why, reason in reversed(rows)
+            for number, _, stamp_ns, state, robot, epoch, text, reason in reversed(rows)
         ]  # fmt: skip
 
     def was_offered(self, task_id: str, robot: str, epoch: int) -> bool:

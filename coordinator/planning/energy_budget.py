@@ -39,7 +39,7 @@ class Means(NamedTuple):
     capacity_j: float
     """Full battery; 0 if unknown."""
     reserve_j: float
-    standing_w: float
+    idle_w: float
 
 
 def profile_of(model: EnergyModel | None, time_margin: float) -> Profile:
@@ -104,9 +104,9 @@ def mean_within(model: EnergyModel, bound_j: float, waits_s: float, confidence: 
 
 
 def _bound_j(model: EnergyModel, profile: Profile, mean_j: float, waits_s: float, confidence: float) -> float:
-    standing_w = max(model.coefficients[0], 1e-6)
-    wait_s = min(waits_s, mean_j / standing_w)
-    path_m = max(0.0, mean_j - wait_s * standing_w - profile.start_j) / profile.j_per_m
+    idle_w = max(model.coefficients[0], 1e-6)
+    wait_s = min(waits_s, mean_j / idle_w)
+    path_m = max(0.0, mean_j - wait_s * idle_w - profile.start_j) / profile.j_per_m
     found = estimate(model, Work(path_m=path_m, wait_s=wait_s))
     return mean_j + found.high_j(confidence) - found.mean_j
 

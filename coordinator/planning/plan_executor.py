@@ -1,11 +1,11 @@
 """Executes the plan: offers due tasks, publishes why tasks are unplanned, and fails those unplanned for too long."""
 
+import math
 from collections.abc import Sequence
 
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.planning.task_explanation import TaskExplanation
-from robrain.coordinator.tasks.offers import dispatch, verdicts
+from robrain.coordinator.planning.task_explanation import Refusal, TaskExplanation, distance_m, verdicts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
@@ -121,3 +121,37 @@ def _is_alike(published: TaskReason | None, reason: PlanReason) -> bool:
     if isinstance(published, NearestOut) and isinstance(reason, NearestOut):
         return published.because.code == reason.because.code
     return published is not None and published.code == reason.code
+
+
+def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusal) -> list[tuple[str, str]]:
+    """Assign each ready task to the nearest robot that is still idle.
+
+    Args:
+        ready: queued tasks that can begin.
+        idle: robots that can take one task each.
+        refusal: why a robot is excluded from a task.
+
+    Returns:
+        Task and robot of each offer, the most urgent first.
+
+    """
+    free = {robot.name: robot for robot in idle}
+    offers = []
+    for record in sorted(ready, key=_urgency):
+        if not free:
+            break
+        able = [
+            (away_m, name)
+            for name, robot in free.items()
+            if (away_m := distance_m(record.task, robot)) is not None and refusal(record, robot) is None
+        ]
+        if able:
+            chosen = min(able)[1]
+            del free[chosen]
+            offers.append((record.task.id, chosen))
+    return offers
+
+
+def _urgency(record: TaskRecord) -> tuple[float, float, int]:
+    deadline_ns = record.task.deadline_ns
+    return (-record.task.priority, math.inf if deadline_ns is None else deadline_ns, record.submitted_ns)

@@ -32,7 +32,7 @@ class PlanFailure(msgspec.Struct, frozen=True):
     what: str
     """`plan_pass` or `allocator`."""
     name: str
-    why: str
+    reason: str
 
 
 class PlanDraft(msgspec.Struct, frozen=True, kw_only=True):
@@ -56,9 +56,9 @@ class PlanDraft(msgspec.Struct, frozen=True, kw_only=True):
         """The draft with another plan for the same problem."""
         return msgspec.structs.replace(self, plan=plan)
 
-    def with_failure(self, what: str, name: str, why: str) -> "PlanDraft":
+    def with_failure(self, what: str, name: str, reason: str) -> "PlanDraft":
         """The draft with one more failure."""
-        return msgspec.structs.replace(self, failures=(*self.failures, PlanFailure(what, name, cut(why))))
+        return msgspec.structs.replace(self, failures=(*self.failures, PlanFailure(what, name, cut(reason))))
 
 
 class Pass(Protocol):

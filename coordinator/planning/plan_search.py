@@ -478,7 +478,9 @@ class PlanSolver:
         draft = refined(draft, self._passes)
         self.problem, self.failures = draft.problem, draft.failures
         if isinstance(self._allocator, CheckedAllocator):
-            self.failures += tuple(PlanFailure("allocator", self._method, cut(why)) for why in self._allocator.failures)
+            self.failures += tuple(
+                PlanFailure("allocator", self._method, cut(failure)) for failure in self._allocator.failures
+            )
         return draft.plan
 
 

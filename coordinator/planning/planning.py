@@ -315,7 +315,7 @@ class Planning:
             self._plan = plan
             self._problem_publisher.put(plan.problem)
             for failure in plan.failures:
-                self._wire.refusals.record_failure(failure.what, failure.name, failure.why)
+                self._wire.refusals.record_failure(failure.what, failure.name, failure.reason)
             for decision in plan.decisions:
                 self._published.pop(decision.task, None)
                 self._published[decision.task] = decision.robots

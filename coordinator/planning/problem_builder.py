@@ -45,7 +45,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
     waits_s = sum(service_s for service_s, _ in at_place.values())
     waits_s += max((to_seconds(max(0, record.task.earliest_ns - snapshot.now_ns)) for record in chosen), default=0.0)
     means = [means_of(member.state, waits_s, policy) for member in members]
-    standing_w = max((mean.standing_w for mean in means), default=0.0)
+    idle_w = max((mean.idle_w for mean in means), default=0.0)
 
     goals: dict[Point2D, int] = {}
     for place in [record.task.place for record in chosen] + [end for one in members for end in _ends(one)]:
@@ -66,7 +66,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
             goals[record.task.place],
             snapshot,
             prize_j,
-            (*at_place[record.task.id], standing_w),
+            (*at_place[record.task.id], idle_w),
             paused.get(record.task.id, ()),
         )
         for record in chosen
@@ -84,7 +84,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
                 offers=offers & everything,
                 ready_s=max(0.0, to_seconds(member.free_ns - snapshot.now_ns)) if member.free_ns else 0.0,
                 profile=kinds[index],
-                wait_w=mean.standing_w,
+                wait_w=mean.idle_w,
                 capacity_j=mean.capacity_j,
                 reserve_j=mean.reserve_j,
             )
@@ -179,7 +179,7 @@ def _job(
     paused: Iterable[str],
 ) -> Job:
     task = record.task
-    service_s, moving_j, standing_w = at_place
+    service_s, moving_j, idle_w = at_place
     pinned = record.robot
     if pinned:
         whole_s = service_s
@@ -198,7 +198,7 @@ def _job(
         place=place,
         prize_j=prize_j * task.priority,
         service_s=service_s,
-        service_j=service_s * standing_w + moving_j,
+        service_j=service_s * idle_w + moving_j,
         earliest_s=earliest_s,
         latest_s=max(0.0, latest_s),
         needs=frozenset(needs),

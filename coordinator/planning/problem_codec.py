@@ -17,7 +17,7 @@ LONGEST_CM = 2**30
 """Limit of a path length: the difference of two fits into 32 bits."""
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")
-NO_WAY = 0xFFFF_FFFF
+NO_PATH = 0xFFFF_FFFF
 _NONE = -1
 
 
@@ -38,8 +38,8 @@ class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
     profiles: tuple[Profile, ...]
     places: int
     ways_cm: bytes
-    """Lengths between places: little-endian uint32, the upper triangle without the diagonal, row by row; `NO_WAY` where
-    there is no path. Lengths are symmetric."""
+    """Lengths between places: little-endian uint32, the upper triangle without the diagonal, row by row;
+    `NO_PATH` where there is no path. Lengths are symmetric."""
 
     ways_deltas: bytes = b""
     """The recorded form, which replaces `ways_cm`: see `to_deltas`."""
@@ -49,7 +49,7 @@ class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
         length_m = np.zeros((self.places, self.places))
         rows, columns = np.triu_indices(self.places, 1)
         cm = np.frombuffer(self.ways_cm, "<u4")
-        metres = np.where(cm == NO_WAY, np.inf, cm * M_PER_CM)
+        metres = np.where(cm == NO_PATH, np.inf, cm * M_PER_CM)
         length_m[rows, columns] = length_m[columns, rows] = metres
         moves = length_m > 0
         energy_j = np.stack([np.where(moves, one.start_j + one.j_per_m * length_m, 0.0) for one in self.profiles])
@@ -77,15 +77,15 @@ def decode(encoded: bytes) -> ProblemRecord:
 def encode_lengths(length_m: NDArray[np.float64]) -> bytes:
     """Encode lengths (n, n), metres, symmetric, infinite where there is no path, as `ProblemRecord.ways_cm`."""
     upper = length_m[np.triu_indices(len(length_m), 1)]
-    cm = np.where(np.isfinite(upper), np.ceil(np.where(np.isfinite(upper), upper, 0.0) / M_PER_CM), NO_WAY)
-    return np.where(cm == NO_WAY, NO_WAY, np.minimum(cm, LONGEST_CM)).astype("<u4").tobytes()
+    cm = np.where(np.isfinite(upper), np.ceil(np.where(np.isfinite(upper), upper, 0.0) / M_PER_CM), NO_PATH)
+    return np.where(cm == NO_PATH, NO_PATH, np.minimum(cm, LONGEST_CM)).astype("<u4").tobytes()
 
 
 def to_deltas(cm: NDArray[np.uint32], places: int) -> bytes:
     """Pack lengths as differences.
 
     Args:
-        cm: the upper triangle without the diagonal, row by row; `NO_WAY` where there is no path.
+        cm: the upper triangle without the diagonal, row by row; `NO_PATH` where there is no path.
         places: number of places.
 
     Returns:
@@ -94,7 +94,7 @@ def to_deltas(cm: NDArray[np.uint32], places: int) -> bytes:
     """
     table = np.zeros((places, places), np.int64)
     rows, columns = np.triu_indices(places, 1)
-    table[rows, columns] = table[columns, rows] = np.where(cm == NO_WAY, _NONE, cm.astype(np.int64))
+    table[rows, columns] = table[columns, rows] = np.where(cm == NO_PATH, _NONE, cm.astype(np.int64))
     order = _chain(table)
     table = table[np.ix_(order, order)]
     differences = np.diff(table, axis=0, prepend=0)[rows, columns]
@@ -106,7 +106,7 @@ def from_deltas(packed: bytes, places: int) -> NDArray[np.uint32]:
     """Unpack the result of `to_deltas` (ValueError if it is not one)."""
     count = places * (places - 1) // 2
     if len(packed) != 4 * (places + count):
-        raise ValueError(f"expected {4 * (places + count)} bytes for the ways between {places} places")
+        raise ValueError(f"expected {4 * (places + count)} bytes for the paths between {places} places")
     order = np.frombuffer(packed, "<u4", places).astype(np.int64)
     if sorted(order.tolist()) != list(range(places)):
         raise ValueError(f"expected an order of {places} places")
@@ -120,17 +120,17 @@ def from_deltas(packed: bytes, places: int) -> NDArray[np.uint32]:
     table += table.T
     back = np.empty((places, places), np.int64)
     back[np.ix_(order, order)] = table
-    cm: NDArray[np.uint32] = np.where(back == _NONE, NO_WAY, back)[rows, columns].astype(np.uint32)
+    cm: NDArray[np.uint32] = np.where(back == _NONE, NO_PATH, back)[rows, columns].astype(np.uint32)
     return cm
 
 
 def _chain(table: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Order the places so that each is followed by the nearest of those left."""
+    """Order the places so that each is followed by the nearest of the others."""
     places = len(table)
     order = np.zeros(places, np.int64)
     left = np.where(table == _NONE, np.iinfo(np.int64).max - 1, table)
-    taken = np.zeros(places, np.bool_)
+    visited = np.zeros(places, np.bool_)
     for index in range(1, places):
-        taken[order[index - 1]] = True
-        order[index] = np.argmin(np.where(taken, np.iinfo(np.int64).max, left[order[index - 1]]))
+        visited[order[index - 1]] = True
+        order[index] = np.argmin(np.where(visited, np.iinfo(np.int64).max, left[order[index - 1]]))
     return order

@@ -7,16 +7,26 @@ import msgspec
 from robrain.coordinator.planning.energy_budget import UNKNOWN
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.eligibility import NOBODY_THERE
-from robrain.coordinator.tasks.offers import verdicts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskRecord, TaskWhy
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, Task, TaskState
-from robrain.protocol.reasons import IsNext, PlanLeavesOut, RobotReason, TaskReason, lacks_plugins, plain, told
+from robrain.protocol.reasons import (
+    IsNext,
+    PlanLeavesOut,
+    RobotReason,
+    TaskReason,
+    lacks_plugins,
+    plain,
+    position_unknown,
+    told,
+)
 
 KEPT_VERDICTS = 1000
+Refusal = Callable[[TaskRecord, Robot], RobotReason | None]
+"""Why a task must not go to a robot now; None if it may."""
 
 
 class TaskExplanation:
@@ -174,6 +184,28 @@ class TaskExplanation:
         preposition = "by" if record.state is TaskState.DONE else "at"
         robot = f" {preposition} {record.robot}" if record.robot else ""
         return f"{record.state.replace('_', ' ')}{robot}{f': {record.why}' if record.why else ''}"
+
+
+def verdicts(record: TaskRecord, robots: Sequence[Robot], refusal: Refusal, chosen: str = "") -> list[RobotVerdict]:
+    """Each robot's distance from a task, and whether it was chosen or why it is excluded."""
+    found = []
+    for robot in robots:
+        away_m = distance_m(record.task, robot)
+        is_chosen = robot.name == chosen
+        reason = None if is_chosen else refusal(record, robot)
+        if reason is None and away_m is None:
+            reason = position_unknown()
+        if reason is None and chosen and not is_chosen:
+            reason = plain("another_nearer", f"{chosen} is nearer", robot=chosen)
+        rounded_m = None if away_m is None else round(away_m, 2)
+        found.append(RobotVerdict.judged(robot.name, reason, chosen=is_chosen, distance_m=rounded_m))
+    return found
+
+
+def distance_m(task: Task, robot: Robot) -> float | None:
+    """Straight-line distance of a robot from a task; None if its pose is unknown."""
+    pose = robot.state.pose if robot.state is not None else None
+    return None if pose is None else pose.distance_m(task.place)
 
 
 def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVerdict]:

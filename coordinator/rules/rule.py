@@ -18,11 +18,10 @@ kind = "seek"
 parameters = { quantity = "{quantity}" }
 ```
 
-A parameter of the task that is one name in braces becomes that value of the reading or event; names in other texts are
-replaced by words. Nothing else has a meaning in braces: no attributes, no formats, no code.
+A parameter of the task that is one name in braces becomes that value of the reading or event. Names in other texts are
+replaced by words. Braces have no other meaning: no attributes, no formats, no code.
 """
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
@@ -34,6 +33,7 @@ from msgspec import Meta
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NAME_MAX, Duration, Metres, Name, PositiveDuration, Priority, cut
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
@@ -126,7 +126,7 @@ OF_EVENT: Values = {
 Selected = Annotated[tuple[Name, ...], Meta(max_length=1000)]
 
 
-class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Area(Checked, frozen=True, forbid_unknown_fields=True):
     """A rectangle of the floor, arena frame."""
 
     x_min_m: Metres
@@ -135,6 +135,7 @@ class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y_max_m: Metres
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (self.x_min_m < self.x_max_m and self.y_min_m < self.y_max_m):
             raise ValueError("expected x_min_m below x_max_m and y_min_m below y_max_m")
 
@@ -147,7 +148,7 @@ class Area(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
 
-class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ReadingCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[rules.reading]`: conditions on readings. One of `above`, `below`, `rising_per_min` and `falling_per_min`.
 
     Readings are judged by the time of their measurement, in any order of arrival.
@@ -179,14 +180,11 @@ class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """Only readings that were taken in this rectangle."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         given = [name for name in LEVELS if getattr(self, name) is not None]
         if len(given) != 1:
             got = " and ".join(given) if given else "none"
             raise ValueError(f"expected one of above, below, rising_per_min and falling_per_min, got {got}")
-        for name in (*given, "clear_at"):
-            value = getattr(self, name)
-            if value is not None and not math.isfinite(value):
-                raise ValueError(f"expected {name} to be finite, got {value}")
         if self.is_rate and not self.threshold > 0:
             raise ValueError(f"expected {given[0]} > 0, got {self.threshold}")
         if self.clear_level > self.level_min:
@@ -239,7 +237,7 @@ class ReadingCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 LEVELS = ("above", "below", "rising_per_min", "falling_per_min")
 
 
-class EventCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class EventCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[rules.event]`: which notification of a plugin makes the task; each one counts by itself."""
 
     plugin: Name
@@ -258,10 +256,7 @@ class EventCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """An event that is older on arrival makes no task."""
 
     def __post_init__(self) -> None:
-        for name in ("above", "below"):
-            value = getattr(self, name)
-            if value is not None and not math.isfinite(value):
-                raise ValueError(f"expected {name} to be finite, got {value}")
+        super().__post_init__()
         if self.above is not None and self.below is not None and not self.above < self.below:
             raise ValueError(f"expected above less than below, got {self.above:g} and {self.below:g}")
 
@@ -274,7 +269,7 @@ class EventCondition(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         return (self.above is None or value > self.above) and (self.below is None or value < self.below)
 
 
-class TaskOrder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[rules.task]`: the task that is made."""
 
     kind: Name
@@ -288,10 +283,11 @@ class TaskOrder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Expected time at its place."""
     needs: Needs = ()
     """Names of plugins that a robot must have for it, besides the behavior."""
-    parameters: Parameters = {}
+    parameters: Parameters = msgspec.field(default_factory=dict)
     """Further parameters of its kind. `{value}`, `{mote}` and others in texts are replaced: see the how-to on rules."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.kind:
             raise ValueError("expected a kind of task, got an empty one")
         if self.deadline_s is not None and self.service_s > self.deadline_s:
@@ -326,7 +322,7 @@ class Per(StrEnum):
     """All of them together: one task, until none of them is in alarm any more."""
 
 
-class Rule(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[rules]]`: when a task is made, and which. It has either `[rules.reading]` or `[rules.event]`."""
 
     name: Name
@@ -342,6 +338,7 @@ class Rule(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Most tasks of the rule that are open at the same time."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         try:
             check_name("rule", self.name)
         except BadName as error:

@@ -1,27 +1,31 @@
 """The lifecycle of tasks, from the book to the robots and back: each task ends, and none is done twice.
 
+Offers do not wait for their answers, so a stopped robot or a broken link delays no other robot. In lockstep the answer
+arrives at once. At most two offers and one withdrawal per robot are in flight within the time limit.
+
 It processes the robots' reports and applies silence, restarts, deadlines and dependencies. It offers ready tasks to
 idle robots, and withdraws tasks from robots that should not do them.
 """
 
 import logging
 from contextlib import AbstractContextManager
+from typing import Any, NamedTuple
 
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.admission import dependency_refusal, reason_of
-from robrain.coordinator.tasks.backoff import TaskBackoff
-from robrain.coordinator.tasks.eligibility import Eligibility, TaskGate
-from robrain.coordinator.tasks.offers import Answered, Offers
+from robrain.coordinator.tasks.eligibility import Eligibility, TaskBackoff, TaskGate
 from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.answers.later import Later
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
@@ -40,7 +44,7 @@ from robrain.protocol.reasons import (
     plain,
 )
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import ROBOT_OFFER
+from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)
@@ -48,6 +52,93 @@ logger = logging.getLogger(__name__)
 WITHDRAW_AGAIN_NS = to_ns(0.5)
 COMPLAIN_AGAIN_NS = to_ns(10.0)
 LOSSES_KEPT = 256
+ASK_TIMEOUT_S = 0.5
+"""Time limit for an answer, well below the lease; after that, only the robot's state counts."""
+
+
+class Answered(NamedTuple):
+    """A robot's answer to an offer."""
+
+    record: TaskRecord
+    """The record at the time of the offer."""
+    after: str
+    answer: TaskAnswer
+    is_reached: bool = True
+    """False if no queryable answered: a robot that reconnects may send states before it can be queried."""
+
+
+class _Asked(NamedTuple):
+    record: TaskRecord
+    after: str
+    reply: Later[Any]
+
+
+class _Withdrawn(NamedTuple):
+    robot: str
+    task: str
+    reply: Later[Any]
+
+
+class Offers:
+    """Sends offers and withdrawals.
+
+    Args:
+        wire: the coordinator's Zenoh endpoint.
+        lease_s: silence of the coordinator after which a robot releases its task.
+
+    """
+
+    def __init__(self, wire: Endpoint, lease_s: float) -> None:
+        self._wire = wire
+        self._lease_s = lease_s
+        self._asked: list[_Asked] = []
+        self._withdrawn: list[_Withdrawn] = []
+
+    def offer(self, record: TaskRecord, after: str) -> None:
+        """Offer a record's task to its robot, to begin now or after its running task `after`."""
+        offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=self._lease_s, after=after)
+        trace = self._wire.traces.of(record.task.id)
+        reply = self._wire.ask_later(ROBOT_OFFER, offer, robot=record.robot, timeout_s=ASK_TIMEOUT_S, trace=trace)
+        self._asked.append(_Asked(record, after, reply))
+
+    def withdraw(self, robot: str, withdrawal: TaskWithdrawal) -> None:
+        """Ask a robot to withdraw from a task; its state reports the result."""
+        reply = self._wire.ask_later(ROBOT_WITHDRAW, withdrawal, robot=robot, timeout_s=ASK_TIMEOUT_S)
+        self._withdrawn.append(_Withdrawn(robot, withdrawal.id, reply))
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether an answer is still to come or to be taken."""
+        return bool(self._asked or self._withdrawn)
+
+    def answered(self) -> list[Answered]:
+        """Return the answers since the last call, in the order of the offers."""
+        self._withdrawn = [one for one in self._withdrawn if not _is_over(one)]
+        asked, self._asked = self._asked, []
+        found = []
+        for one in asked:
+            try:
+                answer = one.reply.take()
+                if answer is None:
+                    self._asked.append(one)
+                    continue
+            except CallError as error:
+                if error.code is ErrorCode.TIMEOUT:
+                    continue  # it may have accepted: its next state or the lease decides
+                answer = TaskAnswer(accepted=False, why=str(error))
+            except NobodyThere as error:
+                found.append(Answered(one.record, one.after, TaskAnswer(accepted=False, why=str(error)), False))
+                continue
+            found.append(Answered(one.record, one.after, answer))
+        return found
+
+
+def _is_over(one: _Withdrawn) -> bool:
+    try:
+        return one.reply.take() is not None
+    except (CallError, NobodyThere) as error:
+        logger.debug("%s: task %s could not be withdrawn: %s", one.robot, one.task, error)
+        return True
 
 
 class TaskLifecycle:

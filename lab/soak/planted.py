@@ -14,7 +14,7 @@ from robrain.agent.robot_tasks import RobotTasks
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks import reconcile as reconciling
 from robrain.coordinator.tasks import task_lifecycle
-from robrain.coordinator.tasks.backoff import RobotPauses, TaskBackoff
+from robrain.coordinator.tasks.eligibility import RobotPauses, TaskBackoff
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.halts import TeamHalts

@@ -100,7 +100,7 @@ def test_a_plan_of_somebody_else_that_cannot_be_carried_out_is_replaced_by_the_s
     )
     assert solver.plan.orders == (("a",), ())
     (failure,) = solver.failures
-    assert re.search(r"in_turn.py:\d+: ValueError: the plan cannot be carried out: ", failure.why)
+    assert re.search(r"in_turn.py:\d+: ValueError: the plan cannot be carried out: ", failure.reason)
 
 
 def with_a_charging_camera(method):

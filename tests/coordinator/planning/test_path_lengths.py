@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robrain.coordinator.planning.energy_budget import kinds_of, mean_within, profile_of
 from robrain.coordinator.planning.path_lengths import DETOUR, PathLengths
 from robrain.coordinator.planning.problem_codec import (
-    NO_WAY,
+    NO_PATH,
     ProblemRecord,
     Profile,
     decode,
@@ -149,7 +149,7 @@ def test_what_was_written_down_before_lengths_were_written_as_differences_is_sti
 @given(st.integers(0, 12), st.randoms(use_true_random=False))
 def test_lengths_come_back_as_they_were(places, chance):
     count = places * (places - 1) // 2
-    lengths = [chance.choice([NO_WAY, 0, chance.randrange(5000), chance.randrange(2**30)]) for _ in range(count)]
+    lengths = [chance.choice([NO_PATH, 0, chance.randrange(5000), chance.randrange(2**30)]) for _ in range(count)]
     cm = np.array(lengths, np.uint32)
     packed = to_deltas(cm, places)
     assert from_deltas(packed, places).tolist() == lengths

@@ -173,7 +173,7 @@ def test_a_bad_plan_of_a_pass_is_left_out_and_told(last_first, name):
     assert made.plan.orders == solver().plan.orders
     (failure,) = made.failures
     assert (failure.what, failure.name) == ("plan_pass", name)
-    assert BAD[name] in failure.why
+    assert BAD[name] in failure.reason
 
 
 def test_of_what_a_pass_returns_the_plan_counts_alone(last_first):
@@ -205,4 +205,4 @@ def test_what_failed_reaches_the_coordinator_with_the_plan(last_first):
     (plan,) = planner.finished_plans()
     (failure,) = plan.failures
     assert failure.name == "broken"
-    assert re.fullmatch(r".*last_first.py:\d+ in broken: ZeroDivisionError: by hand", failure.why)
+    assert re.fullmatch(r".*last_first.py:\d+ in broken: ZeroDivisionError: by hand", failure.reason)

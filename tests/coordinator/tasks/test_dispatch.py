@@ -1,7 +1,8 @@
 """Who gets which task when nobody plans."""
 
-from robrain.coordinator.tasks.backoff import FIRST_PAUSE_S, LONGEST_PAUSE_S, TaskBackoff
-from robrain.coordinator.tasks.offers import dispatch, verdicts
+from robrain.coordinator.planning.plan_executor import dispatch
+from robrain.coordinator.planning.task_explanation import verdicts
+from robrain.coordinator.tasks.eligibility import FIRST_PAUSE_S, LONGEST_PAUSE_S, TaskBackoff
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState

@@ -6,10 +6,9 @@ import pytest
 import zenoh
 
 from robrain.coordinator.core import Parts
-from robrain.coordinator.tasks.backoff import REFUSALS_MAX
-from robrain.coordinator.tasks.offers import Answered
+from robrain.coordinator.tasks.eligibility import REFUSALS_MAX
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.tasks.task_lifecycle import WITHDRAW_AGAIN_NS, TaskLifecycle
+from robrain.coordinator.tasks.task_lifecycle import WITHDRAW_AGAIN_NS, Answered, TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns

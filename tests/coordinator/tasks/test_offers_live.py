@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.coordinator.tasks import offers as offers_module
-from robrain.coordinator.tasks.offers import Offers
+from robrain.coordinator.tasks.task_lifecycle import Offers
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
@@ -39,7 +38,7 @@ def wire() -> Iterator[Endpoint]:
 
 
 def test_each_robots_answer_comes_when_it_comes(wire: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(offers_module, "ASK_TIMEOUT_S", 10 * PATIENCE_S)
+    monkeypatch.setattr("robrain.coordinator.tasks.task_lifecycle.ASK_TIMEOUT_S", 10 * PATIENCE_S)
     answers = {"r1": TaskAnswer(accepted=True), "r2": TaskAnswer(accepted=False, why="no way there")}
     for name, answer in answers.items():
         wire.answer(ROBOT_OFFER, lambda _request, answer=answer: answer, robot=name)
@@ -66,7 +65,7 @@ def test_each_robots_answer_comes_when_it_comes(wire: Endpoint, monkeypatch: pyt
 def test_a_robot_that_never_answers_has_said_nothing_and_is_listened_for_no_longer(
     wire: Endpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(offers_module, "ASK_TIMEOUT_S", 0.1)
+    monkeypatch.setattr("robrain.coordinator.tasks.task_lifecycle.ASK_TIMEOUT_S", 0.1)
     offers = Offers(wire, 1.5)
     offers.offer(record("stopped"), "")
     offers.withdraw("stopped", TaskWithdrawal(id="t", epoch=2))

@@ -189,7 +189,7 @@ def test_the_stock_part_stands_in_while_a_live_team_plans(parts, key, name):
     assert validate(solver.problem, solver.plan) == []
     assert sum(map(len, solver.plan.orders)) == 2
     (failure, *_) = solver.failures
-    check(key, name, failure.why)
+    check(key, name, failure.reason)
 
 
 @pytest.mark.slow
