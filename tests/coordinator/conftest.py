@@ -250,6 +250,20 @@ class Team:
         """A robot that has not spoken yet."""
         return FakeRobot(self, name, x_m, y_m)
 
+    def settle(self, name: str = "r1", x_m: float = 6.0, y_m: float = 4.0) -> FakeRobot:
+        """A robot in a closed room, known to the coordinator; nothing is left to explore."""
+        robot = self.robot(name, x_m, y_m)
+        self.closed_room()
+        self.run(1.0)
+        return robot
+
+    def explore(self, x_m: float = 6.0) -> FakeRobot:
+        """A robot in a hall that it explores."""
+        robot = self.robot("r1", x_m)
+        self.hall()
+        self.run(1.0)
+        return robot
+
     def hall(self) -> None:
         """The middle of a hall is known, all around it is not."""
         self.draw(4.0, 2.0, 8.0, 6.0)

@@ -100,9 +100,7 @@ def test_each_idle_robot_is_handed_a_frontier_of_its_own(team):
 
 
 def test_a_robot_that_is_done_gets_the_next_frontier_at_once(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    robot = team.explore()
     robot.end(TaskState.DONE)
     team.run(0.1)
     assert team.history(robot.offers[0].task.id)[-1] is TaskState.DONE
@@ -337,9 +335,7 @@ def test_what_is_explored_is_so_no_longer_when_a_door_is_found(team):
 
 
 def test_as_long_as_a_robot_is_at_work_not_all_is_explored(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    robot = team.explore()
     team.closed_room()
     team.run(10.0)
     assert not team.summary.all_explored

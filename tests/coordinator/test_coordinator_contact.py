@@ -5,7 +5,7 @@ import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.model.grid_geometry import FREE
-from robrain.protocol.model.tasks.task import FREE_AFTER_S, TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 
@@ -34,25 +34,8 @@ def test_a_lost_robots_task_is_lost_contact_then_cancelled_and_its_frontier_goes
     assert other.goal == west
 
 
-def test_a_robot_that_left_is_gone_and_its_task_is_cancelled_after_the_lease(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
-    task = robot.task.id
-    robot.speaks = False
-    robot.leave()
-    team.run(0.1)
-    assert team.history(task)[-1] is TaskState.LOST_CONTACT
-    assert team.why(task) == "gone"
-    team.run(FREE_AFTER_S)
-    assert team.history(task)[-1] is TaskState.CANCELLED
-    robot.come()
-
-
 def test_a_robot_that_returns_within_its_lease_goes_on(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    robot = team.explore()
     task = robot.task.id
     robot.speaks = False
     team.run(1.5)
@@ -65,24 +48,9 @@ def test_a_robot_that_returns_within_its_lease_goes_on(team):
     assert team.history(task)[-1] is TaskState.DONE
 
 
-def test_a_robot_that_ended_its_task_while_it_was_out_of_reach_is_believed(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
-    task = robot.task.id
-    robot.speaks = False
-    team.run(1.5)
-    robot.end(TaskState.DONE)
-    robot.speaks = True
-    team.run(0.2)
-    assert team.history(task)[-2:] == [TaskState.LOST_CONTACT, TaskState.DONE]
-
-
 def test_a_robot_that_speaks_without_its_token_does_not_flicker(team):
     """Liveliness may come back later than the rest."""
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    robot = team.explore()
     task = robot.task.id
     robot.leave()
     robot.wire = Endpoint(team.session, "default", team.clock, Drive.LOCKSTEP)
@@ -95,9 +63,7 @@ def test_a_robot_that_speaks_without_its_token_does_not_flicker(team):
 
 
 def test_a_robot_that_returns_after_its_lease_with_its_old_task_is_told_to_stop(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    robot = team.explore()
     old = robot.task
     robot.speaks = False
     team.run(8.0)
@@ -107,22 +73,6 @@ def test_a_robot_that_returns_after_its_lease_with_its_old_task_is_told_to_stop(
     team.run(1.0)
     assert [(withdrawal.id, withdrawal.epoch) for withdrawal in robot.withdrawals] == [(old.id, old.epoch)]
     assert robot.task.state is TaskState.CANCELLED
-
-
-def test_a_robot_that_forgot_its_task_in_a_restart_gets_another(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
-    forgotten = robot.task.id
-    robot.task = None
-    robot.leave()
-    robot.come()
-    team.run(1.5)
-    assert team.history(forgotten)[-1] is TaskState.CANCELLED
-    assert team.why(forgotten) == "r1 knows nothing of it"
-    assert robot.offers[-1].task.id != forgotten
-    assert robot.task.state is TaskState.RUNNING
-    assert robot.withdrawals == []
 
 
 def test_a_coordinator_that_takes_over_offers_with_greater_epochs(team):

@@ -24,10 +24,7 @@ def kept(team):
 
 @pytest.fixture
 def robot(team, kept):
-    found = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
-    return found
+    return team.settle()
 
 
 def wait_for(team, condition):

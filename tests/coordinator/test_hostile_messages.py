@@ -175,9 +175,7 @@ def forged(robot, observed_ms, kind=OCCUPIED):
 
 
 def test_a_patch_from_the_future_changes_nothing(team):
-    team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    team.explore()
     known_m2 = team.summary.known_area_m2
     team.endpoint().publisher(ROBOT_MAP, robot="r1").put(forged("r1", 20_000))
     team.run(4.0)
@@ -190,9 +188,7 @@ def test_a_patch_from_the_future_changes_nothing(team):
 
 
 def test_more_walls_than_a_robot_can_have_seen_in_one_patch_are_refused(team):
-    team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    team.explore()
     known_m2 = team.summary.known_area_m2
     team.endpoint().publisher(ROBOT_MAP, robot="r1").put(forged("r1", 900))
     team.run(0.6)
@@ -202,9 +198,7 @@ def test_more_walls_than_a_robot_can_have_seen_in_one_patch_are_refused(team):
 
 
 def test_the_map_of_a_robot_that_is_not_there_is_not_taken(team):
-    team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    team.explore()
     known_m2 = team.summary.known_area_m2
     cells = PatchCells(0, 0, np.zeros((20, 20), np.int8), 900)
     team.endpoint().publisher(ROBOT_MAP, robot="ghost").put(to_message("ghost", GEOMETRY, cells))

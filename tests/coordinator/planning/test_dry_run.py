@@ -19,9 +19,7 @@ def dry_run(team, task, **times) -> TaskDryRun:
 
 
 def test_a_dry_run_tells_what_the_task_would_take_each_robot_and_leaves_nothing_behind(team):
-    far, near = team.robot("r1", 3.0), team.robot("r2", 7.0)
-    team.closed_room()
-    team.run(1.0)
+    far, near = team.robot("r1", 3.0), team.settle("r2", 7.0)
     found = dry_run(team, visit(service_s=5.0))
     assert (found.refused, found.known, found.waits, found.ahead) == ("", None, "", 0)
     takes = {one.robot: one for one in found.robots}
@@ -35,9 +33,7 @@ def test_a_dry_run_tells_what_the_task_would_take_each_robot_and_leaves_nothing_
 
 
 def test_a_dry_run_is_refused_in_the_words_in_which_the_submission_would_be(team):
-    team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    team.settle()
     for task in (visit(x_m=-3.0), visit(y_m=1.95), visit(needs=("arm",)), visit(deadline_ns=1)):
         refused = dry_run(team, task).refused
         with pytest.raises(CallError) as caught:
@@ -60,9 +56,7 @@ def test_a_dry_run_of_a_known_task_tells_its_state_and_of_another_the_difference
 
 def test_a_dry_run_tells_what_the_task_would_wait_for(team):
     assert dry_run(team, visit()).reason.code == "nobody_there"
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     later = dry_run(team, visit(), earliest_in_s=30.0)
     assert later.reason.code == "not_before"
     assert later.waits

@@ -97,30 +97,6 @@ def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_ag
     assert "has sent nothing for 2.2 s" in caplog.text
 
 
-class Poison(str):
-    """Ends whoever reads it."""
-
-    __slots__ = ()
-
-    def __reduce__(self):
-        return os._exit, (3,)
-
-
-@pytest.mark.slow
-def test_a_question_that_no_process_survives_is_given_up_and_the_next_is_answered(planner, made, caplog, monkeypatch):
-    monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
-    monkeypatch.setattr("robrain.coordinator.planning.live_planner.TRIES", 2)
-    monkeypatch.setattr(planner, "_backoff", Backoff(0.01, 0.01))
-    poisoned = open_floor_snapshot(1, 3)
-    poisoned.published[Poison("t1")] = ()
-    planner.ask(poisoned, SHORT)
-    until(lambda: not planner.is_busy)
-    assert "no plan 1 could be made: 2 processes were lost over it" in caplog.text
-    assert caplog.text.count("has ended with status 3") == 2
-    planner.ask(open_floor_snapshot(2, 3), SHORT)
-    assert next_plan(planner, made)[-1].problem.plan == 2
-
-
 def open_links():
     """The sockets and pipes that this process has open, by their inodes: descriptors are given to others again."""
     found = set()

@@ -68,9 +68,7 @@ def test_tasks_are_planned_as_routes_and_not_one_by_one(team):
 
 
 def test_the_next_task_of_the_route_is_offered_in_the_step_in_which_the_last_is_done(team):
-    robot = team.robot("r1", 4.0)
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle("r1", 4.0)
     for number in range(3):
         team.submit(visit(f"t{number}", 5.0 + number))
     team.run(0.5)
@@ -79,21 +77,6 @@ def test_the_next_task_of_the_route_is_offered_in_the_step_in_which_the_last_is_
         robot.say_state()
         team.run(0.02)
         assert len(robot.offers) == count
-
-
-def test_a_robot_that_explores_is_taken_away_from_it_for_a_task(team):
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
-    assert robot.offers[-1].task.kind == "explore"
-    explored = robot.task.id
-    team.submit(visit("t1", 5.0))
-    team.run(0.1)
-    assert offered(robot)[-1] == "t1"
-    assert team.history(explored)[-1] is TaskState.CANCELLED
-    assert team.why(explored) == "r1 is needed for t1"
-    team.run(2.0)
-    assert robot.withdrawals == []
 
 
 def test_a_robot_whose_task_begins_soon_is_not_sent_exploring_and_sets_out_in_time(team):
@@ -219,9 +202,7 @@ def test_the_objective_is_told_and_changed_while_the_team_works(team, ears):
 
 def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
     team.begin(None, PlanningPolicy(method="nearest"))
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     team.submit(visit("t1"))
     team.run(0.5)
     assert offered(robot) == ["t1"]
@@ -257,9 +238,7 @@ def test_while_nothing_happens_a_plan_is_looked_at_again_after_a_while_and_not_b
     team.begin(None, PlanningPolicy(refresh_s=refresh_s))
     heard = Inbox(1000, every=True)
     team.endpoint().subscribe(heard, TASK_PROBLEM)
-    team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    team.settle()
     team.submit(visit("at"))
     team.submit(visit("next", 5.0))
     team.run(16.0)

@@ -31,22 +31,28 @@ def test_one_reading_above_the_threshold_makes_a_task_at_its_place(begin):
     assert record.state is TaskState.RUNNING  # it is planned and offered like any other
 
 
-def test_a_threshold_held_long_enough_makes_one_task_and_only_one(begin):
-    sensed = begin(rule(reading=HELD, cooldown_s=0.0, max_open=10))
-    sensed.senses(27.0, 27.0, 27.0, 27.0)
-    assert sensed.made() == []  # from the first to the last there are 6 s
-    sensed.senses(27.0)
-    assert len(sensed.made()) == 1
-    sensed.senses(*[28.0] * 30)
-    assert len(sensed.made()) == 1
+MANY = {"cooldown_s": 0.0, "max_open": 10}
+CLEAR_AT = {"above": 26.0, "clear_at": 24.0}
+BELOW = {"below": 5.0, "clear_at": 7.0}
 
 
-def test_a_reading_below_the_threshold_begins_the_time_anew(begin):
-    sensed = begin(rule(reading=HELD))
-    sensed.senses(27.0, 27.0, 27.0, 25.0, 27.0, 27.0, 27.0, 27.0)
-    assert sensed.made() == []
-    sensed.senses(27.0)
-    assert len(sensed.made()) == 1
+@pytest.mark.parametrize(
+    ("fields", "steps"),
+    [
+        # Held long enough, a threshold makes one task and no other: from the first to the fourth there are 6 s.
+        ({"reading": HELD, **MANY}, [([27.0] * 4, 0), ([27.0], 1), ([28.0] * 30, 1)]),
+        # A reading below the threshold restarts the time.
+        ({"reading": HELD}, [([27.0] * 3 + [25.0] + [27.0] * 4, 0), ([27.0], 1)]),
+        # The rule is armed again at the clear level: 25 is below the threshold and above that level.
+        ({"reading": CLEAR_AT, **MANY}, [([27.0, 25.0, 27.0], 1), ([24.0, 27.0], 2)]),
+        ({"reading": BELOW, **MANY}, [([5.0], 0), ([4.0, 6.0, 4.0], 1), ([7.0, 4.0], 2)]),
+    ],
+)
+def test_tasks_follow_from_readings(begin, fields, steps):
+    sensed = begin(rule(**fields))
+    for values, count in steps:
+        sensed.senses(*values)
+        assert len(sensed.made()) == count
 
 
 def test_a_mote_that_was_silent_meanwhile_has_not_held_the_threshold(begin):
@@ -55,24 +61,6 @@ def test_a_mote_that_was_silent_meanwhile_has_not_held_the_threshold(begin):
     sensed.team.run(20.0)
     sensed.senses(27.0)
     assert sensed.made() == []
-
-
-def test_the_rule_is_armed_again_at_the_level_for_that_and_not_before(begin):
-    sensed = begin(rule(reading={"above": 26.0, "clear_at": 24.0}, cooldown_s=0.0, max_open=10))
-    sensed.senses(27.0, 25.0, 27.0)  # 25 is below the threshold and above the level
-    assert len(sensed.made()) == 1
-    sensed.senses(24.0, 27.0)
-    assert len(sensed.made()) == 2
-
-
-def test_below_is_the_mirror_image_of_above(begin):
-    sensed = begin(rule(reading={"below": 5.0, "clear_at": 7.0}, cooldown_s=0.0, max_open=10))
-    sensed.senses(5.0)
-    assert sensed.made() == []
-    sensed.senses(4.0, 6.0, 4.0)
-    assert len(sensed.made()) == 1
-    sensed.senses(7.0, 4.0)
-    assert len(sensed.made()) == 2
 
 
 def test_cooldown_keeps_a_plume_from_making_a_task_at_each_mote(begin):

@@ -55,9 +55,7 @@ def slow_team(team, disk: Disk, tmp_path: Path):
     """A team whose coordinator's journal is on a disk that hangs; one robot stands there."""
     journal = Journal(tmp_path / "team.journal", sync=disk.sync)
     team.begin(journal)
-    team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    team.settle()
     yield team
     disk.is_ready.set()
     journal.close()

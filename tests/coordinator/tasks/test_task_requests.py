@@ -24,9 +24,7 @@ def refused(team, task, **fields) -> CallError:
 
 
 def test_a_submitted_task_goes_to_the_nearest_robot_and_is_done(team):
-    far, near = team.robot("r1", 3.0), team.robot("r2", 7.0)
-    team.closed_room()
-    team.run(1.0)
+    far, near = team.robot("r1", 3.0), team.settle("r2", 7.0)
     record = team.submit(visit(priority=3.0), by="ann")
     assert (record.state, record.by, record.task.priority) == (TaskState.QUEUED, "ann", 3.0)
     team.run(0.1)
@@ -40,9 +38,7 @@ def test_a_submitted_task_goes_to_the_nearest_robot_and_is_done(team):
 
 
 def test_the_same_submission_again_has_the_same_answer_whatever_became_of_the_task(team):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     first = team.submit(visit(), by="ann", deadline_in_s=60.0)
     assert team.submit(visit(), by="ann", deadline_in_s=60.0) == first
     team.run(2.0)
@@ -67,9 +63,7 @@ def test_another_task_of_the_same_id_is_refused_with_the_difference(team):
 
 
 def test_what_can_never_be_done_is_refused_at_once(team):
-    team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    team.settle()
     for task, words in (
         (visit(x_m=-3.0), "task t1 is refused: (-3, 4) is outside of the map"),
         (visit(y_m=1.95), "task t1 is refused: (6, 1.95) is in a wall"),
@@ -86,9 +80,7 @@ def test_what_can_never_be_done_is_refused_at_once(team):
 
 
 def test_a_task_waits_for_those_before_it_and_for_its_time(team):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     team.submit(visit("first"))
     team.submit(visit("second", after=("first",)))
     team.submit(visit("later"), earliest_in_s=3.0)
@@ -115,20 +107,6 @@ def test_those_that_wait_for_a_failed_task_are_cancelled_one_after_the_other(tea
     assert refused(team, visit("d", after=("a",))).detail.startswith("a, which it waits for, was not done")
 
 
-def test_a_refused_task_stays_and_is_offered_again_with_growing_pauses(team):
-    robot = team.robot("r1")
-    robot.accepts = False
-    team.closed_room()
-    team.run(1.0)
-    team.submit(visit())
-    team.run(35.0)
-    assert 4 <= len(robot.offers) <= 5
-    assert team.why("t1") == "r1 refused: no way there"
-    robot.accepts = True
-    team.run(40.0)
-    assert team.states() == {"t1": TaskState.RUNNING}
-
-
 def test_that_nobody_can_do_a_task_is_told_when_it_turns_out_and_not_tried(team):
     team.submit(visit(needs=("arm",)))  # no robot has come yet
     robot = team.robot("r1")
@@ -153,9 +131,7 @@ def test_a_queued_task_is_cancelled_with_who_and_why(team):
 
 
 def test_a_running_task_is_withdrawn_from_its_robot(team):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     team.submit(visit())
     team.run(1.0)
     epoch = robot.task.epoch
@@ -169,9 +145,7 @@ def test_a_running_task_is_withdrawn_from_its_robot(team):
 
 
 def test_what_has_ended_or_never_was_cannot_be_cancelled(team):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     team.submit(visit())
     team.run(0.2)
     robot.end(TaskState.DONE)
@@ -206,9 +180,7 @@ def test_tasks_are_listed_as_they_are_asked_for(team):
 def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     near, blind = team.robot("r1", 5.0), team.robot("r2", 6.0)
     blind.plugins = ["explore"]
-    lost = team.robot("r3", 6.0)
-    team.closed_room()
-    team.run(1.0)
+    lost = team.settle("r3", 6.0)
     lost.speaks = False
     team.run(1.5)
     team.submit(visit(), by="ann")
@@ -233,9 +205,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
 
 def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was_chosen_last(team):
     """A robot that was lost did it all the same, and another had got it meanwhile."""
-    first = team.robot("r1", 5.5)
-    team.closed_room()
-    team.run(1.0)
+    first = team.settle("r1", 5.5)
     team.submit(visit())
     team.run(0.2)
     assert team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).robots[0].chosen
@@ -256,9 +226,7 @@ def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was
 
 
 def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeypatch, caplog):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     team.submit(visit("before"))
     team.run(0.5)
     journal = team.coordinator.tasks.journal
@@ -284,9 +252,7 @@ def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeyp
 
 
 def test_on_a_full_disk_a_task_is_not_cancelled_and_who_asks_is_told_so(team, monkeypatch):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(1.0)
+    robot = team.settle()
     team.submit(visit())
     team.run(0.5)
 

@@ -54,9 +54,7 @@ def cut(team, robot):
 
 def test_a_robot_that_cannot_be_queried_yet_gets_no_series_of_tasks(live_team):
     team = live_team
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    robot = team.explore()
     cut(team, robot)
     before = made(team)
     half = come_half(team, robot)
@@ -105,9 +103,7 @@ def test_a_robot_that_refuses_frontier_after_frontier_is_asked_ever_less_often(l
 
 def test_a_submitted_task_is_not_given_up_because_its_robot_cannot_be_queried(live_team):
     team = live_team
-    robot = team.robot("r1")
-    team.hall()
-    team.run(1.0)
+    robot = team.explore()
     cut(team, robot)
     half = come_half(team, robot)
     team.submit(Task(id="v", kind="visit", place=Point2D(6.5, 4.5)))
