@@ -52,8 +52,8 @@ from robrain.algorithms.numeric.elementary_functions import arctan2, exp, log, l
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.numeric.small_linear_algebra import innovation_squared, inverse, least_solution, quadratic_form
 from robrain.algorithms.slam.map_overlap import MapMatcher, search_places
-from robrain.algorithms.slam.mates_in_scan import robot_circles, wall_ends
 from robrain.algorithms.slam.pose_graph import Edge, solve
+from robrain.algorithms.slam.robots_in_scan import robot_circles, wall_ends
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -163,7 +163,7 @@ def _escapes() -> None:
 def _pose_filter() -> None:
     localiser = Localiser(SENSOR, 0.1, 0.2, LocaliserSpec())  # a yaw with this uncertainty is split
     localiser.move(Twist2D(0.01, 0.0, 0.01))
-    localiser.hear(RssiSample("m", Point2D(0.7, 0.7), -60.0))
+    localiser.receive(RssiSample("m", Point2D(0.7, 0.7), -60.0))
     localiser.filter.correct((1.0, 0.0, 0.0), 0.0, 1.0)
     one = PoseFilter(localiser.pose, 0.1, 0.1, DriftModel(), PathLoss())
     one.correct((1.0, 0.0, 0.0), 0.0, 1.0)
@@ -221,7 +221,7 @@ def _submaps() -> None:
         atlas = SubmapAtlas(GEOMETRY)
         for number, place in enumerate((IDENTITY, Pose2D(0.1, 0.0, 0.0), Pose2D(0.4, 0.4, 0.1))):  # shifted, turned
             atlas.move(("r", 1), place)
-            atlas.take(("r", 1), patch.row, patch.column, patch.cells, patch.stamp_ms + number)
+            atlas.merge(("r", 1), patch.row, patch.column, patch.cells, patch.stamp_ms + number)
         OccupancyGrid(GEOMETRY).merge_patch(patch.row, patch.column, patch.cells, patch.stamp_ms)
 
 

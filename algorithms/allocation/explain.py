@@ -76,11 +76,11 @@ def explain(
         if job.pinned_to:
             reason = left_out.get(name) or plain("is_at_it", f"{job.pinned_to} is at it", robot=job.pinned_to)
         else:
-            taken = _remove_job(problem, arrays, routes, index)
+            former = _remove_job(problem, arrays, routes, index)
             bids = [
                 _bid(problem, arrays, routes, worker, job, visit_of[index]) for worker in range(len(problem.workers))
             ]
-            for worker, order in taken.items():
+            for worker, order in former.items():
                 routes.order[worker, : len(order)] = order
                 routes.length[worker] = len(order)
                 refresh(arrays.team, arrays.visits, routes, worker)
@@ -117,22 +117,22 @@ def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArr
 
 def _remove_job(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int) -> dict[int, list[int]]:
     """Remove a job's visits from their routes; returns the former routes."""
-    taken: dict[int, list[int]] = {}
+    former: dict[int, list[int]] = {}
     for worker in range(len(problem.workers)):
         order = [int(visit) for visit in routes.order[worker, : routes.length[worker]]]
         for position, visit in enumerate(order):
             if int(arrays.visits.job[visit]) == index:
-                taken[worker] = order
+                former[worker] = order
                 remove(arrays.team, arrays.visits, routes, worker, position)
                 break
-    return taken
+    return former
 
 
 def _bid(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int, job: Job, visit: int) -> RobotVerdict:
     worker = problem.workers[index]
     judged = judge(arrays, routes, index, visit)
     if judged.code != FITS:
-        return RobotVerdict.judged(worker.name, why_not(judged, worker, job, problem.horizon_s))
+        return RobotVerdict.judged(worker.name, exclusion(judged, worker, job, problem.horizon_s))
     return RobotVerdict(robot=worker.name, energy_j=round(judged.more_j, 3), time_s=round(judged.more_s, 3))
 
 
@@ -194,8 +194,8 @@ def judge_visit(
     if position < 0:
         arrive_s = team.ready_s[worker] + team.time_s[profile, team.start[worker], here]
         start_s = max(arrive_s, visits.earliest_s[visit])
-        way_j = team.energy_j[profile, team.start[worker], here] + team.end_j[worker, here]
-        if not way_j < math.inf:
+        path_j = team.energy_j[profile, team.start[worker], here] + team.end_j[worker, here]
+        if not path_j < math.inf:
             return NO_PATH, math.inf, math.inf, math.inf, math.inf, -1
         end_s = start_s + visits.service_s[visit] + team.end_s[worker, here]
         is_late = start_s > visits.latest_s[visit] or end_s > team.horizon_s
@@ -220,7 +220,7 @@ def judge(arrays: ProblemArrays, routes: RouteBatch, worker: int, visit: int) ->
     return Judgement(*judge_visit(arrays.team, arrays.visits, routes, worker, visit))
 
 
-def why_not(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) -> RobotReason | None:
+def exclusion(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) -> RobotReason | None:
     """Reason why the worker is excluded; None if it is not."""
     match judgement.code:
         case code if code == FITS:
@@ -309,7 +309,7 @@ def _reason(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, job: Jo
             return plain("nobody_allowed", "no robot that has what it takes is to be given it now")
         needs = tuple(sorted(job.needs))
         return plain("nobody_has", f"no robot has {' and '.join(needs)}", plugins=needs)
-    out = why_not(best, worker, job, problem.horizon_s)
+    out = exclusion(best, worker, job, problem.horizon_s)
     if out is not None:
         return NearestOut(worker.name, out)
     if job.robots > 1:

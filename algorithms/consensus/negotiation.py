@@ -183,10 +183,10 @@ class Negotiation:
         return True
 
     def _record_standings(self, standings: Iterable[Standing]) -> None:
-        for standing in standings:
-            known = self._standings.get(standing.robot)
-            if standing.robot != self.bidder.robot and (known is None or standing.number > known.number):
-                self._standings[standing.robot] = standing
+        for one in standings:
+            known = self._standings.get(one.robot)
+            if one.robot != self.bidder.robot and (known is None or one.number > known.number):
+                self._standings[one.robot] = one
 
     def _record_own(self) -> None:
         bidder = self.bidder
@@ -212,10 +212,10 @@ class Negotiation:
         own = self._standings[self.bidder.robot]
         values = []
         for name in sorted(self._team):
-            standing = self._standings.get(name)
-            if standing is None or (standing.round, standing.digest) != (self.round, own.digest):
+            one = self._standings.get(name)
+            if one is None or (one.round, one.digest) != (self.round, own.digest):
                 return
-            values.append(standing.value)
+            values.append(one.value)
         value = math.fsum(values)
         if value > self._least_value():
             self._begin_round(own.digest, value)

@@ -298,11 +298,11 @@ def task_scorer(
 
     """
     places = [*(task.place for task in tasks), at, *ends]
-    ways_m = [[DETOUR * math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) for b in places] for a in places]
+    lengths_m = [[DETOUR * math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) for b in places] for a in places]
     metre = Work(path_m=1.0)
     per_m_j = 1.0 if model is None else estimate(model, Work(path_m=100.0)).high_j(CONFIDENCE) / 100.0
     per_m_s = 1.0 if model is None else estimate(model, metre).duration_s
-    worth_j = PRIZE_SHARE * per_m_j * (1.0 + max(max(row) for row in ways_m))
+    worth_j = PRIZE_SHARE * per_m_j * (1.0 + max(max(row) for row in lengths_m))
     stops = {}
     for index, task in enumerate(tasks):
         work = work_of(task)
@@ -315,8 +315,8 @@ def task_scorer(
             latest_s=math.inf if task.deadline_ns is None else (task.deadline_ns - now_ns) / 1e9,
         )
     drive = DriveCost(
-        energy_j=[[way_m * per_m_j for way_m in row] for row in ways_m],
-        time_s=[[way_m * per_m_s for way_m in row] for row in ways_m],
+        energy_j=[[length_m * per_m_j for length_m in row] for row in lengths_m],
+        time_s=[[length_m * per_m_s for length_m in row] for row in lengths_m],
         start=len(tasks),
         ends=tuple(range(len(tasks) + 1, len(places))),
         usable_j=math.inf if model is None else model.usable_j,

@@ -67,7 +67,7 @@ class GaugeCheck:
 
     def __init__(self, limits: GaugeLimits) -> None:
         self.limits = limits
-        self.why = ""
+        self.reason = ""
         """Reason for doubt, in words; empty while the gauge is believed."""
         self._voltage_v = math.nan
         self._current_a = math.nan
@@ -110,17 +110,17 @@ class GaugeCheck:
     def silent(self, since_s: float, elapsed_s: float) -> bool:
         """Whether it is still believed after `since_s` without a measurement; `elapsed_s` since the last call."""
         is_stale = since_s > self.limits.stale_s
-        return self._settle(f"no measurement for {since_s:.1f} s", elapsed_s) if is_stale else not self.why
+        return self._settle(f"no measurement for {since_s:.1f} s", elapsed_s) if is_stale else not self.reason
 
     def _settle(self, wrong: str, elapsed_s: float) -> bool:
         if wrong:
-            self.why = wrong
+            self.reason = wrong
             self._right_s = 0.0
-        elif self.why:
+        elif self.reason:
             self._right_s += min(elapsed_s, self.limits.stale_s)  # one measurement after a silence proves little
             if self._right_s >= self.limits.recover_s:
-                self.why = ""
-        return not self.why
+                self.reason = ""
+        return not self.reason
 
     def _out_of_range(self, voltage_v: float, current_a: float, temperature_c: float) -> str:
         limits = self.limits
@@ -193,7 +193,7 @@ class BatteryTracker:
     @property
     def doubt_reason(self) -> str:
         """Reason to doubt the measurements, in words; empty while they are believed."""
-        return self._check.why
+        return self._check.reason
 
     def begin(self, measured: TrackedReading, report: BatteryReport = NOTHING_MORE) -> None:
         """The first measurement."""

@@ -269,12 +269,12 @@ class Consumption:
         """Learn from the cost of a work that was done as planned; waiting shows nothing about paths."""
         model = self.model(0.0)
         planned = estimate(model, work)
-        on_the_way_j = planned.mean_j - model.coefficients[0] * work.wait_s - model.packet_j * work.radio_packets
-        if work.path_m <= 0 or on_the_way_j <= 0:
+        path_j = planned.mean_j - model.coefficients[0] * work.wait_s - model.packet_j * work.radio_packets
+        if work.path_m <= 0 or path_j <= 0:
             return
-        by_way_j = model.relative_sd * on_the_way_j
-        known = max(0.0, planned.sigma_j**2 - by_way_j**2) / on_the_way_j**2
-        error = min(OUTCOME_MOST, max(-OUTCOME_MOST, (cost_j - planned.mean_j) / on_the_way_j))
+        path_sd_j = model.relative_sd * path_j
+        known = max(0.0, planned.sigma_j**2 - path_sd_j**2) / path_j**2
+        error = min(OUTCOME_MOST, max(-OUTCOME_MOST, (cost_j - planned.mean_j) / path_j))
         self._outcomes = min(OUTCOMES, self._outcomes + 1)
         self._path_ratio *= 1.0 + error / self._outcomes
         # The path ratio does not change for a difference that the power alone explains.

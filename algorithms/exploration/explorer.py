@@ -27,7 +27,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.reasons import IdleReason, LacksRange, NothingUnknown, borders_text, plain
 
 if TYPE_CHECKING:
-    from robrain.algorithms.exploration.map_look import MapSurvey
+    from robrain.algorithms.exploration.map_survey import MapSurvey
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.navigation.frontier import Frontier
     from robrain.algorithms.navigation.navigation_grid import NavigationGrid
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 SAME_M = 0.6
 """Attempts within this distance of each other are attempts at one place."""
-LOOK_M = 0.6
+AROUND_M = 0.6
 """Robots judge a frontier by the unknown cells within 0.5 m of it; this adds the edge."""
 VISIT, FAILURE, GIVEN_UP = 2, 1, 6
 """Weights of the attempts at a place, and the sum without a gain at which the place is given up (chosen). A robot that
@@ -135,14 +135,14 @@ class Attempts:
 
 def _is_unchanged(attempts: _Attempts, grid: "OccupancyGrid") -> bool:
     """Whether nothing new has been seen around a place since, and little has become unknown again."""
-    lost_max = LOST_SHARE * (2 * round(LOOK_M / grid.geometry.resolution_m) + 1) ** 2
+    lost_max = LOST_SHARE * (2 * round(AROUND_M / grid.geometry.resolution_m) + 1) ** 2
     return 0 <= unknown_around(grid, attempts.place) - attempts.unknown <= lost_max
 
 
 def unknown_around(grid: "OccupancyGrid", place: Point2D) -> int:
     """Number of unseen cells around a place."""
     row, column = grid.geometry.cell_of(place.x_m, place.y_m)
-    reach = round(LOOK_M / grid.geometry.resolution_m)
+    reach = round(AROUND_M / grid.geometry.resolution_m)
     box = np.s_[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
     return int(np.count_nonzero(grid.log_odds[box] == 0))
 
@@ -195,7 +195,7 @@ class _Question(NamedTuple):
     version: int
     needed_m: float
     seekers: list[Seeker]
-    taken: list[Point2D]
+    claimed: list[Point2D]
 
 
 class Explorer:
@@ -325,7 +325,7 @@ class Explorer:
         grid = self._map.grid
         if grid is None:
             return None
-        from robrain.algorithms.exploration.regions_left import Evidence, exploration_left
+        from robrain.algorithms.exploration.remaining_regions import Evidence, exploration_left
 
         known = [robot.place for robot in robots if robot.place is not None]
         evidence = Evidence(
@@ -346,7 +346,7 @@ class Explorer:
         if grid is None:
             self.idle |= {seeker.name: NothingUnknown() for seeker in seekers}
             return []
-        navigation = self._narrow.look(grid, radius_m, PREFERRED_MARGIN_M + radius_m)
+        navigation = self._narrow.navigation(grid, radius_m, PREFERRED_MARGIN_M + radius_m)
         shut = self._narrow.shut(now_ns)
         choices = self._along_narrow(navigation, candidates, seekers, busy, shut)
         if not choices and not (candidates and busy):
@@ -449,7 +449,7 @@ class Explorer:
         grid = self._map.grid
         if grid is None:
             return None
-        from robrain.algorithms.exploration.map_look import MapSurvey
+        from robrain.algorithms.exploration.map_survey import MapSurvey
 
         return MapSurvey(grid, candidates)
 

@@ -76,7 +76,7 @@ class NarrowPassages:
             if gap.tries >= TRIES or now_ns < gap.again_ns
         ]
 
-    def look(self, grid: "OccupancyGrid", radius_m: float, preferred_m: float) -> "NavigationGrid":
+    def navigation(self, grid: "OccupancyGrid", radius_m: float, preferred_m: float) -> "NavigationGrid":
         """The navigation grid for robots of this radius, narrow places included."""
         from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 

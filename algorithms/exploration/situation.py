@@ -15,7 +15,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 
 if TYPE_CHECKING:
-    from robrain.algorithms.exploration.map_look import MapSurvey
+    from robrain.algorithms.exploration.map_survey import MapSurvey
     from robrain.algorithms.navigation.navigation_grid import NavigationGrid, PathField
 
 AVOID_RADIUS_M = 1.0
@@ -246,7 +246,7 @@ class FrontierPaths:
         paths_m = self._known.get(place)
         if paths_m is None:
             paths_m = np.full(self.count, np.inf)
-            paths_m[self._columns] = self._navigation.ways_m(place, self._cells, snap_m=SNAP_M, shut=self._shut)
+            paths_m[self._columns] = self._navigation.costs_m(place, self._cells, snap_m=SNAP_M, shut=self._shut)
             self._known[place] = paths_m
         return paths_m
 

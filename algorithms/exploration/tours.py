@@ -212,7 +212,7 @@ def tours(situation: Situation) -> list[Choice]:
         return []
     stay_m = STAY_ALONE_M if len(situation.seekers) + len(situation.busy) == 1 else STAY_M
     unknown_m2 = np.array([min(one.unknown_m2, UNKNOWN_LIMIT_M2) for one in situation.candidates])
-    weights = (LEAST_WEIGHT_M2 + unknown_m2) * taken_share(situation)
+    weights = (LEAST_WEIGHT_M2 + unknown_m2) * claimed_share(situation)
     columns = considered(situation, weights, stay_m)
     stays_m = np.full(len(columns), stay_m)
     places = Places(situation.ways_m[:, columns], situation.between(columns), weights[columns], stays_m, FAR_M)
@@ -224,7 +224,7 @@ def _firsts(situation: Situation, columns: list[int], places: Places) -> list[Ch
     return [situation.choice(row, columns[tour[0]]) for row, tour in enumerate(plan_tours(places)) if tour]
 
 
-def taken_share(situation: Situation) -> NDArray[np.float64]:
+def claimed_share(situation: Situation) -> NDArray[np.float64]:
     """By how much each frontier counts for less because it is near a busy robot's goal, (frontiers,), above 0 to 1."""
     if not situation.busy:
         return np.ones(len(situation.candidates))
@@ -263,7 +263,7 @@ def rooms(situation: Situation) -> list[Choice]:
     floor = situation.floor
     unknown_m2 = [candidate.unknown_m2 for candidate in situation.candidates]
     shares_m2 = np.array(unknown_m2) if floor is None else floor.shares_m2
-    weights = (LEAST_WEIGHT_M2 + np.minimum(shares_m2, SHARE_LIMIT_M2)) * taken_share(situation)
+    weights = (LEAST_WEIGHT_M2 + np.minimum(shares_m2, SHARE_LIMIT_M2)) * claimed_share(situation)
     columns = considered(situation, weights, ROOM_STAY_M)
     first_m = (situation.ways_m + meetings_m(situation))[:, columns]
     between_m = situation.between(columns)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robrain.algorithms.exploration.map_look import MapSurvey
+from robrain.algorithms.exploration.map_survey import MapSurvey
 from robrain.algorithms.exploration.situation import FrontierCandidate, FrontierPaths, Seeker, Situation
 from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.exploration.tours import rooms, tours

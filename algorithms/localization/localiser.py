@@ -67,7 +67,7 @@ class DivergenceMonitor:
         """Of the window, with refused ones at the gate; 0 before the first measurement."""
         return sum(self._nis) / len(self._nis) if self._nis else 0.0
 
-    def heard(self, nis: float) -> str:
+    def check_signal(self, nis: float) -> str:
         """A measurement had this NIS; why the estimate cannot be right, or nothing."""
         self.refused += nis > self._gate
         self._nis.append(min(nis, self._gate))
@@ -84,14 +84,14 @@ class DivergenceMonitor:
             )
         return ""
 
-    def saw(self, fit: float) -> str:
+    def check_scan(self, fit: float) -> str:
         """A scan lay so well on the map; why the estimate cannot be right, or nothing."""
         self.misfits = self.misfits + 1 if fit < self.spec.fit_min else 0
         if self.misfits >= self.spec.misfits_max:
             return f"{self.misfits} scans in a row do not fit the map, the last one by {fit:.0%} of its beams"
         return ""
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Reset all counts except that of the refused ones."""
         self._nis.clear()
         self.misfits = 0
@@ -214,7 +214,7 @@ class Localiser:
         """Share of doubts and floors that counts, as the innovations of scans have it."""
         self._matched_path_m = 0.0
         self._seen_path_m = 0.0
-        self.way_m = 0.0
+        self.driven_m = 0.0
         """Metres driven since the estimate began or the robot was lost; turns count `TURN_M_PER_RAD`."""
         self._fitted_sigma_m = 0.0
         """Standard deviation of the place at the last scan that fitted."""
@@ -252,20 +252,20 @@ class Localiser:
         forward_m, left_m = displacement.forward_m_s, displacement.left_m_s
         turned_rad = displacement.yaw_rad_s * (1.0 + turn) + curve * forward_m
         self._signals.move(Twist2D((1.0 + scale) * forward_m, (1.0 + scale) * left_m, turned_rad))
-        self.way_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
+        self.driven_m += math.hypot(forward_m, left_m) + TURN_M_PER_RAD * abs(turned_rad)
 
-    def hear(self, sample: RssiSample) -> None:
+    def receive(self, sample: RssiSample) -> None:
         """Handle a signal of a mote with a known place."""
-        self._signals.hear(sample)
+        self._signals.receive(sample)
         if self.lost:
             self._since_tried += 1
             if self._since_tried >= FIND_EVERY:
                 self._since_tried = 0
                 self._find_by_motes()
             return
-        reason = self.watch.heard(self.filter.hear(sample, map_variance_m2=max(self._of_map[:2])).nis)
+        reason = self.watch.check_signal(self.filter.receive(sample, map_variance_m2=max(self._of_map[:2])).nis)
         self._since_tried += 1
-        if not reason and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self.way_m):
+        if not reason and self._since_tried >= COMPARE_EVERY and self._signals.can_find(self.driven_m):
             self._since_tried = 0
             odds = better_elsewhere(self.pose, self._signals.seen_from_here(), self.spec.path_loss)
             if odds > ELSEWHERE_MAX:
@@ -299,13 +299,13 @@ class Localiser:
         misfits = self.watch.misfits
         if not misfits:
             self._fitted_sigma_m = self.filter.sigma_m
-        path_m = min(self.way_m - self._seen_path_m, DOUBT_PATH_M)
-        self._seen_path_m = self.way_m
+        path_m = min(self.driven_m - self._seen_path_m, DOUBT_PATH_M)
+        self._seen_path_m = self.driven_m
         doubt_m2, doubt_rad2 = (
             (self._share * each * path_m) ** 2 for each in (self.spec.doubt_m_per_m, self.spec.doubt_rad_per_m)
         )
         self.filter.add((doubt_m2, doubt_m2, doubt_rad2))
-        is_new = self.way_m - self._matched_path_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
+        is_new = self.driven_m - self._matched_path_m > MATCH_M or self.filter.sigma_m > MATCH_SIGMA_M
         if fit.directions and is_new:
             self._go_by(walls_drift)
         is_believed = not is_new or self._correct(fit, believed, guess, map)
@@ -313,7 +313,7 @@ class Localiser:
             self.filter.add((REFUSED_SIGMA_M**2, REFUSED_SIGMA_M**2, REFUSED_SIGMA_RAD**2))
         self._reckon_map(map)
         self.fits = is_believed and (not fit.beams or fit.fit >= self.spec.watch.fit_min)
-        reason = self.watch.saw(fit.fit if is_believed else 0.0) if fit.beams else ""
+        reason = self.watch.check_scan(fit.fit if is_believed else 0.0) if fit.beams else ""
         if not reason and fit.beams and (misfits or not self.fits):
             if not misfits:
                 self._T_now_wheels = IDENTITY
@@ -443,7 +443,7 @@ class Localiser:
         self._adapt(innovation_squared(along, before, off_m, noise) / len(rows))
         self.filter.correct_along(along, off_m, noise)
         self.filter.at_least(tuple(np.clip(before.diagonal(), self._share**2 * np.array(floors), floors).tolist()))
-        self._matched_path_m = self.way_m
+        self._matched_path_m = self.driven_m
         return True
 
     def _adapt(self, nis: float) -> None:
@@ -469,13 +469,13 @@ class Localiser:
             self.filter.doubt(self.spec.lost_sigma_m, math.pi / 2)
         self._of_map = NONE
         self._signals.forget()
-        self.way_m = self._matched_path_m = self._seen_path_m = 0.0
+        self.driven_m = self._matched_path_m = self._seen_path_m = 0.0
         self._since_tried = 0
 
     def join(self) -> None:
         """The frame in which the robot goes has been found to be, or has been moved to, the arena frame."""
         self.lost = ""
-        self.watch.begin_anew()
+        self.watch.reset()
 
     def part(self, reason: str) -> None:
         """The robot's frame is no longer the arena frame; the estimate continues in it."""
@@ -486,7 +486,7 @@ class Localiser:
     def _find_by_motes(self) -> None:
         found = (
             find_robot(self._signals.seen_from_here(), self.spec.path_loss)
-            if self._signals.can_find(self.way_m)
+            if self._signals.can_find(self.driven_m)
             else None
         )
         if found is None:
@@ -506,7 +506,7 @@ class Localiser:
         self.beginnings += 1
         self.fits = True
         self.arena_fix = None
-        self.watch.begin_anew()
+        self.watch.reset()
 
     def _search(
         self, log_odds: NDArray[np.int8], geometry: GridGeometry, guess: Pose2D, points: Floats

@@ -226,7 +226,7 @@ class RecentSignals:
         """The robot has moved so, as `odometry.chord` gives it, its errors taken off."""
         self._reckoned = moved_along(self._reckoned, displacement)
 
-    def hear(self, sample: RssiSample) -> None:
+    def receive(self, sample: RssiSample) -> None:
         """Handle a received signal of a mote."""
         self._records.append((sample, self._reckoned))
         self.has_received = True

@@ -176,14 +176,14 @@ class GyroYaw:
         if last is None or not 0 < elapsed_ns <= GAP_NS:
             self._forget_window()
             return 0.0
-        stands = last.stamp_ns - self._moved_ns >= STILL_AFTER_NS
-        if stands:
+        is_still = last.stamp_ns - self._moved_ns >= STILL_AFTER_NS
+        if is_still:
             self._learn(rate.rad_s, elapsed_ns)
         else:
             self._forget_window()
         if bias_rad_s is None or wheels_rad is None or self._last_wheels_rad is None:
             return 0.0
-        if stands and abs(rate.rad_s - bias_rad_s) <= STILL_RAD_S:
+        if is_still and abs(rate.rad_s - bias_rad_s) <= STILL_RAD_S:
             self.rate_rad_s = 0.0 if self.is_trusted else None
             return 0.0
         turned_rad = ((last.rad_s + rate.rad_s) / 2 - bias_rad_s) * elapsed_ns * 1e-9

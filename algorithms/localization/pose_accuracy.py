@@ -32,7 +32,7 @@ class PoseAccuracyMeter:
         self._error_m: float | None = None
         self._is_lost = False
 
-    def note(self, time_s: float, believed: Pose2D, covariance: Sequence[float], lost: str, true: Pose2D) -> None:
+    def add(self, time_s: float, believed: Pose2D, covariance: Sequence[float], lost: str, true: Pose2D) -> None:
         """Add a sample; it counts for the time since the sample before.
 
         Args:
@@ -64,8 +64,8 @@ class PoseAccuracyMeter:
             self._yaw_squares_rad2 += yaw_error_rad * yaw_error_rad
             self._max_error_m = max(self._max_error_m, error_m)
             self._record_nees(covariance, dx_m, dy_m, yaw_error_rad)
-        says_so = bool(lost) or SIGMAS * position_sigma_m(covariance) >= error_m  # False without a covariance
-        if error_m > FAR_OFF_M and not says_so:
+        is_reported = bool(lost) or SIGMAS * position_sigma_m(covariance) >= error_m  # False without a covariance
+        if error_m > FAR_OFF_M and not is_reported:
             self._silent_s += passed_s
             self._silent_for_s += passed_s
             self._longest_silent_s = max(self._longest_silent_s, self._silent_for_s)

@@ -282,7 +282,7 @@ class MeasurementUpdate(msgspec.Struct, frozen=True):
 
     nis: float
     """Normalised innovation squared: about 1 if the filter is as good as it believes."""
-    is_taken: bool
+    is_accepted: bool
     innovation_db: float = 0.0
     variance_db2: float = 1.0
     """Of the innovation, as the filter expected it."""
@@ -392,7 +392,7 @@ class PoseFilter:
             self.path_loss.decorrelation_m,
         )
 
-    def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
+    def receive(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
         """Update with the strength of a mote's signal, unless its normalised innovation squared exceeds the gate.
 
         `map_variance_m2` is that of the map that the robot goes by, for each axis, and not in the filter's covariance.

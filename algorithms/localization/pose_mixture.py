@@ -108,13 +108,13 @@ class PoseMixture:
         for part in self._parts:
             part.move(displacement)
 
-    def hear(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
+    def receive(self, sample: RssiSample, gate: float = GATE, *, map_variance_m2: float = 0.0) -> MeasurementUpdate:
         """Update with the strength of a mote's signal; arguments and result are those of `PoseFilter`.
 
         A signal that a part's gate rejects counts against the part as much as a signal at the gate's limit.
         """
         self._split()
-        received = [part.hear(sample, gate, map_variance_m2=map_variance_m2) for part in self._parts]
+        received = [part.receive(sample, gate, map_variance_m2=map_variance_m2) for part in self._parts]
         if len(received) == 1:
             return received[0]
         innovations_db = np.array([each.innovation_db for each in received])
@@ -125,7 +125,7 @@ class PoseMixture:
         nis = np.minimum([each.nis for each in received], gate)
         self._weigh(-0.5 * (nis + log(variances_db2)))
         return MeasurementUpdate(
-            mean_db**2 / variance_db2, any(each.is_taken for each in received), mean_db, variance_db2
+            mean_db**2 / variance_db2, any(each.is_accepted for each in received), mean_db, variance_db2
         )
 
     def correct(self, row: tuple[float, float, float], innovation: float, variance: float) -> float:

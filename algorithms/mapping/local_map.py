@@ -40,7 +40,7 @@ class LocalMap(NamedTuple):
     """Number of times that the robot's own map was started again."""
     frame: MapFrame = ARENA
     """The map frame of `T_arena_local`."""
-    why: str = ""
+    reason: str = ""
     """Reason why this is not the arena frame; empty if it is."""
     with_yaw: tuple[float, float] = (0.0, 0.0)
     """Covariances of x and y with yaw (m·rad) of `T_arena_local` at the anchor."""

@@ -80,7 +80,7 @@ class CellTrend:
 
     >>> trend = CellTrend()
     >>> for at_s, voltage_v in ((0.0, 2.5), (100.0, 2.4), (200.0, 2.3)):
-    ...     trend.note(at_s, voltage_v)
+    ...     trend.add(at_s, voltage_v)
     >>> round(trend.empty_s() or 0.0)
     400
     """
@@ -88,7 +88,7 @@ class CellTrend:
     def __init__(self) -> None:
         self._falls: deque[tuple[float, float]] = deque(maxlen=KEPT)
 
-    def note(self, at_s: float, voltage_v: float) -> None:
+    def add(self, at_s: float, voltage_v: float) -> None:
         """Add a reported voltage; fresh cells begin a new trend."""
         if self._falls and voltage_v > self._falls[-1][1] + LEAST_FALL_V:
             self._falls.clear()

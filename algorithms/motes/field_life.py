@@ -153,7 +153,7 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
 
     deaths_days: list[float]
     """Times at which the motes died, in order."""
-    taken: float
+    collected: float
     """Readings that the motes took in the whole time."""
     delivered: float
     lost: float
@@ -161,7 +161,7 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
     stored: float
     """Still in living motes at the end."""
     due: float
-    """Readings within the horizon that motes on duty took, and dead ones would have taken."""
+    """Readings within the horizon that motes on duty took, and dead ones would have collected."""
     delivered_in_horizon: float
     coverage: float
     """Mean share of the floor within the horizon that a living mote sensed."""
@@ -249,7 +249,7 @@ class _FieldRun:
         """Time of the newest known reading of each mote."""
         self._next_tour_s = DAY_S / plan.tours_per_day if plan.tours_per_day else math.inf
         self._deaths_s: list[float] = []
-        self._taken = self._delivered = self._lost = self._early = 0.0
+        self._collected = self._delivered = self._lost = self._early = 0.0
         self._age_sum_s = self._news_sum_s = self._watched_s = self._due = 0.0
         self._covered_s = self._spent_j = self._robot_j = self._driven_m = 0.0
 
@@ -310,8 +310,8 @@ class _FieldRun:
         """Each tree is made from one beacon of every mote on duty, which its neighbours receive."""
         energy = self.site.energy
         for mote in awake:
-            heard = sum(other in self._on_duty for other in self.graph.neighbours[mote])
-            spent_j = trees * (energy.beacon_send_j + heard * energy.beacon_receive_j)
+            neighbours = sum(other in self._on_duty for other in self.graph.neighbours[mote])
+            spent_j = trees * (energy.beacon_send_j + neighbours * energy.beacon_receive_j)
             spent_j = min(spent_j, self.left_j[mote])
             self.left_j[mote] -= spent_j
             self._spent_j += spent_j
@@ -333,26 +333,26 @@ class _FieldRun:
         """Let time pass with constant powers and flows."""
         routes = self._routes
         assert routes is not None
-        told = set()
+        reported = set()
         for mote, power_w in powers_w.items():
             spent_j = power_w * step_s
             self.left_j[mote] -= spent_j
             self._spent_j += spent_j
             if mote not in self._on_duty:
                 continue
-            taken = step_s / self.site.period_s
-            at_once = taken * self._share if self._has_route[mote] else 0.0
-            self._taken += taken
+            collected = step_s / self.site.period_s
+            at_once = collected * self._share if self._has_route[mote] else 0.0
+            self._collected += collected
             self._deliver(at_once, routes.hops[mote] * HOP_S)
-            self.stored[mote] += taken - at_once
+            self.stored[mote] += collected - at_once
             over = max(0.0, self.stored[mote] - self.site.log_readings)
             self.stored[mote] -= over
             self._lost += over
             if self._has_route[mote] or self.plan.tours_per_day:
-                told.add(mote)
+                reported.add(mote)
             self._record_ages(mote, step_s, routes.hops[mote])
         if self.now_s < self._horizon_s:
-            self._covered_s += step_s * self._cover.share(told)
+            self._covered_s += step_s * self._cover.share(reported)
             self._robot_j += step_s * len(self.relays) * self.plan.robot.standing_w
             dead = len(self.site.places) - len(self.alive)
             self._due += (len(self._on_duty) + dead) * step_s / self.site.period_s
@@ -384,19 +384,19 @@ class _FieldRun:
         tour_s, robot = DAY_S / self.plan.tours_per_day, self.plan.robot
         readings = 0.0
         motes = tuple(mote for mote in sorted(self.alive) if self.stored[mote] > 0)
-        way_m = self._path_m(motes)
+        path_m = self._path_m(motes)
         for mote in motes:
             handed = min(self.stored[mote], max(0.0, self.left_j[mote]) / self.site.energy.hand_over_j)
             spent_j = handed * self.site.energy.hand_over_j
             self.left_j[mote] -= spent_j
             self._spent_j += spent_j
             self.stored[mote] -= handed
-            self._deliver(handed, 0.5 * tour_s + 0.5 * way_m / robot.speed_m_s)
+            self._deliver(handed, 0.5 * tour_s + 0.5 * path_m / robot.speed_m_s)
             readings += handed
         if self.now_s <= self._horizon_s:
-            tour_takes_s = way_m / robot.speed_m_s + readings / robot.readings_per_s
-            self._robot_j += robot.standing_w * tour_takes_s + robot.driving_j_per_m * way_m
-            self._driven_m += way_m
+            duration_s = path_m / robot.speed_m_s + readings / robot.readings_per_s
+            self._robot_j += robot.standing_w * duration_s + robot.driving_j_per_m * path_m
+            self._driven_m += path_m
         self._next_tour_s += tour_s
 
     def _path_m(self, motes: tuple[int, ...]) -> float:
@@ -421,7 +421,7 @@ class _FieldRun:
         in_horizon = min(self._horizon_s, self._until_s)
         return FieldLife(
             deaths_days=[death_s / DAY_S for death_s in self._deaths_s],
-            taken=self._taken,
+            collected=self._collected,
             delivered=self._delivered,
             lost=self._lost,
             stored=sum(self.stored),

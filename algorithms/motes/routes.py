@@ -193,11 +193,11 @@ def cheapest_tree(graph: LinkGraph, prices: Sequence[float], alive: Collection[i
         cost, node = heapq.heappop(waiting)
         if cost > best[node]:
             continue
-        taking_in = 0.0 if node == graph.sink else prices[node] * energy.receive_j
+        receive_j = 0.0 if node == graph.sink else prices[node] * energy.receive_j
         for mote in graph.neighbours[node]:
             if mote not in usable:
                 continue
-            found = cost + taking_in + prices[mote] * energy.send_j
+            found = cost + receive_j + prices[mote] * energy.send_j
             if mote not in best or found < best[mote]:
                 best[mote] = found
                 parents[mote] = node

@@ -279,7 +279,7 @@ class NavigationGrid:
         cost[inside] += np.float32(DEAR)
         return cost
 
-    def ways_m(
+    def costs_m(
         self,
         place: Point2D,
         cells: list[tuple[int, int]],
@@ -299,7 +299,7 @@ class NavigationGrid:
     def cost_field(
         self, place: Point2D, *, snap_m: float, shut: Sequence[tuple[float, float, float]] = ()
     ) -> PathField | None:
-        """Costs of the paths from a place to everywhere, as of `ways_m`; None if the robot cannot stand near there."""
+        """Costs of the paths from a place to everywhere, as of `costs_m`; None if the robot cannot stand near there."""
         cell = self.snap(place, snap_m)
         if cell is None:
             return None

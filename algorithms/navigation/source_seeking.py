@@ -83,7 +83,7 @@ class FieldSamples:
         """One more reading of the robot, taken at a place of the arena frame."""
         self._samples.append(FieldSample(place, value, time_s))
 
-    def hear(self, mote: str, place: Point2D, value: float, time_s: float) -> None:
+    def receive(self, mote: str, place: Point2D, value: float, time_s: float) -> None:
         """A mote's reading: only its latest counts, because fixed motes would otherwise outweigh the moving robot."""
         before = self._of_motes.get(mote)
         if before is None and len(self._of_motes) >= MOTES_MAX:

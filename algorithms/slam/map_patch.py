@@ -18,7 +18,7 @@ from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 
-TOLD_SHARE = 0.75
+MESSAGE_SHARE = 0.75
 """Share of an atlas that messages may fill; the rest is reserved for the robot's own cells."""
 STEPS_MAX = 8
 """Number of different states of a submap for which the effect of one patch is kept."""
@@ -75,7 +75,7 @@ class SharedSteps:
         self._more = 0
         """Bytes by which they grow."""
 
-    def take(self, patch: MapPatch) -> bool:
+    def add(self, patch: MapPatch) -> bool:
         """Take a patch without parts as `merge_message` would, if its effect on its submap has been computed already.
 
         That is so for cells of a known submap that has not moved, newer than the cells there. Other patches need
@@ -91,7 +91,7 @@ class SharedSteps:
         more = self._more + step.evidence.nbytes - step.before.nbytes
         if (
             not step.is_newest
-            or (more and not self._atlas.has_room(more, TOLD_SHARE))
+            or (more and not self._atlas.has_room(more, MESSAGE_SHARE))
             or kept.geometry != geometry
             or patch.T_arena_local != submap.T_arena_local
             or patch.frame != submap.frame
@@ -292,7 +292,7 @@ def _merge_one(atlas: SubmapAtlas, patch: MapPatch) -> int:
     statements = _statements_of(patch, atlas.grid.geometry) if patch.rows or patch.columns or patch.cells else None
     surfaces = _surfaces_of(patch) if patch.surfaces else None
     box = None if statements is None else (patch.row, patch.column, statements[0].shape, statements[1])
-    atlas.check(key, box, surfaces, TOLD_SHARE)
+    atlas.check(key, box, surfaces, MESSAGE_SHARE)
     atlas.move(key, patch.T_arena_local, patch.frame)
     changed = 0 if statements is None else atlas.apply_step(key, step_of(patch, atlas, key, *statements))
     if surfaces is not None:

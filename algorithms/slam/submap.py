@@ -74,7 +74,7 @@ class SubmapStep(NamedTuple):
     stamp_ms: NDArray[np.int32]
     occupied: int
     """As those of `Submap`, after the patch."""
-    told: Tiles
+    tiles: Tiles
     """The tiles for which the patch has statements, after it."""
     is_newest: bool
     """Whether the patch was observed after all earlier cells of the tiles that it touches."""
@@ -108,7 +108,7 @@ class Submap:
         """Whether it has no cells yet."""
         return self.evidence.size == 0
 
-    def take(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> None:
+    def merge(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> None:
         """Merge cells int8 (h, w), classes of an `OccupancyGrid`, into the box at (row, column).
 
         `stamp_ms` is the time of observation: one for all cells, or one for each tile of a box that begins at a tile's
@@ -124,7 +124,7 @@ class Submap:
     def after(self, row: int, column: int, cells: NDArray[np.int8], stamp_ms: int | NDArray[np.int32]) -> SubmapStep:
         """Effect on the submap of cells that `growth` has checked.
 
-        The submap stays unchanged; arguments as `take`.
+        The submap stays unchanged; arguments as `merge`.
         """
         height, width = cells.shape
         latest_ms = latest(self.stamp_ms, row - self.row, column - self.column, height, width)
@@ -152,7 +152,7 @@ class Submap:
         self.version += 1
 
     def growth(self, row: int, column: int, shape: tuple[int, ...], stamp_ms: int | NDArray[np.int32]) -> int:
-        """Number of cells by which `take` would enlarge the submap; arguments and errors are those of `take`."""
+        """Number of cells by which `merge` would enlarge the submap; arguments and errors are those of `merge`."""
         height, width = shape
         if not isinstance(stamp_ms, int):
             if row % TILE_CELLS or column % TILE_CELLS:
@@ -306,16 +306,16 @@ def add_cells(
     first_row: int,
     first_column: int,
     cells: NDArray[np.int8],
-    said_ms: NDArray[np.int32],
+    patch_ms: NDArray[np.int32],
 ) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int8]]:
-    """Take cells into the arrays of a submap; `said_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles.
+    """Take cells into the arrays of a submap; `patch_ms` is (1, 1) for all cells, or (h / 8, w / 8) for tiles.
 
     Returns:
         The increase in the number of occupied cells, and the tiles for which there are statements, as in `Tiles`.
 
     """
     more = 0
-    is_one = said_ms.shape[0] == 1 and said_ms.shape[1] == 1
+    is_one = patch_ms.shape[0] == 1 and patch_ms.shape[1] == 1
     first_tile, first_tile_row = first_column // TILE_CELLS, first_row // TILE_CELLS
     tiles = (first_column + cells.shape[1] - 1) // TILE_CELLS - first_tile + 1
     is_reported = np.zeros(((first_row + cells.shape[0] - 1) // TILE_CELLS - first_tile_row + 1, tiles), np.bool_)
@@ -330,7 +330,7 @@ def add_cells(
                 continue
             column = first_column + j
             tile = column // TILE_CELLS
-            stamp_ms = said_ms[0, 0] if is_one else said_ms[i // TILE_CELLS, j // TILE_CELLS]
+            stamp_ms = patch_ms[0, 0] if is_one else patch_ms[i // TILE_CELLS, j // TILE_CELLS]
             latest_ms[tile - first_tile] = max(latest_ms[tile - first_tile], stamp_ms)
             before = evidence[row, column]
             if before != 0 and stamp_ms < stamps_ms[tile_row, tile]:

@@ -165,7 +165,7 @@ class SubmapAtlas:
         self._held: list[Box] | None = None
         """Boxes to draw again in the end; None if each is drawn at once."""
 
-    def take(
+    def merge(
         self,
         key: SubmapKey,
         row: int,
@@ -174,7 +174,7 @@ class SubmapAtlas:
         stamp_ms: int | NDArray[np.int32],
         share: float = 1.0,
     ) -> int:
-        """Merge cells into a box of a submap, see `Submap.take`.
+        """Merge cells into a box of a submap, see `Submap.merge`.
 
         Returns:
             How many classes of the grid changed.
@@ -193,7 +193,7 @@ class SubmapAtlas:
         return Submap(*self._poses.get(key, (IDENTITY, ARENA))) if submap is None else submap
 
     def apply_step(self, key: SubmapKey, step: SubmapStep) -> int:
-        """Take the result of a patch, which `check` has checked, on `shaped(key)`; returns as `take`."""
+        """Take the result of a patch, which `check` has checked, on `shaped(key)`; returns as `merge`."""
         if step.is_newest:
             return self.apply_steps([(key, step)])
         submap = self._begun(key)
@@ -206,7 +206,7 @@ class SubmapAtlas:
         begins, firsts, places, at, stamps_ms, cells = [0], [], [], [], [], []
         submaps = self.submaps
         for key, step in steps:
-            submap, reported = submaps.get(key) or self._begun(key), step.told
+            submap, reported = submaps.get(key) or self._begun(key), step.tiles
             self._size += step.evidence.nbytes - submap.evidence.nbytes
             submap.become(step)
             if submap.frame == self.frame and len(reported.at):
@@ -279,7 +279,7 @@ class SubmapAtlas:
 
         Args:
             key: the submap.
-            box: row, column, shape and stamp of the cells, as for `take`; None for no cells.
+            box: row, column, shape and stamp of the cells, as for `merge`; None for no cells.
             surfaces: as for `set_surfaces`; None for none.
             share: share of the limits that may be used, 0 to 1.
 

@@ -89,7 +89,7 @@ class _Link(msgspec.Struct, eq=False):
     information: Floats
     """(3, 3), in the axes of `at_other`."""
     may_be_false: bool
-    told: bool = False
+    is_reported: bool = False
     """Whether the other robot found and published it; then the information is in the axes of `at_own`."""
     measured: Floats | None = None
     """Inverse of `information`, once it was needed."""
@@ -189,7 +189,7 @@ class SubmapGraph:
         if node is None or not is_information(information):
             return
         place = node.at(at_own)
-        link = _Link(number, place, other, at_other, information, may_be_false=True, told=True)
+        link = _Link(number, place, other, at_other, information, may_be_false=True, is_reported=True)
         self._keep(link, lambda each: each.at_own.distance_m(place))
 
     def change_frame(
@@ -274,9 +274,9 @@ class SubmapGraph:
         held: list[Pose2D] = [IDENTITY]
         held_at: dict[tuple[SubmapKey, MapFrame], int] = {}
         edges = []
-        with_mates = sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
+        with_teammates = sum(each.other is not None and each.other[0] != self._robot for each in self._closures)
         for link in (*self._steps.values(), *self._closures):
-            edge = self._edge(link, index, held, held_at, with_mates, place_of, variances_of)
+            edge = self._edge(link, index, held, held_at, with_teammates, place_of, variances_of)
             if edge is not None:
                 edges.append(edge)
         solution = solve([self.own[number].pose for number in numbers], held, edges)
@@ -299,7 +299,7 @@ class SubmapGraph:
         index: dict[int, int],
         held: list[Pose2D],
         held_at: dict[tuple[SubmapKey, MapFrame], int],
-        with_mates: int,
+        with_teammates: int,
         place_of: Callable[[SubmapKey, MapFrame], Pose2D | None],
         variances_of: Callable[[SubmapKey], Variances],
     ) -> Edge | None:
@@ -325,9 +325,10 @@ class SubmapGraph:
         # So all closures with teammates together give no smaller variance than that of one teammate, as in covariance
         # intersection.
         measured, teammates = link.covariance(), np.array(variances_of(other))
-        information, sure = inverse(_widened(measured, teammates)), inverse(_widened(measured, with_mates * teammates))
+        information = inverse(_widened(measured, teammates))
+        sure = inverse(_widened(measured, with_teammates * teammates))
         gate = self._gate(link, teammates)
-        if link.told:
+        if link.is_reported:
             return Edge(own, link.at_own, held_at[key], link.at_other, information, link.may_be_false, sure, gate)
         return Edge(held_at[key], link.at_other, own, link.at_own, information, link.may_be_false, sure, gate)
 
@@ -390,7 +391,7 @@ def _turned(covariance: Floats, yaw_rad: float) -> Floats:
 
 def _teller(link: _Link) -> str | None:
     """Robot that published a closure; None if this robot found it."""
-    return link.other[0] if link.told and link.other is not None else None
+    return link.other[0] if link.is_reported and link.other is not None else None
 
 
 def is_information(matrix: Floats) -> bool:

@@ -134,7 +134,7 @@ class MoteLife:
         self.latest, self._spoke_ns = reading, max(self._spoke_ns, measured_ns)
         self._newest_ns = max(self._newest_ns, measured_ns)
         self.is_hopeless = False
-        self._trend.note(to_seconds(measured_ns), reading.voltage_v)
+        self._trend.add(to_seconds(measured_ns), reading.voltage_v)
 
     @property
     def place(self) -> Point2D | None:

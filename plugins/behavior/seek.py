@@ -286,7 +286,7 @@ class Climb:
             is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(RECEIVED_S)
             if is_meant and reading.place is not None and reading.place.distance_m(here) < self._seek.reach_m:
                 self.heard += 1
-                self._field.hear(reading.mote, reading.place, reading.value, to_seconds(sensed_ns))
+                self._field.receive(reading.mote, reading.place, reading.value, to_seconds(sensed_ns))
 
     def _fit(self, at: Point2D, width_m: float = WIDTH_M) -> FieldFit | None:
         return self._field.fit(at, to_seconds(self._clock.now_ns()), width_m)

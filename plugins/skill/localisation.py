@@ -22,7 +22,7 @@ from robrain.algorithms.localization.surface_match import COMPARED_MIN, agreemen
 from robrain.algorithms.mapping.local_map import ArenaFix, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.algorithms.slam.mates_in_scan import robot_circles, wall_ends
+from robrain.algorithms.slam.robots_in_scan import robot_circles, wall_ends
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
 from robrain.protocol.clock import to_ns
@@ -287,7 +287,7 @@ class Localisation(Skill):
         while received:
             sample = received.popleft()
             if self.parameters.motes:
-                self._localiser.hear(sample)
+                self._localiser.receive(sample)
                 self._signals += 1
 
     def _update_from_map(self) -> None:
@@ -305,7 +305,7 @@ class Localisation(Skill):
         if local.frame == ARENA and self._localiser.lost:
             self._localiser.join()
         elif local.frame != ARENA and not self._localiser.lost:
-            self._localiser.part(local.why)
+            self._localiser.part(local.reason)
 
     def _see(self, scan: LaserScan) -> None:
         self._waiting.append(scan)
@@ -325,14 +325,14 @@ class Localisation(Skill):
         self._until_ns = scan.stamp_ns
         self._update_from_map()
         self._move()
-        path_m = self._localiser.way_m - self._matched_path_m
+        path_m = self._localiser.driven_m - self._matched_path_m
         is_due = now_ns >= self._scan_due_ns or path_m > self.parameters.scan_way_m
         if board.map is None or not is_due:
             self._tell()
             return
         self._checked.append(scan.stamp_ns)
         self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
-        self._matched_path_m = self._localiser.way_m
+        self._matched_path_m = self._localiser.driven_m
         T_robot_sensor = self._T_robot_sensor(scan)
         points = self._wall_points(scan, T_robot_sensor)
         if self._own_map.local_map is not None and self._own_map.local_map.trajectory == self._trajectory:

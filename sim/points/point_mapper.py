@@ -131,7 +131,7 @@ class PointMapper(Skill):
 
     def _publish(self, patch: PatchCells) -> None:
         """Merge the area that the robot has seen, and publish it."""
-        self._atlas.take((self.env.robot, self._number), patch.row, patch.column, patch.cells, patch.stamp_ms)
+        self._atlas.merge((self.env.robot, self._number), patch.row, patch.column, patch.cells, patch.stamp_ms)
         self._patches.put(to_message(self.env.robot, self._own.geometry, patch, self._number))
 
     def _whole(self, _request: Request[Any]) -> MapPatch | None:

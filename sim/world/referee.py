@@ -219,7 +219,7 @@ class AccuracyWatch:
         true = self._true_pose(index, state.stamp_ns)
         if true is not None:
             time_s = state.stamp_ns / NS_PER_S
-            self._meters[state.robot].note(time_s, state.pose, state.pose_covariance, state.lost, true)
+            self._meters[state.robot].add(time_s, state.pose, state.pose_covariance, state.lost, true)
 
     def _true_pose(self, index: int, stamp_ns: int) -> Pose2D | None:
         """T_arena_robot at a time; None before the first pose kept, or more than a period after the last."""

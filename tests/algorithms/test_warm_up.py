@@ -13,7 +13,7 @@ from robrain.algorithms.mapping import occupancy_grid, ray_cast
 from robrain.algorithms.navigation import frontier, path_planning, right_of_way
 from robrain.algorithms.navigation import navigation_grid as navigation
 from robrain.algorithms.numeric import small_linear_algebra
-from robrain.algorithms.slam import mates_in_scan, pose_graph, submap, submap_atlas
+from robrain.algorithms.slam import pose_graph, robots_in_scan, submap, submap_atlas
 from robrain.algorithms.warm_up import warm_up
 from robrain.protocol.model import grid_geometry
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 MODULES: tuple[ModuleType, ...] = (
     frontier,
-    mates_in_scan,
+    robots_in_scan,
     occupancy_grid,
     path_planning,
     pose_graph,
@@ -102,17 +102,17 @@ def use_every_kernel_of_mapping(
 ) -> None:
     own = occupancy_grid.OccupancyGrid(geometry, surfaces=True)
     told = np.array([(3, 3, 1), (5, 8, 1)])
-    circles = mates_in_scan.robot_circles(angles_rad[::-1], ranges_m, 4, sensor, told)
+    circles = robots_in_scan.robot_circles(angles_rad[::-1], ranges_m, 4, sensor, told)
     own.integrate_scan(sensor, angles_rad, ranges_m, 4, np.int64(7), circles, (0, 1))
     for left_out in (circles, np.empty((0, 3))):
-        points = mates_in_scan.wall_ends(angles_rad[::-1], ranges_m, 4, sensor, left_out)
+        points = robots_in_scan.wall_ends(angles_rad[::-1], ranges_m, 4, sensor, left_out)
         surface_match.match_surface(own, sensor, points)
     atlas = submap_atlas.SubmapAtlas(geometry)
-    atlas.take(("r1", 1), np.int64(1), np.int64(1), cells, 8)
-    atlas.take(("r1", 1), 8, 8, cells, np.full((1, 1), 9, np.int32))
-    atlas.take(("r1", 1), np.int64(2), np.int64(2), cells, 10)
+    atlas.merge(("r1", 1), np.int64(1), np.int64(1), cells, 8)
+    atlas.merge(("r1", 1), 8, 8, cells, np.full((1, 1), 9, np.int32))
+    atlas.merge(("r1", 1), np.int64(2), np.int64(2), cells, 10)
     atlas.move(("r1", 1), Pose2D(1, 0, 0))
-    atlas.take(("r1", 1), 2, 2, cells, 11)
+    atlas.merge(("r1", 1), 2, 2, cells, 11)
     atlas.withdraw(("r1", 1))
     edge = pose_graph.Edge(1, Pose2D(1, 0, 0), 0, Pose2D(0, 0, 0), np.eye(3), may_be_false=False)
     pose_graph.solve([Pose2D(0, 0, 0)], [Pose2D(0, 0, 0)], [edge])

@@ -145,7 +145,7 @@ def follow(world: Drive, *, motes: bool = True, scans: bool = False, spec: Local
         localiser.move(Twist2D(*displacement))
         if motes:
             for mote, rssi_dbm in world.heard[step]:
-                localiser.hear(RssiSample(f"m{mote}", world.motes[mote], rssi_dbm))
+                localiser.receive(RssiSample(f"m{mote}", world.motes[mote], rssi_dbm))
             if localiser.arena_fix is not None:
                 localiser.place(*localiser.arena_fix)
         if eyes is not None and step % SCAN_STEPS == 0:
@@ -271,7 +271,7 @@ def _filter_only(world: Drive, drift: DriftModel) -> Track:
     for step, displacement in enumerate(world.measured.tolist()):
         estimate.move(Twist2D(*displacement))
         for mote, rssi_dbm in world.heard[step]:
-            estimate.hear(RssiSample(f"m{mote}", world.motes[mote], rssi_dbm))
+            estimate.receive(RssiSample(f"m{mote}", world.motes[mote], rssi_dbm))
         watched.note(step, world.true[step + 1], localiser)
     return watched.track()
 

@@ -122,7 +122,7 @@ class MapReceiver:
             is_patch = one.topic is ROBOT_MAP and not message.parts and message.observed_ms <= self._allowed_ms
             is_patch = is_patch and earliest_ns <= message.stamp_ns <= latest_ns
             has_variances = is_patch and (message.variance_m2 > 0.0 or message.variance_rad2 > 0.0)
-            if is_patch and not has_variances and message.robot in arrived and self._shared.take(message):
+            if is_patch and not has_variances and message.robot in arrived and self._shared.add(message):
                 continue
             self._shared.flush()
             self._guard.messages((one,), self._handle)

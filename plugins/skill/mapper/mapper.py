@@ -14,7 +14,7 @@ from robrain.agent.plugin import Skill, external
 from robrain.algorithms.mapping.local_map import LocalPose, OwnMap
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.map_patch import map_stamp_ms
-from robrain.algorithms.slam.mates_in_scan import robot_circles, sees_through, wall_ends
+from robrain.algorithms.slam.robots_in_scan import robot_circles, sees_through, wall_ends
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
@@ -274,7 +274,7 @@ class Mapper(Skill):
         key = (self.env.robot, own.submap)
         if key not in self._atlas.submaps:
             self._atlas.move(key, self._own.T_arena_local, self._own.frame)
-        self._atlas.take(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
+        self._atlas.merge(key, own.cells.row, own.cells.column, own.cells.cells, own.cells.stamp_ms)
         self._outgoing.patch(own, self._own)
 
     def _finish_submap(self) -> None:

@@ -26,4 +26,4 @@ def test_a_sound_gauge_is_believed_whatever_the_robot_does():
     gauge = Gauge()
     for current_a in (0.8, 4.0, 0.5, -1.5, 0.0, 1.0):  # drives, stands, charges, is full, leaves
         gauge.sound(30.0, current_a)
-        assert gauge.check.why == ""
+        assert gauge.check.reason == ""

@@ -19,7 +19,7 @@ def fresh(voltage_v=15.0, current_a=1.0):
 def judge(check, voltage_v=15.001, current_a=1.001, temperature_c=25.0, since_s=0.2, off_v=0.0, resistance_ohm=0.1):
     """Judge the next measurement, by default a sound one; the estimate is `off_v` lower."""
     check.judge(voltage_v, current_a, temperature_c, since_s, voltage_v - off_v, resistance_ohm)
-    return check.why
+    return check.reason
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_contradiction_is_a_mean_over_its_time():
     check = fresh()
     mean_v = 0.0
     while mean_v <= 0.3:
-        assert check.why == ""
+        assert check.reason == ""
         mean_v += 0.2 / 3.0 * (0.5 - mean_v)
         why = judge(check, 15.0 + 0.001 * (mean_v > 0.1), 1.0 + mean_v / 1000, off_v=0.5)
     assert "contradicts" in why
@@ -130,9 +130,9 @@ def test_silence_is_stale_beyond_its_limit_and_before_it_nothing_new():
     check = fresh()
     assert check.silent(1.5, 0.2)
     assert not check.silent(1.501, 0.2)
-    assert check.why == "no measurement for 1.5 s"
+    assert check.reason == "no measurement for 1.5 s"
     assert not check.silent(0.5, 0.2)
-    assert check.why
+    assert check.reason
 
 
 @pytest.mark.parametrize(

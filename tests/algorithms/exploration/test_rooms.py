@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.exploration.explorer import Explorer, Scout
-from robrain.algorithms.exploration.map_look import MapSurvey
+from robrain.algorithms.exploration.map_survey import MapSurvey
 from robrain.algorithms.exploration.situation import Busy, FrontierCandidate, Seeker, Situation
 from robrain.algorithms.exploration.strategies import ROOMS, joint, strategy_of
 from robrain.algorithms.exploration.tours import DOOR_M, MEET_M, auto, meetings_m, rooms, tours

@@ -12,7 +12,7 @@ def watch(**spec):
 @pytest.mark.parametrize(("nis", "is_too_large"), [(2.5, False), (2.6, True)])
 def test_the_mean_over_the_window_may_be_as_large_as_said(nis, is_too_large):
     one = watch()
-    whys = [one.heard(nis) for _ in range(4)]
+    whys = [one.check_signal(nis) for _ in range(4)]
     assert bool(whys[-1]) == is_too_large
     assert one.mean_nis == pytest.approx(nis)
     assert one.refused == 0
@@ -21,15 +21,15 @@ def test_the_mean_over_the_window_may_be_as_large_as_said(nis, is_too_large):
 def test_only_the_last_measurements_count():
     one = watch()
     for nis in (9.0, 9.0, 1.0, 1.0, 1.0):
-        one.heard(nis)
-    assert one.heard(1.0) == ""
+        one.check_signal(nis)
+    assert one.check_signal(1.0) == ""
     assert one.mean_nis == 1.0
 
 
 @pytest.mark.parametrize(("refused", "is_too_many"), [(2, False), (3, True)])
 def test_the_gate_may_refuse_as_many_as_said(refused, is_too_many):
     one = watch(nis_max=100.0)
-    whys = [one.heard(99.0 if number < refused else 0.0) for number in range(4)]
+    whys = [one.check_signal(99.0 if number < refused else 0.0) for number in range(4)]
     assert bool(whys[-1]) == is_too_many
     assert one.refused == refused
     assert one.mean_nis == pytest.approx(refused * GATE / 4), "one that was refused counts as the gate"
@@ -38,19 +38,19 @@ def test_the_gate_may_refuse_as_many_as_said(refused, is_too_many):
 
 def test_scans_in_a_row_that_do_not_fit_are_counted():
     one = watch(misfits_max=3, fit_min=0.4)
-    assert [bool(one.saw(fit)) for fit in (0.3, 0.3, 0.4, 0.3, 0.3)] == [False] * 5
-    assert one.saw(0.399).startswith("3 scans in a row")
-    assert one.saw(0.3).startswith("4 scans in a row")
-    assert one.saw(0.4) == ""
+    assert [bool(one.check_scan(fit)) for fit in (0.3, 0.3, 0.4, 0.3, 0.3)] == [False] * 5
+    assert one.check_scan(0.399).startswith("3 scans in a row")
+    assert one.check_scan(0.3).startswith("4 scans in a row")
+    assert one.check_scan(0.4) == ""
 
 
 def test_to_begin_anew_is_to_forget_all_but_how_many_were_refused():
     one = watch(misfits_max=2)
     for _ in range(3):
-        one.heard(99.0)
-    one.saw(0.0)
-    one.begin_anew()
+        one.check_signal(99.0)
+    one.check_scan(0.0)
+    one.reset()
     assert one.mean_nis == 0.0
     assert one.refused == 3
-    assert [one.heard(9.0) for _ in range(3)] == [""] * 3
-    assert one.saw(0.0) == ""
+    assert [one.check_signal(9.0) for _ in range(3)] == [""] * 3
+    assert one.check_scan(0.0) == ""

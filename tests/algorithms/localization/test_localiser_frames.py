@@ -38,7 +38,7 @@ class Listener:
         self.localiser.move(STEP)
         mote = MOTES[self.heard % len(MOTES)]
         name = f"m{self.heard % len(MOTES)}"
-        self.localiser.hear(RssiSample(name, mote, LOSS.mean_dbm(self.true.distance_m(mote))))
+        self.localiser.receive(RssiSample(name, mote, LOSS.mean_dbm(self.true.distance_m(mote))))
         self.heard += 1
 
 

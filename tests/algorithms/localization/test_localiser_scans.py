@@ -127,7 +127,7 @@ def test_way_is_that_of_the_wheels_and_turns_count_too(steps, way_m):
     localiser = located()
     for step in steps:
         localiser.move(step)
-    assert localiser.way_m == pytest.approx(way_m)
+    assert localiser.driven_m == pytest.approx(way_m)
 
 
 @pytest.mark.parametrize(("step_m", "counted_m"), [(0.2, 0.2), (1.0, 1.0), (3.0, 1.0)])
@@ -214,7 +214,7 @@ def test_a_robot_whose_map_is_unsure_listens_to_motes_less():
         localiser = located(sigma_m=0.3)
         localiser.see(np.empty((0, 2)), local_map(NOTHING, variances=(variance_m2, variance_m2, 0.0)))
         mote = Point2D(TRUE.x_m + 3.0, TRUE.y_m)
-        localiser.hear(RssiSample("m", mote, localiser.spec.path_loss.mean_dbm(3.0) + 3.0))
+        localiser.receive(RssiSample("m", mote, localiser.spec.path_loss.mean_dbm(3.0) + 3.0))
         shifts_m.append(abs(off(localiser, TRUE)[0]))
     assert shifts_m[1] < 0.8 * shifts_m[0]
 
@@ -232,7 +232,7 @@ def test_a_robot_that_is_lost_does_not_go_by_its_map_any_more(maps):
     else:
         assert np.diag(localiser.covariance - before) == pytest.approx((25.0, 25.0, (math.pi / 2) ** 2))
     assert np.array_equal(localiser.covariance, localiser.filter.covariance)
-    assert localiser.way_m == 0.0
+    assert localiser.driven_m == 0.0
 
 
 def test_a_robot_begins_with_no_drift_but_that_of_new_floor():
@@ -240,7 +240,7 @@ def test_a_robot_begins_with_no_drift_but_that_of_new_floor():
     assert localiser.fits
     assert localiser.lost == ""
     assert localiser.drift == pytest.approx((NO_DRIFT[0] + 1e-4, NO_DRIFT[1] + 4e-6))
-    assert localiser.way_m == 0.0
+    assert localiser.driven_m == 0.0
 
 
 def set_down(x_m, turn_rad=0.0, *, sigma_m=0.03):

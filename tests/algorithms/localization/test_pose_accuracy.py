@@ -30,7 +30,7 @@ def fed(*samples, step_s=0.2):
     """What a meter says after samples of (error in m, covariance, lost), `step_s` apart."""
     meter = PoseAccuracyMeter()
     for number, (error_m, told, lost) in enumerate(samples):
-        meter.note(number * step_s, Pose2D(error_m, 0.0, 0.0), told, lost, HERE)
+        meter.add(number * step_s, Pose2D(error_m, 0.0, 0.0), told, lost, HERE)
     return meter.accuracy
 
 
@@ -46,7 +46,7 @@ def test_errors_are_those_of_the_samples():
 
 def test_yaw_is_compared_the_short_way_round():
     meter = PoseAccuracyMeter()
-    meter.note(0.0, Pose2D(0.0, 0.0, math.pi - 0.05), SURE, "", Pose2D(0.0, 0.0, 0.05 - math.pi))
+    meter.add(0.0, Pose2D(0.0, 0.0, math.pi - 0.05), SURE, "", Pose2D(0.0, 0.0, 0.05 - math.pi))
     assert meter.accuracy.yaw_rmse_rad == pytest.approx(0.1)
     assert meter.accuracy.nees == pytest.approx(0.0)
     assert meter.accuracy.nees_with_yaw == pytest.approx(1.0)
@@ -92,7 +92,7 @@ def test_longest_silent_stretch_is_told_beside_the_sum_and_the_one_that_lasts():
 def test_time_in_which_a_robot_says_nothing_counts_for_nothing_and_ends_a_stretch():
     meter = PoseAccuracyMeter()
     for time_s in (0.0, 1.0, 1.0 + GAP_MAX_S, 2.1 + 2 * GAP_MAX_S):
-        meter.note(time_s, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
+        meter.add(time_s, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
     assert meter.accuracy.silent_divergence_s == pytest.approx(1.0 + GAP_MAX_S)
     assert meter.accuracy.silent_for_s == 0.0
     assert meter.accuracy.samples == 4
@@ -101,10 +101,10 @@ def test_time_in_which_a_robot_says_nothing_counts_for_nothing_and_ends_a_stretc
 def test_sample_that_is_not_later_than_the_one_before_is_left_out():
     meter = PoseAccuracyMeter()
     for time_s, error_m in ((1.0, 0.1), (1.0, 5.0), (0.5, 5.0)):
-        meter.note(time_s, Pose2D(error_m, 0.0, 0.0), SURE, "", HERE)
+        meter.add(time_s, Pose2D(error_m, 0.0, 0.0), SURE, "", HERE)
     assert meter.accuracy.samples == 1
     assert meter.accuracy.max_error_m == pytest.approx(0.1)
-    meter.note(1.2, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
+    meter.add(1.2, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
     assert meter.accuracy.silent_divergence_s == pytest.approx(0.2)
 
 

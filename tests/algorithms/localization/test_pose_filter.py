@@ -36,7 +36,7 @@ def test_the_covariance_stays_symmetric_and_positive_definite_whatever_is_measur
     for event in events:
         if len(event) == 4:
             mote, x_m, y_m, rssi_dbm = event
-            estimate.hear(RssiSample(f"m{mote}", Point2D(x_m, y_m), rssi_dbm))
+            estimate.receive(RssiSample(f"m{mote}", Point2D(x_m, y_m), rssi_dbm))
         elif isinstance(event[0], tuple):
             estimate.correct(*event)
         else:
@@ -49,7 +49,7 @@ def test_it_stays_sound_over_ten_thousand_precise_measurements():
     for number in range(10_000):
         estimate.move(Twist2D(0.05, 0.0, 0.02))
         estimate.correct((1.0, 0.0, 0.0) if number % 2 else (0.0, 1.0, 0.0), 0.0, 1e-8)
-        estimate.hear(RssiSample("m1", Point2D(3.0, 1.0), -75.0), math.inf)
+        estimate.receive(RssiSample("m1", Point2D(3.0, 1.0), -75.0), math.inf)
     assert is_sound(estimate)
 
 
@@ -57,7 +57,7 @@ def test_a_mote_that_always_sounds_weak_does_not_draw_the_robot_away():
     estimate = PoseFilter(Pose2D(0.0, 0.0, 0.0), 1.0, 0.1, DriftModel(), PathLoss(decorrelation_m=1e6))
     weak = RssiSample("m1", Point2D(5.0, 0.0), PathLoss().mean_dbm(5.0) - 5.0)
     for _ in range(1000):
-        estimate.hear(weak)
+        estimate.receive(weak)
     assert estimate.sigma_m > 0.5
     assert abs(estimate.pose.x_m) < 1.0
 
@@ -70,7 +70,7 @@ def test_the_nearer_a_mote_is_the_more_it_matters_how_unsure_the_map_is(mote, sq
     variances_db2 = []
     for map_variance_m2 in (0.0, 0.04):
         estimate = PoseFilter(Pose2D(1.0, 2.0, 0.0), 0.1, 0.01, DriftModel(), PathLoss())
-        heard = estimate.hear(RssiSample("m1", mote, -70.0), math.inf, map_variance_m2=map_variance_m2)
+        heard = estimate.receive(RssiSample("m1", mote, -70.0), math.inf, map_variance_m2=map_variance_m2)
         variances_db2.append(heard.variance_db2)
     db_per_fold = 10.0 * PathLoss().exponent / math.log(10.0)
     assert variances_db2[1] - variances_db2[0] == pytest.approx(db_per_fold**2 * 0.04 / square_m2, rel=1e-6)
@@ -79,6 +79,6 @@ def test_the_nearer_a_mote_is_the_more_it_matters_how_unsure_the_map_is(mote, sq
 def test_memory_is_bounded_however_many_motes_are_heard():
     estimate = fresh(motes=4)
     for number in range(50):
-        estimate.hear(RssiSample(f"m{number}", Point2D(float(number % 7), 3.0), -75.0))
+        estimate.receive(RssiSample(f"m{number}", Point2D(float(number % 7), 3.0), -75.0))
     assert estimate.whole_covariance.shape == (10, 10)
     assert is_sound(estimate)

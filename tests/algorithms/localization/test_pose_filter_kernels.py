@@ -169,13 +169,13 @@ def test_a_signal_is_taken_in_by_statistical_linear_regression(
 
 
 def test_a_signal_at_the_gate_is_taken_and_one_beyond_it_changes_nothing() -> None:
-    for gate, is_taken in ((100.0, True), (1.0, False)):
+    for gate, is_accepted in ((100.0, True), (1.0, False)):
         mean, covariance = np.zeros(CAPACITY), np.diag(np.full(CAPACITY, 1e-2))
         before = mean.copy(), covariance.copy()
         nis, _, _ = kernels.update_by_signal(mean, covariance, SIZE, 6, *SIGNAL, -55.0, *RADIO, gate)
         assert 1.0 < nis < 100.0
-        assert np.array_equal(mean, before[0]) != is_taken
-        assert np.array_equal(covariance, before[1]) != is_taken
+        assert np.array_equal(mean, before[0]) != is_accepted
+        assert np.array_equal(covariance, before[1]) != is_accepted
 
 
 def loss(first: int, second: int, poses: Floats, covariances: Floats, weights: Floats) -> float:

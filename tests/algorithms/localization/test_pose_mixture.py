@@ -29,7 +29,7 @@ def test_a_sure_yaw_is_one_filter_and_says_the_same_to_the_last_bit():
     for number in range(20):
         for each in (one, mixture):
             each.move(Twist2D(0.05, 0.0, 0.01))
-        assert one.hear(heard(number % 6, -75.0)) == mixture.hear(heard(number % 6, -75.0))
+        assert one.receive(heard(number % 6, -75.0)) == mixture.receive(heard(number % 6, -75.0))
     assert len(mixture) == 1
     assert (one.pose, one.biases, one.sigma_m, one.sigma_rad) == (
         mixture.pose,
@@ -44,7 +44,7 @@ def test_splitting_keeps_mean_and_covariance_of_all_states():
     one = PoseFilter(Pose2D(1.0, 2.0, 0.5), 0.3, 0.2, DriftModel(), PathLoss(), motes=8)
     for number in range(12):
         one.move(Twist2D(0.2, 0.0, 0.05))
-        one.hear(heard(number % 6, -78.0))
+        one.receive(heard(number % 6, -78.0))
     pose, covariance, biases = one.pose, one.whole_covariance, one.biases
     lower, upper = one.split(1.0575, 0.2252)
     assert lower.pose.yaw_rad < one.pose.yaw_rad < upper.pose.yaw_rad
@@ -65,7 +65,7 @@ def test_whatever_is_measured_there_are_few_parts_and_their_covariance_is_sound(
         if len(event) == 3:
             mixture.move(Twist2D(*event))
         else:
-            mixture.hear(heard(*event))
+            mixture.receive(heard(*event))
         assert 1 <= len(mixture) <= PARTS_MAX
         covariance = mixture.covariance
         assert np.allclose(covariance, covariance.T)
@@ -75,7 +75,7 @@ def test_whatever_is_measured_there_are_few_parts_and_their_covariance_is_sound(
 
 def test_a_yaw_that_walls_make_sure_is_one_filter_again():
     mixture = fresh(0.5)
-    mixture.hear(heard(0, -80.0))
+    mixture.receive(heard(0, -80.0))
     assert len(mixture) > 1
     for _ in range(20):
         mixture.correct((0.0, 0.0, 1.0), -0.3 - mixture.pose.yaw_rad, 1e-4)
@@ -86,7 +86,7 @@ def test_a_yaw_that_walls_make_sure_is_one_filter_again():
 def test_what_is_put_somewhere_or_doubted_is_one_filter():
     for change in (lambda each: each.doubt(1.0, 1.0), lambda each: each.place(Pose2D(1.0, 0.0, 0.0), np.eye(3) / 10)):
         mixture = fresh(0.5)
-        mixture.hear(heard(0, -80.0))
+        mixture.receive(heard(0, -80.0))
         assert len(mixture) > 1
         change(mixture)
         assert len(mixture) == 1
@@ -109,14 +109,14 @@ class SumOfThree:
         each = [part.covariance + np.outer(off, off) for part, off in zip(self.parts, offs, strict=True)]
         return np.einsum("k,kij->ij", self.weights, np.array(each))
 
-    def hear(self, sample, gate, map_variance_m2):
-        heard = [part.hear(sample, gate, map_variance_m2=map_variance_m2) for part in self.parts]
+    def receive(self, sample, gate, map_variance_m2):
+        heard = [part.receive(sample, gate, map_variance_m2=map_variance_m2) for part in self.parts]
         offs = np.array([each.innovation_db for each in heard])
         variances = np.array([each.variance_db2 for each in heard])
         mean = self.weights @ offs
         variance = self.weights @ (variances + offs**2) - mean**2
         self._weigh(np.exp(-0.5 * np.minimum([each.nis for each in heard], gate)) / np.sqrt(variances))
-        return mean**2 / variance, mean, variance, any(each.is_taken for each in heard)
+        return mean**2 / variance, mean, variance, any(each.is_accepted for each in heard)
 
     def correct(self, row, innovation, variance):
         row, mean = np.array(row), self.mean[:3]
@@ -156,10 +156,10 @@ def wide():
 @pytest.mark.parametrize(("mote", "rssi_dbm", "gate"), [(2, -80.0, 10.83), (1, -70.0, 10.83), (1, -60.0, 1.0)])
 def test_a_mixture_is_a_sum_of_gaussians_weighed_by_what_was_measured(row, mote, rssi_dbm, gate):
     mixture, expected = PoseMixture(wide()), SumOfThree(wide())
-    told = mixture.hear(heard(mote, rssi_dbm), gate, map_variance_m2=0.5)
-    nis, mean, variance, is_taken = expected.hear(heard(mote, rssi_dbm), gate, 0.5)
+    told = mixture.receive(heard(mote, rssi_dbm), gate, map_variance_m2=0.5)
+    nis, mean, variance, is_accepted = expected.receive(heard(mote, rssi_dbm), gate, 0.5)
     assert (told.nis, told.innovation_db, told.variance_db2) == pytest.approx((nis, mean, variance))
-    assert told.is_taken == is_taken
+    assert told.is_accepted == is_accepted
     assert_as(mixture, expected)
     mixture.move(Twist2D(0.2, 0.1, 0.1))
     for part in expected.parts:
@@ -185,7 +185,7 @@ def test_measurements_along_orthogonal_rows_are_corrected_one_by_one_by_what_the
     offsets, variances = np.array([0.2, -0.1, 0.05]), np.array([0.01, 0.02, 0.001])
     mixture, expected = begun(), begun()
     for each in (mixture, expected):
-        each.hear(heard(2, -80.0))
+        each.receive(heard(2, -80.0))
         each.move(Twist2D(0.5, 0.0, 0.3))
     mixture.correct_along(rows, offsets, variances)
     start = expected.pose
@@ -201,7 +201,7 @@ def test_measurements_along_orthogonal_rows_are_corrected_one_by_one_by_what_the
 
 def test_parts_that_cannot_be_any_more_are_dropped():
     mixture = PoseMixture(wide())
-    mixture.hear(heard(2, -80.0))
+    mixture.receive(heard(2, -80.0))
     assert len(mixture) == 3
     sigma_rad = mixture.sigma_rad
     mixture.correct((0.0, 0.0, 1.0), -1.2, 0.01)

@@ -20,7 +20,7 @@ def sample(mote, rssi_dbm=-70.0):
 def full(records, motes):
     signals = RecentSignals()
     for number in range(records):
-        signals.hear(sample(number % motes))
+        signals.receive(sample(number % motes))
     return signals
 
 
@@ -35,7 +35,7 @@ def test_a_robot_can_be_looked_for_after_24_signals_of_four_motes_over_two_metre
 def test_memory_is_bounded_and_the_latest_count():
     signals = RecentSignals()
     for number in range(RECORDS + 10):
-        signals.hear(sample(0, -float(number)))
+        signals.receive(sample(0, -float(number)))
     assert len(signals) == RECORDS
     assert signals.seen_from_here().rssi_dbm.tolist() == [-float(number) for number in range(10, RECORDS + 10)]
 
@@ -45,7 +45,7 @@ def test_memory_is_bounded_and_the_latest_count():
 def test_places_are_where_the_robot_was_seen_from_where_it_is(steps):
     signals, pose, heard_at = RecentSignals(), Pose2D(3.0, -2.0, 1.0), []
     for number, step in enumerate(steps):
-        signals.hear(sample(number % 3, -60.0 - number))
+        signals.receive(sample(number % 3, -60.0 - number))
         heard_at.append(pose)
         pose = moved_along(pose, step)
         signals.move(step)
@@ -64,7 +64,7 @@ def test_what_signals_are_off_by_is_counted_in_their_variance(steps, here):
     loss = PathLoss(shadowing_db=3.0, fading_db=4.0)
     signals = RecentSignals()
     for number, step in enumerate(steps):
-        signals.hear(sample(number % 3, -60.0 - number))
+        signals.receive(sample(number % 3, -60.0 - number))
         signals.move(step)
     seen = signals.seen_from_here()
     squares = []

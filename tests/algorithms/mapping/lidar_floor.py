@@ -63,7 +63,7 @@ class LidarFloor:
         patch = own.pop_patch()
         assert patch is not None
         submap = Submap(T_arena_local)
-        submap.take(patch.cells.row, patch.cells.column, patch.cells.cells, patch.cells.stamp_ms)
+        submap.merge(patch.cells.row, patch.cells.column, patch.cells.cells, patch.cells.stamp_ms)
         submap.surfaces = own.surfaces()
         return submap
 

@@ -41,7 +41,7 @@ def test_all_energy_and_every_reading_is_accounted_for(seed: int, plan: dict[str
     life = live(site(seed, 12, log_readings=memory), **plan)
     assert life.spent_j + life.left_j == pytest.approx(12 * ENERGY.capacity_j)
     assert life.left_j == pytest.approx(0.0, abs=1e-3)
-    assert life.taken == pytest.approx(life.delivered + life.stored + life.lost)
+    assert life.collected == pytest.approx(life.delivered + life.stored + life.lost)
     assert len(life.deaths_days) == 12
     assert life.deaths_days == sorted(life.deaths_days)
     assert life.first_days <= life.half_days <= life.last_days
@@ -66,7 +66,7 @@ def test_mote_alone_lives_as_long_as_its_cells() -> None:
     life = live(where, routing=Routing.TREE)
     power_w = ENERGY.awake_w + (ENERGY.reading_j + ENERGY.send_j) / 60.0
     assert life.deaths_days == pytest.approx([ENERGY.capacity_j / power_w / DAY_S], rel=1e-4)
-    assert life.delivered == pytest.approx(life.taken)
+    assert life.delivered == pytest.approx(life.collected)
     assert life.age_h == pytest.approx(1.0 / 3600.0)
 
 

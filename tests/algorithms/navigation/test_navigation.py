@@ -114,8 +114,8 @@ def test_ways_are_metres_on_open_floor_and_infinite_where_there_is_none():
         GEOMETRY.cell_of(EAST.x_m, EAST.y_m),
         GEOMETRY.cell_of(WEST.x_m, WEST.y_m),
     )
-    assert grid.ways_m(WEST, [near, beyond, here], snap_m=SNAP_M) == [pytest.approx(2.0, abs=0.2), math.inf, 0.0]
-    assert grid.ways_m(EAST, [near], snap_m=SNAP_M) == [math.inf]
+    assert grid.costs_m(WEST, [near, beyond, here], snap_m=SNAP_M) == [pytest.approx(2.0, abs=0.2), math.inf, 0.0]
+    assert grid.costs_m(EAST, [near], snap_m=SNAP_M) == [math.inf]
 
 
 @settings(max_examples=30)
@@ -181,7 +181,7 @@ def test_no_way_is_measured_through_a_narrow_place_that_is_shut():
     grid = squeezing(divided((19, 3), (4, 3)))
     east = GEOMETRY.cell_of(EAST.x_m, EAST.y_m)
     both, other, neither = (
-        grid.ways_m(WEST, [east], snap_m=SNAP_M, shut=shut)[0]
+        grid.costs_m(WEST, [east], snap_m=SNAP_M, shut=shut)[0]
         for shut in ([], [(3.0, 2.0, 0.6)], [(3.0, 2.0, 0.6), (3.0, 0.6, 0.6)])
     )
     assert both < other < neither == math.inf
@@ -190,7 +190,7 @@ def test_no_way_is_measured_through_a_narrow_place_that_is_shut():
 def test_wide_places_stay_open_within_what_is_shut():
     grid = squeezing(divided((15, 10)))
     east = GEOMETRY.cell_of(EAST.x_m, EAST.y_m)
-    assert grid.ways_m(WEST, [east], snap_m=SNAP_M, shut=[(3.0, 2.0, 0.6)])[0] < math.inf
+    assert grid.costs_m(WEST, [east], snap_m=SNAP_M, shut=[(3.0, 2.0, 0.6)])[0] < math.inf
 
 
 def test_ways_through_narrow_places_are_not_measured_through_a_slanting_wall():
@@ -199,7 +199,7 @@ def test_ways_through_narrow_places_are_not_measured_through_a_slanting_wall():
     for row in range(1, 39):
         classes[row, row + 10] = OCCUPIED
     grid = squeezing(classes)
-    assert grid.ways_m(WEST, [GEOMETRY.cell_of(EAST.x_m, EAST.y_m)], snap_m=SNAP_M) == [math.inf]
+    assert grid.costs_m(WEST, [GEOMETRY.cell_of(EAST.x_m, EAST.y_m)], snap_m=SNAP_M) == [math.inf]
 
 
 @pytest.mark.parametrize("options", [{}, {"unknown_cost": 3.0}, {"preferred_m": 0.4}])

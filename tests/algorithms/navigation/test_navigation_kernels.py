@@ -102,8 +102,8 @@ def test_ways_are_compared_at_twice_the_pitch_unless_there_are_narrow_places() -
     classes = np.full((20, 20), FREE, np.int8)
     geometry = GridGeometry(RESOLUTION_M, 0.0, 0.0, 20, 20)
     start, cells = Point2D(0.25, 0.25), [(10, 10), (10, 11), (11, 10), (11, 11)]
-    coarse = NavigationGrid(classes, geometry, 0.15).ways_m(start, cells, snap_m=0.3)
-    fine = NavigationGrid(classes, geometry, 0.15, preferred_m=0.2).ways_m(start, cells, snap_m=0.3)
+    coarse = NavigationGrid(classes, geometry, 0.15).costs_m(start, cells, snap_m=0.3)
+    fine = NavigationGrid(classes, geometry, 0.15, preferred_m=0.2).costs_m(start, cells, snap_m=0.3)
     assert len(set(coarse)) == 1
     assert len(set(fine)) == 3
 

@@ -80,8 +80,8 @@ def test_of_a_mote_the_latest_reading_counts_and_memory_is_bounded():
         samples.add(Point2D(0.0, 0.0), 1.0, float(number))
     assert len(samples) == SAMPLES_MAX
     for time_s, value in ((10.0, 5.0), (9.0, 7.0), (11.0, 6.0), (10.5, 8.0)):
-        samples.hear("m1", Point2D(1.0, 0.0), value, time_s)
+        samples.receive("m1", Point2D(1.0, 0.0), value, time_s)
     assert samples._of_motes["m1"].value == 6.0
     for number in range(2 * MOTES_MAX):
-        samples.hear(f"m{number}", Point2D(1.0, 0.0), 1.0, 1.0)
+        samples.receive(f"m{number}", Point2D(1.0, 0.0), 1.0, 1.0)
     assert len(samples) == SAMPLES_MAX + MOTES_MAX

@@ -25,7 +25,7 @@ def surfaces_in(*cells: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("beside", [(-1, 0), (32, 0), (0, -1), (0, 64), (-1, -1), (32, 64), (900, 0), (0, -900)])
 def test_surfaces_that_a_mate_tells_beside_the_cells_of_its_submap_are_left_out(beside: tuple[int, int]) -> None:
     submap = Submap()
-    submap.take(32, 64, np.full((32, 64), FREE, np.int8), 1)
+    submap.merge(32, 64, np.full((32, 64), FREE, np.int8), 1)
     corners = [(32, 64), (32, 127), (63, 64), (63, 127)]
     submap.surfaces = surfaces_in(*corners, (32 + beside[0], 64 + beside[1]))
     grid = submap.grid(TEAM)
@@ -37,7 +37,7 @@ def test_surfaces_that_a_mate_tells_beside_the_cells_of_its_submap_are_left_out(
 
 def test_a_surface_lies_in_its_cell_where_it_was_told_and_was_seen_from_there() -> None:
     submap = Submap()
-    submap.take(0, 0, np.full((32, 32), OCCUPIED, np.int8), 1)
+    submap.merge(0, 0, np.full((32, 32), OCCUPIED, np.int8), 1)
     submap.surfaces = surfaces_in((3, 7))
     submap.surfaces["right"], submap.surfaces["up"], submap.surfaces["view"] = PARTS // 4, -PARTS // 2, 64
     grid = submap.grid(TEAM)
@@ -62,7 +62,7 @@ def test_a_patch_is_newest_when_it_is_later_than_all_tiles_that_it_touches(
 ) -> None:
     submap, latest = Submap(), {}
     for row, column, height, width, stamp_ms in told:
-        submap.take(row, column, np.full((height, width), FREE, np.int8), stamp_ms)
+        submap.merge(row, column, np.full((height, width), FREE, np.int8), stamp_ms)
         for i in range(row, row + height):
             for j in range(column, column + width):
                 tile = i // 8, j // 8
@@ -80,7 +80,7 @@ def test_a_patch_is_newest_when_it_is_later_than_all_tiles_that_it_touches(
 
 def test_a_step_leaves_the_submap_that_it_was_computed_from_as_it_was() -> None:
     submap, cells = Submap(), np.full((3, 3), OCCUPIED, np.int8)
-    submap.take(0, 0, np.full((3, 3), FREE, np.int8), 1)
+    submap.merge(0, 0, np.full((3, 3), FREE, np.int8), 1)
     step = submap.after(0, 0, cells, 2)
     assert (submap.evidence[:3, :3] < 0).all()
     assert submap.stamp_ms[0, 0] == 1
@@ -94,14 +94,14 @@ def test_a_step_leaves_the_submap_that_it_was_computed_from_as_it_was() -> None:
 @pytest.mark.parametrize(("row", "column"), [(5, 9), (-3, -40), (31, 32), (32, 31)])
 def test_a_submap_covers_what_it_was_told_in_whole_blocks_and_no_more(row: int, column: int) -> None:
     submap = Submap()
-    submap.take(row, column, np.full((1, 1), OCCUPIED, np.int8), 3)
+    submap.merge(row, column, np.full((1, 1), OCCUPIED, np.int8), 3)
     first_row, first_column, end_row, end_column = submap.box
     assert (first_row, first_column) == (row // 32 * 32, column // 32 * 32)
     assert (end_row, end_column) == (first_row + 32, first_column + 32)
     classes = submap.classes()
     assert np.argwhere(classes != UNKNOWN).tolist() == [[row - first_row, column - first_column]]
     assert submap.occupied == 1
-    submap.take(row, column, np.full((1, 1), FREE, np.int8), 4)
+    submap.merge(row, column, np.full((1, 1), FREE, np.int8), 4)
     assert submap.occupied == 0
 
 
@@ -109,12 +109,12 @@ def test_a_submap_covers_what_it_was_told_in_whole_blocks_and_no_more(row: int, 
 def test_a_submap_of_the_largest_side_is_taken_and_none_larger(rows: int, columns: int) -> None:
     cells = np.full((rows, columns), FREE, np.int8)
     submap = Submap()
-    submap.take(0, 0, cells, 1)
+    submap.merge(0, 0, cells, 1)
     assert max(submap.evidence.shape) == 4096
     for row, column in ((-1, 0), (0, -1), (rows, 0), (0, columns)):
         if (row < 0 or row == rows) == (rows > 1):
             with pytest.raises(ValueError, match="at most 4096 cells a side"):
-                submap.take(row, column, np.full((1, 1), FREE, np.int8), 2)
+                submap.merge(row, column, np.full((1, 1), FREE, np.int8), 2)
     assert submap.growth(0, 0, (1, 1), 2) == 0
 
 
@@ -127,7 +127,7 @@ def test_in_whatever_corner_of_the_map_a_submap_lies_it_is_drawn_moved_and_erase
     here: tuple[int, int], there: tuple[int, int]
 ) -> None:
     atlas = SubmapAtlas(TEAM)
-    atlas.take(("r2", 7), *here, np.full((8, 8), OCCUPIED, np.int8), 1)
+    atlas.merge(("r2", 7), *here, np.full((8, 8), OCCUPIED, np.int8), 1)
     for up, right in ((0, 0), (there[0] - here[0], there[1] - here[1]), (0, 0)):
         atlas.move(("r2", 7), Pose2D(0.1 * right, 0.1 * up, 0.0))
         cells = np.argwhere(atlas.grid.log_odds > 0)

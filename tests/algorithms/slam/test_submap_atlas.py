@@ -42,7 +42,7 @@ def tell(atlas, number, statement):
     """`number` grows with what a robot says; several robots may have seen things at the same time."""
     kind, key, (row, column, cells), place = statement
     if kind == "take":
-        atlas.take(key, row, column, cells, 100 + 10 * number)
+        atlas.merge(key, row, column, cells, 100 + 10 * number)
     elif kind == "move":
         atlas.move(key, place)
     else:
@@ -120,18 +120,18 @@ def test_no_more_submaps_are_held_than_fit(monkeypatch):
     monkeypatch.setattr(submap_atlas, "SUBMAPS_MAX", 2)
     atlas = SubmapAtlas(GEOMETRY)
     for number in (0, 1):
-        atlas.take(("r1", number), number, 0, ONE, 5)
+        atlas.merge(("r1", number), number, 0, ONE, 5)
     for number in (2, 3, 4):
         atlas.move(("r2", number), Pose2D(1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="at most 2 submaps"):
-        atlas.take(("r1", 2), 2, 0, ONE, 5)
+        atlas.merge(("r1", 2), 2, 0, ONE, 5)
     assert atlas.grid.known_count == 2
-    assert atlas.take(("r1", 1), 2, 0, ONE, 5) == 1
+    assert atlas.merge(("r1", 1), 2, 0, ONE, 5) == 1
     atlas.withdraw(("r1", 0))
     atlas.withdraw(("r1", 1))
-    atlas.take(("r2", 2), 2, 0, ONE, 5)
+    atlas.merge(("r2", 2), 2, 0, ONE, 5)
     assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was told before those of two others"
-    atlas.take(("r2", 4), 4, 0, ONE, 5)
+    atlas.merge(("r2", 4), 4, 0, ONE, 5)
     assert atlas.grid.classes()[4, 2] == OCCUPIED, "the latest places are kept"
 
 
@@ -139,13 +139,13 @@ def test_no_more_cells_are_held_than_fit_and_those_of_withdrawn_submaps_are_give
     monkeypatch.setattr(submap_atlas, "CELLS_MAX", 2 * BLOCK_CELLS**2)
     atlas = SubmapAtlas(GEOMETRY)
     full = np.full((BLOCK_CELLS, BLOCK_CELLS), FREE)
-    atlas.take(("r1", 0), 0, 0, full, 5)
-    atlas.take(("r1", 1), 0, 0, full, 6)
+    atlas.merge(("r1", 0), 0, 0, full, 5)
+    atlas.merge(("r1", 1), 0, 0, full, 6)
     with pytest.raises(ValueError, match=f"at most {2 * BLOCK_CELLS**2} bytes"):
-        atlas.take(("r1", 2), 0, 0, full, 7)
+        atlas.merge(("r1", 2), 0, 0, full, 7)
     assert set(atlas.submaps) == {("r1", 0), ("r1", 1)}
     atlas.withdraw(("r1", 0))
-    atlas.take(("r1", 2), 0, 0, full, 7)
+    atlas.merge(("r1", 2), 0, 0, full, 7)
     assert set(atlas.submaps) == {("r1", 1), ("r1", 2)}
 
 
@@ -154,7 +154,7 @@ def test_surfaces_count_with_the_cells(monkeypatch):
     monkeypatch.setattr(submap_atlas, "CELLS_MAX", 2 * BLOCK_CELLS**2 + surfaces.nbytes)
     atlas = SubmapAtlas(GEOMETRY)
     for number in (0, 1):
-        atlas.take(("r1", number), 0, 0, ONE, 5)
+        atlas.merge(("r1", number), 0, 0, ONE, 5)
     atlas.set_surfaces(("r1", 0), surfaces)
     atlas.set_surfaces(("r1", 0), surfaces)  # again, in place of the first ones
     with pytest.raises(ValueError, match="at most 2598 bytes in all"):
@@ -168,11 +168,11 @@ def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
     """A single cell far away would make its box larger than all that an atlas holds."""
     monkeypatch.setattr(submap_atlas, "CELLS_MAX", 4 * BLOCK_CELLS**2)
     atlas = SubmapAtlas(GEOMETRY)
-    atlas.take(("r1", 0), 0, 0, ONE, 5)
+    atlas.merge(("r1", 0), 0, 0, ONE, 5)
     with pytest.raises(ValueError, match="at most 4096 bytes in all"):
-        atlas.take(("r1", 0), 3000, 3000, ONE, 6)
+        atlas.merge(("r1", 0), 3000, 3000, ONE, 6)
     assert atlas.submaps["r1", 0].evidence.size == BLOCK_CELLS**2
-    atlas.take(("r1", 0), BLOCK_CELLS, BLOCK_CELLS, ONE, 6)
+    atlas.merge(("r1", 0), BLOCK_CELLS, BLOCK_CELLS, ONE, 6)
     assert atlas.submaps["r1", 0].evidence.size == 4 * BLOCK_CELLS**2
 
 
@@ -182,7 +182,7 @@ def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
 def test_a_submap_holds_what_it_was_told_last(first, second):
     submap, everywhere = Submap(), np.full((80, 80), UNKNOWN)
     for stamp_ms, (row, column, cells) in enumerate((first, second), 1):
-        submap.take(row, column, cells, stamp_ms)
+        submap.merge(row, column, cells, stamp_ms)
         box = everywhere[20 + row : 20 + row + cells.shape[0], 20 + column : 20 + column + cells.shape[1]]
         box[cells != UNKNOWN] = cells[cells != UNKNOWN]
     known = np.full((160, 160), UNKNOWN)
@@ -198,12 +198,12 @@ def test_a_submap_holds_what_it_was_told_last(first, second):
 
 def test_the_times_of_a_submap_are_those_of_its_tiles():
     submap = Submap()
-    submap.take(0, 0, np.full((1, 9), FREE), 7)
-    submap.take(0, 0, ONE, 5)
+    submap.merge(0, 0, np.full((1, 9), FREE), 7)
+    submap.merge(0, 0, ONE, 5)
     assert submap.stamp_ms[0].tolist() == [7, 7, 0, 0]
-    submap.take(0, 0, np.full((16, 8), FREE), np.array([[6], [8]], np.int32))
+    submap.merge(0, 0, np.full((16, 8), FREE), np.array([[6], [8]], np.int32))
     assert submap.stamp_ms[:, 0].tolist() == [7, 8, 0, 0]
-    submap.take(-1, 0, ONE, 9)  # the box grows downwards
+    submap.merge(-1, 0, ONE, 9)  # the box grows downwards
     assert submap.stamp_ms[:, 0].tolist() == [0, 0, 0, 9, 7, 8, 0, 0]
 
 
@@ -226,10 +226,10 @@ def test_a_moved_box_holds_the_cells_of_the_box(box, place):
 def test_patches_that_change_nothing_on_the_map_leave_its_version():
     atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
     cells = np.full((4, 4), OCCUPIED, np.int8)
-    assert atlas.take(("r1", 1), 8, 8, cells, 5) == 16
+    assert atlas.merge(("r1", 1), 8, 8, cells, 5) == 16
     version = atlas.grid.version
-    assert atlas.take(("r1", 1), 8, 8, cells, 5) == 0
-    assert atlas.take(("r1", 1), 8, 8, cells, 3) == 0
+    assert atlas.merge(("r1", 1), 8, 8, cells, 5) == 0
+    assert atlas.merge(("r1", 1), 8, 8, cells, 3) == 0
     assert atlas.grid.version == version
-    assert atlas.take(("r1", 1), 8, 8, np.full((4, 4), FREE, np.int8), 6) == 16
+    assert atlas.merge(("r1", 1), 8, 8, np.full((4, 4), FREE, np.int8), 6) == 16
     assert atlas.grid.version > version

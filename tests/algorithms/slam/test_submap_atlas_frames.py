@@ -30,7 +30,7 @@ def filled(told, frame=ARENA):
     atlas = SubmapAtlas(GEOMETRY, frame)
     for number, (key, (row, column, cells), place, its) in enumerate(told):
         atlas.move(key, place, its)
-        atlas.take(key, row, column, cells, 100 + 10 * number)
+        atlas.merge(key, row, column, cells, 100 + 10 * number)
     return atlas
 
 
@@ -42,7 +42,7 @@ def only(told, frame):
     for number, (key, (row, column, cells), _, _) in enumerate(told):
         if frames[key] == frame:
             atlas.move(key, places[key])
-            atlas.take(key, row, column, cells, 100 + 10 * number)
+            atlas.merge(key, row, column, cells, 100 + 10 * number)
     return atlas.grid.classes()
 
 
@@ -102,7 +102,7 @@ ONE = np.full((2, 2), OCCUPIED, np.int8)
 def test_the_same_frame_again_is_no_change(frame):
     atlas = SubmapAtlas(GEOMETRY, frame)
     atlas.move(("r1", 5), ASIDE, frame)
-    atlas.take(("r1", 5), 4, 6, ONE, 10)
+    atlas.merge(("r1", 5), 4, 6, ONE, 10)
     version = atlas.grid.version
     atlas.change_frame(frame)
     atlas.move(("r1", 5), ASIDE, frame)

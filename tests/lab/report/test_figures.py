@@ -101,7 +101,7 @@ def floor(width: int, height: int) -> SubmapAtlas:
     cells[0] = OCCUPIED
     cells[:, -1] = UNKNOWN
     atlas = SubmapAtlas(GridGeometry(0.5, -1.0, 2.0, width, height))
-    atlas.take(("r1", 1), 0, 0, cells, 1)
+    atlas.merge(("r1", 1), 0, 0, cells, 1)
     return atlas
 
 

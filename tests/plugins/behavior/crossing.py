@@ -69,7 +69,7 @@ class Crossing(ArenaBench):
             table = RobotTable(name, TEAM, places=[str(COURIERS)], load=["courier"])
             self.add(RobotFile(robot=table, parameters=start_parameters(plan, start))).start()
             # As a submap of somebody who has been there before.
-            self.plugin("mapper", name)._atlas.take(("known", 1), 0, 0, cells, 1)
+            self.plugin("mapper", name)._atlas.merge(("known", 1), 0, 0, cells, 1)
         self.arrived_s: dict[str, float] = {}
         self.deadlock_s = 0.0
         """The longest time for which nobody that was under way moved."""

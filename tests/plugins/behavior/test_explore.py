@@ -132,7 +132,7 @@ def test_a_robot_that_stands_blocked_gives_the_task_back(stage):
     known = np.full((50, 50), FREE)
     known[:5] = known[:, :5] = known[-5:] = OCCUPIED
     row, column = view(host).geometry.cell_of(0.0, 0.0)
-    host.manager.get("mapper").plugin._atlas.take(("known", 1), row - 25, column - 25, known, 1)
+    host.manager.get("mapper").plugin._atlas.merge(("known", 1), row - 25, column - 25, known, 1)
     assert one.offer(frontiers(host)[0]).accepted
     one.run(1.0, lambda: one.scan(ranges_m, range_max_m=3.0))
     assert status(host).state is TaskState.RUNNING
@@ -154,7 +154,7 @@ def test_a_robot_whose_way_is_found_closed_gives_the_task_back(stage, room):
     grid = view(host).geometry
     row, column = grid.cell_of(5.0, 2.0)
     closed = np.full((10, 3), OCCUPIED, np.int8)
-    host.manager.get("mapper").plugin._atlas.take(("known", 1), row - 5, column - 1, closed, 3_000_000)
+    host.manager.get("mapper").plugin._atlas.merge(("known", 1), row - 5, column - 1, closed, 3_000_000)
     lasted_s = one.run_until(lambda: status(host).state.ended, 20.0)
     assert status(host).state in (TaskState.FAILED, TaskState.DONE)
     assert lasted_s < 15.0

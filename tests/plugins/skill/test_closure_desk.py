@@ -40,7 +40,7 @@ class Scene:
         self.desk = ClosureFinder("r1", self.graph, self.atlas, slack_m)
         for key in keys:
             submap = Submap(T_arena_local)
-            submap.take(SEEN.row, SEEN.column, SEEN.classes(), 1)
+            submap.merge(SEEN.row, SEEN.column, SEEN.classes(), 1)
             submap.surfaces = SEEN.surfaces
             self.atlas.submaps[key] = submap
         self.graph.begin(3, IDENTITY, IDENTITY, 0, PRIOR)

@@ -22,7 +22,7 @@ def atlas_of(*keys: SubmapKey, occupied: int = 60, T_arena_local: Pose2D = IDENT
     for key in keys:
         cells = np.full((64, 64), FREE, np.int8)
         cells.ravel()[:occupied] = OCCUPIED
-        atlas.take(key, at, at, cells, 1)
+        atlas.merge(key, at, at, cells, 1)
         atlas.move(key, T_arena_local)
         atlas.set_surfaces(key, np.zeros(occupied, SURFACE))
     return atlas
@@ -37,7 +37,7 @@ def searching(atlas: SubmapAtlas, own: Iterable[int] = ()) -> ClosureFinder:
 
 def test_a_submap_that_is_not_finished_is_not_tried() -> None:
     atlas = atlas_of()
-    atlas.take(MATE, 0, 0, np.full((64, 64), OCCUPIED, np.int8), 1)
+    atlas.merge(MATE, 0, 0, np.full((64, 64), OCCUPIED, np.int8), 1)
     assert searching(atlas).candidate(MIDDLE) is None
 
 

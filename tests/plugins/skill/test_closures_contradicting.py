@@ -23,7 +23,7 @@ def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureFinder:
     graph, atlas = SubmapGraph("r1", GraphSpec()), SubmapAtlas(GEOMETRY)
     for key in keys:
         submap = Submap(IDENTITY)
-        submap.take(SEEN.row, SEEN.column, SEEN.classes(), 1)
+        submap.merge(SEEN.row, SEEN.column, SEEN.classes(), 1)
         submap.surfaces = SEEN.surfaces
         atlas.submaps[key] = submap
     graph.begin(3, IDENTITY, IDENTITY, 0, np.diag((0.04, 0.04, 0.01)))

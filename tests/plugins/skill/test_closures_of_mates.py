@@ -70,7 +70,7 @@ def test_a_closure_with_a_submap_that_the_robot_does_not_have_says_nothing(desk,
 
 def test_submaps_that_do_not_exist_displace_no_variances_of_others(desk, atlas, monkeypatch):
     monkeypatch.setattr(closures, "OTHER_SUBMAPS_MAX", 4)
-    atlas.take(("r3", 1), 0, 0, np.array([[FREE]]), 5)
+    atlas.merge(("r3", 1), 0, 0, np.array([[FREE]]), 5)
     for robot, numbers in (("r2", range(4)), ("r3", (1,)), ("r2", range(10, 20))):
         parts = [pose_message(robot, GEOMETRY, number, IDENTITY, variances=(0.5, 0.1)) for number in numbers]
         desk.receive_submap_poses(joined_message(robot, GEOMETRY, parts))

@@ -159,7 +159,9 @@ def unknown_start(stage):
 def test_motes_tell_a_lost_robot_where_the_frame_that_it_maps_in_lies(stage):
     one, host = unknown_start(stage)
     lost = host.board.lost
-    host.board.shared(OwnMap).local_map = walls_at(IDENTITY)._replace(trajectory=1, frame=MapFrame(20, "r1"), why=lost)
+    host.board.shared(OwnMap).local_map = walls_at(IDENTITY)._replace(
+        trajectory=1, frame=MapFrame(20, "r1"), reason=lost
+    )
     true = drive_past_motes(one, host)
     fix = host.board.shared(OwnMap).arena_fix
     assert fix.trajectory == 1

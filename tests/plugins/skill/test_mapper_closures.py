@@ -120,7 +120,7 @@ def test_a_robot_that_maps_in_a_frame_of_its_own_goes_on_mapping_while_it_is_los
     scene.scan(0.0, 0.5, trajectory=1, lost="it was carried")
     assert scene.counters()["scans"] > 10
     assert scene.host.board.frame != ARENA
-    assert scene.host.board.shared(OwnMap).local_map.why == "it was carried"
+    assert scene.host.board.shared(OwnMap).local_map.reason == "it was carried"
 
 
 def test_scans_that_localisation_has_not_laid_on_the_map_are_passed_over(stage):

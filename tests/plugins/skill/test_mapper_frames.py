@@ -95,7 +95,7 @@ def test_every_better_frame_is_searched_in_turn() -> None:
     far = np.full((40, 4), FREE, np.int8)
     far[:, 0] = OCCUPIED
     scene.atlas.move(("r3", 1), IDENTITY, MATES)
-    scene.atlas.take(("r3", 1), 100, 100, far, 5)
+    scene.atlas.merge(("r3", 1), 100, 100, far, 5)
     moved = [scene.search(PLACES[n % 4]) for n in range(6)]
     assert moved.index(True) in {4, 5}
     assert scene.frames.frame == ARENA
@@ -128,7 +128,7 @@ def crate_at(scene: Scene, at: Pose2D, frame: MapFrame) -> None:
     """What a mate has drawn: a crate of 0.4 m."""
     row, column = WIDE.cell_of(at.x_m, at.y_m)
     scene.atlas.move(("r2", 8), IDENTITY, frame)
-    scene.atlas.take(("r2", 8), row - 2, column - 2, np.full((4, 4), OCCUPIED, np.int8), 50)
+    scene.atlas.merge(("r2", 8), row - 2, column - 2, np.full((4, 4), OCCUPIED, np.int8), 50)
 
 
 def test_where_robots_are_or_have_been_crates_on_a_map_contradict_nothing() -> None:
@@ -266,7 +266,7 @@ def test_a_mate_that_mapped_in_the_robots_frame_says_how_that_lies_in_a_better_o
     scene = Scene()
     scene.map(20, PLACES[0])
     scene.atlas.move(("r2", 7), place, OWN)
-    scene.atlas.take(("r2", 7), 0, 0, np.full((2, 2), FREE, np.int8), 5)
+    scene.atlas.merge(("r2", 7), 0, 0, np.full((2, 2), FREE, np.int8), 5)
     patch = moved(7, THERE.compose(place), ARENA)
     move = scene.frames.move_of(joined_message("r2", WIDE, [patch]) if joined else patch)
     assert move is not None

@@ -115,7 +115,7 @@ def test_a_lost_robot_that_sees_what_a_mate_has_mapped_moves_its_map_there_and_t
     robot.mates_map()
     assert any(robot.way())
     assert robot.T_arena_floor.distance_m(IDENTITY) < 0.15
-    assert robot.board.shared(OwnMap).local_map.why == ""
+    assert robot.board.shared(OwnMap).local_map.reason == ""
     frames = [part.frame for each in robot.told.drain() for part in (each.message, *each.message.parts) if part.submap]
     assert frames[0] != ARENA
     assert frames[-1] == ARENA

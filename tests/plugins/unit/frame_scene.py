@@ -74,11 +74,11 @@ class Scene:
         patch = self.own.pop_patch()
         assert patch is not None
         self.atlas.move(("r1", number), self.own.T_arena_local, self.own.frame)
-        self.atlas.take(("r1", number), patch.cells.row, patch.cells.column, patch.cells.cells, patch.cells.stamp_ms)
+        self.atlas.merge(("r1", number), patch.cells.row, patch.cells.column, patch.cells.cells, patch.cells.stamp_ms)
 
     def mates_map(self, frame: MapFrame = ARENA, place: Pose2D = IDENTITY, number: int = 7) -> None:
         self.atlas.move(("r2", number), place, frame)
-        self.atlas.take(("r2", number), 0, 0, ROOM_CLASSES, 5)
+        self.atlas.merge(("r2", number), 0, 0, ROOM_CLASSES, 5)
 
     def search(self, at: Pose2D, may_be_at: Callable[[MapFrame, Pose2D], bool] = anywhere) -> bool:
         """Search from a place of the floor; whether the robot has moved into another frame."""

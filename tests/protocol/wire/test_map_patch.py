@@ -331,7 +331,7 @@ def test_what_others_tell_leaves_room_for_the_robots_own_cells(monkeypatch):
     with pytest.raises(ValueError, match="at most 3 submaps"):
         merge_message(atlas, joined_message("r1", GEOMETRY, [changed(submap=number) for number in range(4)]))
     assert len(atlas.submaps) == 3
-    assert atlas.take(("r0", 0), 2, 3, CELLS, 1000) == 0
+    assert atlas.merge(("r0", 0), 2, 3, CELLS, 1000) == 0
     assert len(atlas.submaps) == 4
 
 

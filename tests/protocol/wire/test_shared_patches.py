@@ -53,7 +53,7 @@ def take_together(atlas, told):
     """As a mapper takes the messages of one step."""
     shared, alone = SharedSteps(atlas), 0
     for message in told:
-        if not shared.take(message):
+        if not shared.add(message):
             alone += 1
             shared.flush()
             merge_message(atlas, message)
@@ -124,7 +124,7 @@ def test_a_patch_of_what_is_no_grid_is_left_to_those_who_refuse_it() -> None:
     nowhere = msgspec.structs.replace(patch("r1", 4, 4, SEEN, 10), width=0)
     atlas = SubmapAtlas(TEAM)
     merge_message(atlas, patch("r1", 4, 4, SEEN, 10))
-    assert not SharedSteps(atlas).take(nowhere)
+    assert not SharedSteps(atlas).add(nowhere)
 
 
 def test_a_robot_of_another_grid_does_not_take_what_was_computed_for_this_one() -> None:
@@ -134,7 +134,7 @@ def test_a_robot_of_another_grid_does_not_take_what_was_computed_for_this_one() 
     merge_message(first, before)
     other.submaps["r1", 0] = copy(first.submaps["r1", 0])
     merge_message(first, message)
-    assert not SharedSteps(other).take(message)
+    assert not SharedSteps(other).add(message)
     with pytest.raises(ValueError, match="r1 maps"):
         merge_message(other, message)
 

@@ -14,7 +14,7 @@ GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 60, 40)
 
 def submap(row: int, column: int, height: int, width: int, place: Pose2D = Pose2D(0.0, 0.0, 0.0)) -> Submap:  # noqa: B008
     one = Submap(place)
-    one.take(row, column, np.full((height, width), FREE, np.int8), 1)
+    one.merge(row, column, np.full((height, width), FREE, np.int8), 1)
     return one
 
 

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.localization.scan_match import beam_ends
-from robrain.algorithms.slam.mates_in_scan import MARGIN_M, REACH_M, robot_circles, sees_through, wall_ends
+from robrain.algorithms.slam.robots_in_scan import MARGIN_M, REACH_M, robot_circles, sees_through, wall_ends
 from robrain.protocol.model.geometry import Pose2D
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, LidarFloor
 
