@@ -1,15 +1,13 @@
-import can
 import cantools
 import pytest
 from crccheck.crc import Crc8SaeJ1850
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec, database
 
 FRAMES = [message.name for message in database().messages]
 each = pytest.mark.parametrize("name", FRAMES)
-EXAMPLE = {"wheel_1_rad_s": 1.0, "wheel_2_rad_s": -2.5, "wheel_3_rad_s": 0.001}
 
 
 def signals_of(name):
@@ -29,33 +27,6 @@ def filled_frames(draw, name=None):
     return name, draw(st.integers(0, 255)), values
 
 
-@given(filled_frames())
-def test_what_is_packed_comes_out_again(drawn):
-    name, counter, values = drawn
-    unpacked = codec(name).unpack(codec(name).pack(counter, **values))
-    assert unpacked.pop("counter") == counter
-    del unpacked["checksum"]
-    assert unpacked == pytest.approx(values)
-
-
-@given(filled_frames())
-def test_our_frames_read_the_same_in_any_tool_that_has_the_dbc_file(drawn):
-    name, counter, values = drawn
-    frame = codec(name).pack(counter, **values)
-    read = database().decode_message(frame.arbitration_id, frame.data)
-    assert read["counter"] == counter
-    assert {signal: read[signal] for signal in values} == pytest.approx(values)
-    assert not frame.is_extended_id
-    assert frame.dlc == database().get_message_by_name(name).length
-
-
-@given(filled_frames())
-def test_the_checksum_is_crc_8_sae_j1850_over_identifier_and_data(drawn):
-    name, counter, values = drawn
-    frame = codec(name).pack(counter, **values)
-    assert frame.data[-1] == Crc8SaeJ1850.calc(frame.arbitration_id.to_bytes(2, "big") + frame.data[:-1])
-
-
 @st.composite
 def any_values(draw):
     name = draw(st.sampled_from(FRAMES))
@@ -66,34 +37,22 @@ def any_values(draw):
     return name, draw(st.integers(0, 255)), values
 
 
-@pytest.mark.slow
+@settings(max_examples=40)
 @given(any_values())
-def test_the_bytes_and_the_values_are_those_that_cantools_makes(drawn):
-    name, counter, values = drawn
-    frame = codec(name).pack(counter, **values)
-    checksum = frame.data[-1]
-    message = database().get_message_by_name(name)
-    assert frame.data == message.encode({**values, "counter": counter, "checksum": checksum}, strict=False)
-    unpacked, expected = codec(name).unpack(frame), message.decode(bytes(frame.data), decode_choices=False)
-    assert unpacked == expected
-    assert {signal: type(value) for signal, value in unpacked.items()} == {
-        signal: type(value) for signal, value in expected.items()
-    }
-
-
-@pytest.mark.slow
-@given(any_values())
-def test_bytes_and_values_in_their_order_are_those_of_whole_frames(drawn):
+def test_bytes_and_values_are_those_that_cantools_makes_behind_the_checksum_of_sae_j1850(drawn):
     name, counter, values = drawn
     frame = codec(name).pack(counter, **values)
     data = codec(name).encode(counter, *[values[signal] for signal in codec(name).signals])
     assert data == bytes(frame.data)
-    assert Crc8SaeJ1850.calc(frame.arbitration_id.to_bytes(2, "big") + data[:-1]) == data[-1]
-    decoded, unpacked = codec(name).decode(data), codec(name).unpack(frame)
-    assert decoded == codec(name).decode(frame.data) == tuple(unpacked.values())[:-1]
-    assert list(unpacked) == [*codec(name).signals, *OWN]
-    expected = database().get_message_by_name(name).decode(data, decode_choices=False)
-    assert decoded == (*[expected[signal] for signal in codec(name).signals], counter)
+    assert data[-1] == Crc8SaeJ1850.calc(frame.arbitration_id.to_bytes(2, "big") + data[:-1])
+    message = database().get_message_by_name(name)
+    assert data == message.encode({**values, "counter": counter, "checksum": data[-1]}, strict=False)
+    expected, unpacked = message.decode(data, decode_choices=False), codec(name).unpack(frame)
+    assert unpacked == expected
+    assert [(signal, type(value)) for signal, value in unpacked.items()] == [
+        (signal, type(expected[signal])) for signal in (*codec(name).signals, *OWN)
+    ]
+    assert codec(name).decode(data) == tuple(unpacked.values())[:-1]
 
 
 @given(filled_frames(), st.data())
@@ -149,30 +108,6 @@ def test_a_frame_with_bytes_that_no_signal_fills_has_no_codec():
         FrameCodec(message)
 
 
-@given(st.floats(-32, 32))
-def test_a_speed_is_rounded_to_the_nearest_step(speed):
-    frame = codec("WheelCommand").pack(0, wheel_1_rad_s=speed, wheel_2_rad_s=0, wheel_3_rad_s=0)
-    assert codec("WheelCommand").unpack(frame)["wheel_1_rad_s"] == pytest.approx(speed, abs=0.000501)
-
-
-@given(filled_frames(), st.data())
-def test_no_single_wrong_bit_is_believed(drawn, data):
-    name, counter, values = drawn
-    frame = codec(name).pack(counter, **values)
-    bit = data.draw(st.integers(0, 8 * len(frame.data) - 1))
-    frame.data[bit // 8] ^= 1 << bit % 8
-    with pytest.raises(BadFrame, match=f"{name}: wrong checksum"):
-        codec(name).unpack(frame)
-
-
-@pytest.mark.parametrize("length", [0, 1, 7])
-def test_a_frame_of_another_length_is_refused(length):
-    frame = codec("WheelCommand").pack(0, **EXAMPLE)
-    short = can.Message(arbitration_id=frame.arbitration_id, data=frame.data[:length], is_extended_id=False)
-    with pytest.raises(BadFrame, match=f"WheelCommand: expected 8 bytes, got {length}"):
-        codec("WheelCommand").unpack(short)
-
-
 def test_a_frame_under_another_identifier_is_refused():
     frame = codec("WheelEncoders").pack(1, wheel_1_ticks=1, wheel_2_ticks=2, wheel_3_ticks=3)
     with pytest.raises(BadFrame, match="BatteryStatus: wrong checksum"):
@@ -184,20 +119,9 @@ def test_the_counter_wraps_at_a_byte():
     assert codec("Stop").unpack(frame)["counter"] == 3
 
 
-@pytest.mark.parametrize("speed", [33.0, -33.0, 1e9, float("nan"), float("inf")])
-def test_a_speed_that_its_field_cannot_hold_is_never_sent_as_another(speed):
-    with pytest.raises((OverflowError, ValueError)):
-        codec("WheelCommand").pack(0, wheel_1_rad_s=speed, wheel_2_rad_s=0, wheel_3_rad_s=0)
-
-
 def test_a_missing_signal_is_not_packed():
     with pytest.raises(Exception, match="wheel_3_rad_s"):
         codec("WheelCommand").pack(0, wheel_1_rad_s=1, wheel_2_rad_s=2)
-
-
-def test_there_is_no_codec_for_a_frame_that_the_file_does_not_have():
-    with pytest.raises(KeyError):
-        codec("Horn")
 
 
 @each

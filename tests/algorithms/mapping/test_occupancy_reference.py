@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from tests.protocol.grid_reference import GridReference
+from tests.algorithms.mapping.grid_reference import GridReference
 
 GEOMETRY = GridGeometry(0.2, -1.0, 0.6, 24, 17)
 RANGE_M = 3.0

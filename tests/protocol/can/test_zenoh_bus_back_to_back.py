@@ -111,13 +111,6 @@ def test_a_frame_arrives_as_it_was_sent_in_both_directions(pair, sent):
         assert sender.recv(0) is None
 
 
-@pytest.mark.parametrize("length", range(9))
-def test_data_of_any_length_arrives(pair, length):
-    sent = can.Message(arbitration_id=0x321, is_extended_id=False, data=range(length))
-    pair[0].send(sent)
-    check_same(pair[1].recv(PATIENCE_S), sent)
-
-
 def test_without_a_frame_nothing_is_received(pair):
     assert pair[0].recv(0.1) is None
     assert pair[0].recv(0) is None
@@ -150,17 +143,6 @@ def test_each_node_gets_a_message_object_of_its_own(pair, open_node):
     assert bytes(second.data) == bytes(own.data) == b"\x02\x01\x03"
 
 
-def test_a_stamp_is_the_time_of_day_with_fractions_of_a_second(pair):
-    before_s = time.time()
-    stamps_s = []
-    for _ in range(2):
-        pair[1].send(can.Message())
-        stamps_s.append(pair[0].recv(PATIENCE_S).timestamp)
-        time.sleep(0.01)
-    assert before_s - 1e-3 <= stamps_s[0] <= time.time()
-    assert sum(stamp_s % 1 for stamp_s in stamps_s) > 0
-
-
 def test_stamps_are_as_far_apart_as_the_frames(pair):
     pair[1].send(can.Message())
     first = pair[0].recv(PATIENCE_S)
@@ -177,12 +159,6 @@ def test_many_frames_arrive_in_order(pair):
     for number in range(500):
         pair[0].send(can.Message(arbitration_id=number))
     assert [pair[1].recv(PATIENCE_S).arbitration_id for _ in range(500)] == list(range(500))
-
-
-def test_a_bus_can_be_iterated(pair):
-    for number in range(3):
-        pair[0].send(can.Message(arbitration_id=number))
-    assert [message.arbitration_id for _, message in zip(range(3), pair[1], strict=False)] == [0, 1, 2]
 
 
 FILTERS = {
@@ -221,14 +197,6 @@ def test_a_node_is_shut_down_at_the_end_of_a_with_block(open_node):
         bus.send(can.Message())
     with pytest.raises(can.CanOperationError):
         bus.send(can.Message())
-
-
-def test_what_the_node_cannot_say_of_itself_is_left_to_python_can(pair):
-    assert pair[0].state is can.BusState.ACTIVE
-    assert pair[0].protocol is can.CanProtocol.CAN_FD
-    assert str(pair[0]) == "zenoh r1/can0"
-    with pytest.raises(NotImplementedError):
-        pair[0].fileno()
 
 
 # -- what needs threads, so not in a lockstep run ---------------------------------------------------------------
@@ -456,6 +424,8 @@ def test_a_frame_that_no_bus_can_carry_is_refused(lockstep_session, bad, why):
 
 HEADER = bytes(16)
 FORGED = {
+    "nothing": b"",
+    "shorter than a header": bytes(19),
     "longer than a classic frame": HEADER + bytes(4) + bytes(9),
     "longer than any frame": HEADER + bytes(4) + bytes(100_000),
     "fd of a length that there is not": HEADER + bytes(4) + bytes([0, 63]) + bytes(64),
