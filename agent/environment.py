@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robrain.agent.board import Board
 from robrain.agent.errors import FOREIGN_ERRORS, HardwareAbsent
-from robrain.agent.event import Event, EventPublisher, Mailbox, ObservableEvent
+from robrain.agent.event import Event, EventPublisher, ObservableEvent
 from robrain.agent.robot_tasks import Accept, LetGo, RobotTasks, TaskWork, work_at_place
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
@@ -34,10 +34,6 @@ class PluginRequests(Protocol):
         """The plugin's name."""
 
     @property
-    def mailbox(self) -> Mailbox:
-        """Where notifications wait for the plugin."""
-
-    @property
     def caller(self) -> str:
         """See Environment.caller."""
 
@@ -46,6 +42,9 @@ class PluginRequests(Protocol):
 
     def observe(self, event: Event[Any] | ObservableEvent[Any], function: Callable[[Any], None]) -> None:
         """See Environment.observe."""
+
+    def hurry(self) -> None:
+        """See Environment.hurry."""
 
     def answer(self, topic: Query[Any, Any], handler: Handler[Any, Any], names: dict[str, str]) -> None:
         """See Environment.answer."""
@@ -153,7 +152,7 @@ class Environment:
         For actions that must not wait for the period, such as the first command after a standstill. In lockstep it is
         run in this tick or the next one.
         """
-        self.__requests.mailbox.hurry()
+        self.__requests.hurry()
 
     def wake_on(self, inbox: Inbox) -> None:
         """As `hurry`, whenever something arrives in an inbox: a plugin that waits for messages need not poll."""

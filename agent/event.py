@@ -55,11 +55,6 @@ class Mailbox:
             self.wake()
         return not is_full
 
-    def hurry(self) -> None:
-        """Have the observer's next step run at once."""
-        self.is_hurried = True
-        self.ring()
-
     def ring(self) -> None:
         """Have the runner look at the plugin: something of it has changed."""
         if self.bell is not None:

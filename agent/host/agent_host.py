@@ -203,7 +203,6 @@ class AgentHost:
         self._seed = seed
         self._on_outside = on_outside
         self._session = session
-        self._team = robot_file.robot.team
         self._wires: list[Endpoint] = []
         self.refusals = Refusals(clock)
         """Messages that its wires have refused, and failures of parts of the host."""
@@ -245,9 +244,6 @@ class AgentHost:
         own = [folder_of(base, place) for place in robot_file.robot.places]
         self.loadable = [folder_of(base, folder) for folder in robot_file.robot.loadable]
         self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
-        self._load, self._roles = robot_file.robot.load, robot_file.robot.roles
-        self._parameters = robot_file.parameters
-        self._connect = list(robot_file.zenoh.connect)
         self.extensions: dict[str, HostExtension] = {}
         """Host extensions by name."""
         self.extensions = make_extensions(self, extensions)
@@ -277,8 +273,9 @@ class AgentHost:
             ManifestError, PluginMissing, RobotFileError: the robot's plugins differ from its file.
 
         """
-        found = self.manager.discover(self._places, self._load, self._manifests, self._roles)
-        for name in self._parameters:
+        table = self.robot_file.robot
+        found = self.manager.discover(self._places, table.load, self._manifests, table.roles)
+        for name in self.robot_file.parameters:
             if name not in found:
                 known = ", ".join(found)
                 raise RobotFileError(f"{self.name}: [parameters.{name}]: no plugin of that name; there are: {known}")
@@ -470,7 +467,7 @@ class AgentHost:
     def _open_wire(self) -> Endpoint:
         wire = Endpoint(
             self._session,
-            self._team,
+            self.robot_file.robot.team,
             self.clock,
             self.drive,
             on_outside=self._on_outside,
@@ -483,20 +480,16 @@ class AgentHost:
         return wire
 
     def _make_environment(self, plugin: PluginRequests) -> Environment:
-        names = (zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode()))
-        door = self.door if plugin.name == COMMAND else None
-        connect = self._connect
-        wire, seeds = self._open_wire(), (self._seed, *names)
         return Environment(
             plugin,
             self.name,
-            wire,
-            seeds,
+            self._open_wire(),
+            (self._seed, zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode())),
             self.board,
             self.desk,
             halting=self.halting,
-            outside=door,
-            connect=connect,
+            outside=self.door if plugin.name == COMMAND else None,
+            connect=list(self.robot_file.zenoh.connect),
         )
 
 

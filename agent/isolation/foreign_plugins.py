@@ -9,6 +9,7 @@ rights.
 import inspect
 import logging
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any, Protocol, TypeVar, cast, get_type_hints
 
 import msgspec
@@ -94,15 +95,7 @@ class ForeignPlugins:
     def __iter__(self) -> Iterator[str]:
         return iter(sorted(self._infos))
 
-    def relay(
-        self,
-        name: str,
-        function: str,
-        payload: bytes = b"",
-        *,
-        caller: str = COMMAND,
-        timeout_s: float = CALL_TIMEOUT_S,
-    ) -> bytes:
+    def relay(self, name: str, function: str, payload: bytes = b"", *, caller: str = COMMAND) -> bytes:
         """Call a function with arguments in JSON, and return the result in JSON.
 
         Args:
@@ -110,7 +103,6 @@ class ForeignPlugins:
             function: one that it has announced.
             payload: an array of arguments by position, an object by name, or nothing.
             caller: the plugin that calls; `command` for the outside.
-            timeout_s: how long to wait for it.
 
         Raises:
             CallError: the caller has no right, there is no such plugin or function, or the plugin has answered with it.
@@ -131,7 +123,7 @@ class ForeignPlugins:
             reply = self._wire.ask(
                 ROBOT_FOREIGN_CALL,
                 payload or None,
-                timeout_s=timeout_s,
+                timeout_s=CALL_TIMEOUT_S,
                 robot=self._robot,
                 plugin=name,
                 function=function,
@@ -143,19 +135,6 @@ class ForeignPlugins:
         except msgspec.DecodeError as error:
             raise CallError(ErrorCode.FAILED, f"{name} has not answered in JSON: {error}") from error
         return reply
-
-    def call(
-        self,
-        name: str,
-        function: str,
-        arguments: Any = None,
-        *,
-        caller: str = COMMAND,
-        timeout_s: float = CALL_TIMEOUT_S,
-    ) -> Any:
-        """The same with Python values: `arguments` is a list by position, a dict by name, or None."""
-        payload = b"" if arguments is None else msgspec.json.encode(arguments)
-        return msgspec.json.decode(self.relay(name, function, payload, caller=caller, timeout_s=timeout_s))
 
     def call_text(self, name: str, function: str, words: list[str]) -> str:
         """The same for the outside with arguments as text, each `VALUE` or `NAME=VALUE`; the result as text."""
@@ -171,7 +150,7 @@ class ForeignPlugins:
                     raise CallError(ErrorCode.BAD_ARGUMENTS, most)
                 parameter = free.pop(0)
             arguments[parameter] = _value_of(text, properties.get(parameter, {}))
-        result = self.call(name, function, arguments)
+        result = msgspec.json.decode(self.relay(name, function, msgspec.json.encode(arguments)))
         return "" if result is None else print_value(result)
 
     def use(self, caller: str, level: Level, name: str, interface: type[InterfaceT]) -> InterfaceT:
@@ -199,7 +178,8 @@ class ForeignPlugins:
         if missing or _has_events(interface):
             what = ", ".join(missing) or "events"
             raise AccessDenied(name, f"{name} offers no {what}, which {interface.__name__} wants")
-        return cast(InterfaceT, ForeignHandle(self, caller, name, functions))
+        calls = {each: _over_the_wire(self, caller, name, each, declared) for each, declared in functions.items()}
+        return cast(InterfaceT, SimpleNamespace(**calls))
 
     def _read(self, name: str, info: PluginInfo) -> PluginInfo | None:
         if info.level.upper() not in Level.__members__:
@@ -217,26 +197,6 @@ class ForeignPlugins:
             doc=info.doc,
             functions=info.functions,
         )
-
-
-class ForeignHandle:
-    """The functions of an interface, called over the wire."""
-
-    __slots__ = ("__calls",)
-
-    def __init__(
-        self, plugins: ForeignPlugins, caller: str, name: str, functions: dict[str, Callable[..., Any]]
-    ) -> None:
-        self.__calls = {
-            function: _over_the_wire(plugins, caller, name, function, declared)
-            for function, declared in functions.items()
-        }
-
-    def __getattr__(self, name: str) -> Any:
-        try:
-            return self.__calls[name]
-        except KeyError:
-            raise AttributeError(f"{name} is not in the interface") from None
 
 
 def _over_the_wire(

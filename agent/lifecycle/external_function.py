@@ -209,19 +209,9 @@ class ExternalFunction:
         return [signature.signature_name for signature in self.signatures]
 
     @property
-    def signature_name(self) -> str:
-        """The only signature's name, or the first's."""
-        return self.signatures[0].signature_name
-
-    @property
     def infos(self) -> list[FunctionInfo]:
         """The description of each signature."""
         return [signature.info for signature in self.signatures]
-
-    @property
-    def info(self) -> FunctionInfo:
-        """The description of the only signature, or the first."""
-        return self.signatures[0].info
 
     def call(self, plugin: Plugin, payload: bytes) -> Any:
         """Call it with JSON arguments: an array by position, an object by name, nothing for none.

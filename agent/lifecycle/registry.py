@@ -9,8 +9,8 @@ from graphlib import CycleError, TopologicalSorter
 import msgspec
 
 from robrain.agent.errors import PluginCrashed, PluginError, PluginInactive, PluginMissing
-from robrain.agent.isolation.foreign_plugins import ForeignHandle, ForeignPlugins
-from robrain.agent.lifecycle.access import AccessiblePlugin, Handle, level_conflict
+from robrain.agent.isolation.foreign_plugins import ForeignPlugins
+from robrain.agent.lifecycle.access import AccessiblePlugin, level_conflict
 from robrain.agent.lifecycle.instance import RobotContext
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.manifest import Manifest
@@ -104,7 +104,7 @@ class PluginRegistry(RobotContext):
             if manifest.name in user.manifest.tag.requires and user.plugin_class.level <= plugin_class.level:
                 raise level_conflict(user.name, user.plugin_class, manifest.name, plugin_class)
 
-    def request(self, caller: AccessiblePlugin, name: str, interface: type) -> Handle | ForeignHandle:
+    def request(self, caller: AccessiblePlugin, name: str, interface: type) -> object:
         """Pass a plugin's request for another on to the other, or to a foreign process of that name."""
         if self.foreign is not None and self.is_foreign(name):
             return self.foreign.use(caller.name, caller.plugin_class.level, name, interface)

@@ -20,7 +20,7 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_code import import_code
 from robrain.agent.lifecycle.registry import PluginRegistry, start_order
 from robrain.agent.lifecycle.transitions import Trigger
-from robrain.agent.lifecycle.worker_pool import NotBack, WorkerPool
+from robrain.agent.lifecycle.worker_pool import NotBack
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin, PluginState
 from robrain.agent.plugin_traceback import log_error
@@ -151,7 +151,7 @@ class Replacement:
 
 logger = logging.getLogger(__name__)
 
-GiveUp = Callable[[str], Callable[[], None] | None]
+GiveUp = Callable[[str], Callable[[], None]]
 """Leaves a hanging instance to the caller that is stuck in it, for that reason; returns the remaining work, which may
 be slow."""
 
@@ -278,22 +278,18 @@ class Starter:
         pool = self._registry.starters
         if pool is None:
             do()
-        else:
-            _run_in_time(pool, plugin, do, give_up)
-
-
-def _run_in_time(pool: WorkerPool, plugin: ManagedPlugin, do: Callable[[], object], give_up: GiveUp | None) -> None:
-    limit_s = plugin.manifest.tag.start_s
-    error = pool.run({plugin.name: do}, limit_s).get(plugin.name)
-    if isinstance(error, NotBack):
-        reason = f"{plugin.name} has not come back from its start for {limit_s:g} s"
-        left = None
-        if give_up is not None:
-            left = give_up(reason)
-        else:
-            plugin.apply(Trigger.ABANDON, reason)
-        if left is not None and isinstance(pool.run({plugin.name: left}, limit_s).get(plugin.name), NotBack):
-            plugin.apply(Trigger.ABANDON, reason)
-        raise PluginHung(plugin.name, reason)
-    if error is not None:
-        raise error
+            return
+        limit_s = plugin.manifest.tag.start_s
+        error = pool.run({plugin.name: do}, limit_s).get(plugin.name)
+        if isinstance(error, NotBack):
+            reason = f"{plugin.name} has not come back from its start for {limit_s:g} s"
+            rest = None
+            if give_up is not None:
+                rest = give_up(reason)
+            else:
+                plugin.apply(Trigger.ABANDON, reason)
+            if rest is not None and isinstance(pool.run({plugin.name: rest}, limit_s).get(plugin.name), NotBack):
+                plugin.apply(Trigger.ABANDON, reason)
+            raise PluginHung(plugin.name, reason)
+        if error is not None:
+            raise error

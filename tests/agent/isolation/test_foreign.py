@@ -9,6 +9,7 @@ import pytest
 
 from robrain.agent.errors import AccessDenied, PluginMissing
 from robrain.agent.event import Event
+from robrain.agent.isolation import foreign_plugins
 from robrain.agent.isolation.foreign_plugins import RETRY_NS, ForeignPlugins
 from robrain.agent.plugin import Level
 from robrain.protocol.clock import LiveClock, VirtualClock
@@ -86,6 +87,10 @@ class Robot:
         self.processes.append(process)
         return process
 
+    def call(self, name, function, arguments=None, **named):
+        payload = b"" if arguments is None else msgspec.json.encode(arguments)
+        return msgspec.json.decode(self.foreign.relay(name, function, payload, **named))
+
     def until(self, condition):
         until(condition, step=self.foreign.follow)
 
@@ -156,7 +161,7 @@ def test_who_leaves_is_listed_no_more(robot, gauge):
     gauge.leave()
     robot.until(lambda: not robot.foreign.infos())
     with pytest.raises(CallError, match="no foreign plugin gauge") as caught:
-        robot.foreign.call("gauge", "read")
+        robot.call("gauge", "read")
     assert caught.value.code is ErrorCode.UNKNOWN_PLUGIN
 
 
@@ -164,22 +169,21 @@ def test_a_call_after_it_has_left_and_before_that_was_heard_says_that_it_has_gon
     robot.processes.remove(gauge)
     gauge.leave()
     with pytest.raises(CallError, match="gauge has gone") as caught:
-        robot.foreign.call("gauge", "read")
+        robot.call("gauge", "read")
     assert caught.value.code is ErrorCode.UNLOADED
 
 
 def test_calls_are_relayed_with_their_arguments(robot, gauge):
-    assert robot.foreign.call("gauge", "read") == 1.5
-    assert robot.foreign.call("gauge", "place", [3]) == {"x_m": 1.0, "y_m": 2.0}
-    assert robot.foreign.relay("gauge", "place", b'{"sensor":3}') == b'{"x_m":1.0,"y_m":2.0}'
-    assert gauge.asked == [b"", b"[3]", b'{"sensor":3}']
+    assert robot.call("gauge", "read") == 1.5
+    assert robot.call("gauge", "place", [3]) == {"x_m": 1.0, "y_m": 2.0}
+    assert gauge.asked == [b"", b"[3]"]
 
 
 def test_its_errors_pass(robot):
     robot.join(info(functions=["fail"]))
     robot.until(lambda: "gauge" in robot.foreign)
     with pytest.raises(CallError, match="not today") as caught:
-        robot.foreign.call("gauge", "fail")
+        robot.call("gauge", "fail")
     assert (caught.value.code, caught.value.detail) == (ErrorCode.REFUSED, "rain")
 
 
@@ -187,22 +191,23 @@ def test_what_is_no_json_is_an_error(robot):
     robot.join(info(functions=["no_json"]))
     robot.until(lambda: "gauge" in robot.foreign)
     with pytest.raises(CallError, match="gauge has not answered in JSON") as caught:
-        robot.foreign.call("gauge", "no_json")
+        robot.call("gauge", "no_json")
     assert caught.value.code is ErrorCode.FAILED
 
 
 @pytest.mark.slow
-def test_one_that_hangs_is_waited_for_no_longer_than_the_limit(robot):
+def test_one_that_hangs_is_waited_for_no_longer_than_the_limit(robot, monkeypatch):
+    monkeypatch.setattr(foreign_plugins, "CALL_TIMEOUT_S", 0.1)
     robot.join(info(functions=["hang"]))
     robot.until(lambda: "gauge" in robot.foreign)
     with pytest.raises(CallError) as caught:
-        robot.foreign.relay("gauge", "hang", timeout_s=0.1)
+        robot.call("gauge", "hang")
     assert caught.value.code is ErrorCode.TIMEOUT
 
 
 def test_a_function_that_was_not_announced_is_not_asked_for(robot, gauge):
     with pytest.raises(CallError, match="gauge has no function wipe; it has: read, place") as caught:
-        robot.foreign.call("gauge", "wipe")
+        robot.call("gauge", "wipe")
     assert caught.value.code is ErrorCode.UNKNOWN_FUNCTION
     assert gauge.asked == []
 
@@ -223,10 +228,10 @@ def test_its_visibility_says_who_may_call(robot, visibility, caller, may):
     process = robot.join(info(visibility=visibility))
     robot.until(lambda: "gauge" in robot.foreign)
     if may:
-        assert robot.foreign.call("gauge", "read", caller=caller) == 1.5
+        assert robot.call("gauge", "read", caller=caller) == 1.5
         return
     with pytest.raises(CallError, match="gauge is not open to") as caught:
-        robot.foreign.call("gauge", "read", caller=caller)
+        robot.call("gauge", "read", caller=caller)
     assert caught.value.code is ErrorCode.FORBIDDEN
     assert process.asked == []
 

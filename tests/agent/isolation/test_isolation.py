@@ -122,9 +122,9 @@ def test_isolated_plugin_looks_like_the_real_one(bench):
     assert kind.interface.__name__ == "VisionInterface"
     assert msgspec.structs.fields(kind.Parameters)[0].name == "threshold"
     (count,) = external_functions(kind).values()
-    assert count.info.name == "count"
-    assert count.info.doc == "Counts."
-    assert "times" in count.info.signature
+    (info,) = count.infos
+    assert (info.name, info.doc) == ("count", "Counts.")
+    assert "times" in info.signature
 
 
 def test_it_runs_in_another_process(bench):
