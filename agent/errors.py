@@ -1,20 +1,20 @@
 """Errors of the plugin host.
 
 RobrainError
-├── PluginError               carries `.plugin`
-│   ├── ManifestError         a manifest or robot file is wrong: names file and key
-│   │   └── PackageMissing    it needs an extra that is not installed; carries `.needed`
-│   ├── PluginMissing         no plugin of that name
-│   ├── AccessDenied          the caller may not use that plugin
-│   ├── PluginBusy            somebody else holds it; carries `.holder`
-│   ├── PluginInactive        it is there but not active (or halted, or faulted)
-│   ├── PluginUnloaded        it has gone
-│   ├── PluginHung            it does not come back from a step or call
-│   ├── PluginCrashed         its own process has ended, or was killed because it did not come back
-│   ├── PluginInUse           others require it, so it is not unloaded; carries `.users`
-│   ├── HostBusy              another load, unload or reload is under way
-│   └── HardwareAbsent        a Device does not find its hardware
-└── RobotFileError            a ROBOT.toml is wrong: names file and key
+    `PluginError`: carries `.plugin`.
+        `ManifestError`: a manifest or robot file is wrong; names file and key.
+            `PackageMissing`: it needs an extra that is not installed; carries `.needed`.
+        `PluginMissing`: no plugin has that name.
+        `AccessDenied`: the caller may not use that plugin.
+        `PluginBusy`: another holder has it; carries `.holder`.
+        `PluginInactive`: it is loaded but not active, or it is halted or faulted.
+            `PluginUnloaded`: it has gone.
+            `PluginHung`: it does not come back from a step or call.
+        `PluginCrashed`: its process has ended, or was killed because it did not come back.
+        `PluginInUse`: others require it, so it is not unloaded; carries `.users`.
+        `HostBusy`: another load, unload or reload is in progress.
+        `HardwareAbsent`: a Device does not find its hardware.
+    `RobotFileError`: a ROBOT.toml is wrong; names file and key.
 """
 
 from pathlib import Path

@@ -405,7 +405,9 @@ class AgentHost:
                 self.log.put(name, "error", f"{text}\n{detail}" if detail else text)
         for plugin in down:
             if plugin.manifest.tag.essential and plugin.name not in were_down:
-                self.halting.halt(plugin.name, f"{plugin.name} does not run: {cut(plugin.raised.after(plugin.why))}")
+                self.halting.halt(
+                    plugin.name, f"{plugin.name} does not run: {cut(plugin.raised.after(plugin.state_reason))}"
+                )
         for name in [name for name in before if name not in self._faults]:
             self.log.put(name, "warning", "runs again, or has gone")
 

@@ -86,7 +86,7 @@ class FaultHandler:
         stuck = plugin.turn.owner
         for user in self._registry.users_of(plugin.name):
             if user.state.is_running:
-                reason = f"requires {plugin.name}, which is faulted: {plugin.why}"
+                reason = f"requires {plugin.name}, which is faulted: {plugin.state_reason}"
                 try:
                     if stuck is not None and user.turn.owner == stuck:  # it is in a call that does not come back
                         user.apply(Trigger.ABANDON, reason, lacks=plugin.name)
@@ -479,7 +479,7 @@ class PluginManager:
         registry.plugins = {**self.plugins, name: plugin}
         self._starter.sort()
         if name in self.plugins and plugin.state is PluginState.FAULTED:
-            raise PluginError(name, f"{name}: {plugin.why}")
+            raise PluginError(name, f"{name}: {plugin.state_reason}")
         try:
             self._starter.start(plugin)
         except PluginError:

@@ -223,7 +223,7 @@ class RobotHalts:
         tag, guard = plugin.manifest.tag, self._guards.get(plugin.name)
         # One that has faulted is started again after the halt, and its guard knows whether it can be.
         if tag.essential and not plugin.state.is_running and (guard is None or tag.restart == "no"):
-            return f"{plugin.name} does not run: {plugin.why or plugin.state}"
+            return f"{plugin.name} does not run: {plugin.state_reason or plugin.state}"
         if guard is None:
             return ""
         try:

@@ -39,7 +39,7 @@ class AccessiblePlugin(Protocol):
 
     name: str
     state: PluginState
-    why: str
+    state_reason: str
     """The reason of its state, in words; may be empty."""
     manifest: Manifest
     turn: PluginLock
@@ -335,7 +335,7 @@ def _external_function(callee: AccessiblePlugin, function: str, by: str) -> Exte
         raise CallError(ErrorCode.FORBIDDEN, f"{callee.name} is not open to the outside")
     code = callee.imported_code
     if code is None:
-        raise CallError(ErrorCode.INACTIVE, f"{callee.name} is {callee.state}: {callee.why}")
+        raise CallError(ErrorCode.INACTIVE, f"{callee.name} is {callee.state}: {callee.state_reason}")
     known = find_function(code.functions, function)
     if known is None:
         names = ", ".join(code.functions) or "none"
@@ -365,7 +365,7 @@ def task_handlers(
                 return accept(task)
         except FOREIGN_ERRORS as error:  # foreign plugin code
             plugin.blame(error)
-            return _refused_by_state(plugin, f": {cut(plugin.why or str(error))}")
+            return _refused_by_state(plugin, f": {cut(plugin.state_reason or str(error))}")
 
     def release_in_turn(reason: str) -> None:
         try:
@@ -393,7 +393,7 @@ def query_handler(plugin: AccessiblePlugin, environment: Environment, handler: H
         try:
             with plugin.turn:
                 if not plugin.holds(environment) or plugin.state not in (PluginState.ACTIVE, PluginState.HALTED):
-                    raise CallError(ErrorCode.INACTIVE, f"{plugin.name} is {plugin.state}: {plugin.why}")
+                    raise CallError(ErrorCode.INACTIVE, f"{plugin.name} is {plugin.state}: {plugin.state_reason}")
                 return handler(request)
         except PluginError as error:
             raise CallError(error.code, str(error)) from error

@@ -67,7 +67,7 @@ class ManagedPlugin:
         self.manifest = manifest
         self.name = manifest.name
         self.state = PluginState.DISCOVERED
-        self.why = ""
+        self.state_reason = ""
         """The reason of the state, in words."""
         self.needs = ""
         """The extra that it needs and that is not installed."""
@@ -160,7 +160,7 @@ class ManagedPlugin:
         if self.state is PluginState.ACTIVE and self.instance is not None:
             return self.instance.plugin
         kind = PluginUnloaded if self.state is PluginState.UNLOADED else PluginInactive
-        raise kind(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
+        raise kind(self.name, f"{self.name} is {self.state}{f': {self.state_reason}' if self.state_reason else ''}")
 
     def holds(self, environment: Environment) -> bool:
         """Whether the instance that was given this is the one that is there now."""
@@ -203,7 +203,7 @@ class ManagedPlugin:
                 turn.release()
             return
         logger.error("%s: plugin %s hangs and is abandoned", self._context.robot, self.name)
-        self.apply(Trigger.ABANDON, reason or self.why or "hangs", lacks=lacks)
+        self.apply(Trigger.ABANDON, reason or self.state_reason or "hangs", lacks=lacks)
         self.apply(trigger, reason, error, lacks=lacks)
 
     def _follow(self, trigger: Trigger, reason: str, error: BaseException | None, lacks: str) -> None:
@@ -212,7 +212,7 @@ class ManagedPlugin:
         with self._deciding:
             to, steps = transition(self.name, self.state, trigger)
             if to is not self.state or (steps and reason):
-                self.state, self.why, self.raised, self.lacks, self.needs = to, reason, where, lacks, needs
+                self.state, self.state_reason, self.raised, self.lacks, self.needs = to, reason, where, lacks, needs
             self._update_callable()
         if trigger in (Trigger.ACTIVATED, Trigger.RESUME):
             self._context.newly_running = True
@@ -270,7 +270,7 @@ class ManagedPlugin:
 
     def _release(self) -> None:
         if self.instance is not None:
-            self.instance.environment.end(self.why or f"{self.name} is {self.state}")
+            self.instance.environment.end(self.state_reason or f"{self.name} is {self.state}")
         self.holdings.release()
         self._context.release(self.name)
         self.exclusive.end_lease(self.exclusive.outside)
@@ -362,7 +362,7 @@ class ManagedPlugin:
         try:
             self.apply(Trigger.UNLOAD, "it is being unloaded")
         finally:
-            self.why = "it was unloaded"
+            self.state_reason = "it was unloaded"
 
     def _update_callable(self) -> None:
         instance = self.instance if self.state is PluginState.ACTIVE else None
@@ -374,7 +374,9 @@ class ManagedPlugin:
 
     def _there(self) -> Instance:
         if self.instance is None:
-            raise PluginInactive(self.name, f"{self.name} is {self.state}{f': {self.why}' if self.why else ''}")
+            raise PluginInactive(
+                self.name, f"{self.name} is {self.state}{f': {self.state_reason}' if self.state_reason else ''}"
+            )
         return self.instance
 
     def _check_there(self, environment: Environment) -> None:

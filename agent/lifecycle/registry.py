@@ -89,7 +89,7 @@ class PluginRegistry(RobotContext):
                 raise level_conflict(manifest.name, plugin_class, required, other.plugin_class)
             if not other.state.is_running:
                 raise PluginError(
-                    manifest.name, f"{manifest.name} requires {required}, which is {other.state}: {other.why}"
+                    manifest.name, f"{manifest.name} requires {required}, which is {other.state}: {other.state_reason}"
                 )
 
     def check_fit(self, manifest: Manifest, plugin_class: type[Plugin]) -> None:
@@ -172,7 +172,7 @@ def plugin_faults(registry: PluginRegistry) -> list[PluginFault]:
             root = registry.root_cause(plugin)
             causes[root] += [plugin.name] if root is not plugin else []
     return [
-        PluginFault(plugin=root.name, why=cut(root.raised.after(root.why)), dependants=dependants)
+        PluginFault(plugin=root.name, why=cut(root.raised.after(root.state_reason)), dependants=dependants)
         for root, dependants in causes.items()
     ]
 
@@ -184,7 +184,7 @@ def plugin_info(plugin: ManagedPlugin, registry: PluginRegistry) -> PluginInfo:
         name=plugin.name,
         level=code.plugin_class.level.name.lower() if code is not None else "",
         state=plugin.state.value,
-        why=cut(plugin.why + _still_inside(plugin)),
+        why=cut(plugin.state_reason + _still_inside(plugin)),
         because_of=root_cause.name if root_cause is not plugin else "",
         needs=plugin.needs,
         where=cut(plugin.raised.where),

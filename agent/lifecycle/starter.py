@@ -61,7 +61,7 @@ class Replacement:
         self._old = plugin.instance
         self._old_code = plugin.imported_code
         self._old_manifest = plugin.manifest
-        self._before, self._reason = plugin.state, plugin.why
+        self._before, self._reason = plugin.state, plugin.state_reason
         self._stage = _Stage.MAKING
 
     def run(self) -> None:
@@ -120,7 +120,7 @@ class Replacement:
             # Foreign plugin code, which is about to be replaced.
             logger.exception("plugin %s failed while it was reloaded", plugin.name)
         plugin.swap(fresh, self._manifest, fresh.code)
-        plugin.apply(Trigger.REACTIVATE, plugin.why)
+        plugin.apply(Trigger.REACTIVATE, plugin.state_reason)
         self._stage = _Stage.STARTING
         try:
             plugin.activate()
@@ -244,7 +244,7 @@ class Starter:
                     continue
                 other = registry.get(required)
                 if other.state in (PluginState.FAULTED, PluginState.INACTIVE):
-                    raise PluginInactive(required, f"requires {required}, which is left out: {other.why}")
+                    raise PluginInactive(required, f"requires {required}, which is left out: {other.state_reason}")
                 if other.plugin_class.level >= plugin.plugin_class.level:
                     raise level_conflict(plugin.name, plugin.plugin_class, required, other.plugin_class)
             self._in_time(plugin, do, None)

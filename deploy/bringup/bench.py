@@ -490,7 +490,7 @@ class Bench(abc.ABC):
             managed = self.host.manager.get(plugin)
         except PluginError as error:
             return str(error)
-        return "" if managed.state is PluginState.ACTIVE else managed.why or str(managed.state)
+        return "" if managed.state is PluginState.ACTIVE else managed.state_reason or str(managed.state)
 
     def keep_gyro_out(self) -> None:
         """Leave the odometry to the wheels, which a unit that is mounted wrongly would turn."""

@@ -222,7 +222,7 @@ def check_devices(found: RobotFound, base: Path) -> list[Check]:
             host = AgentHost(robot_file, base, session, LiveClock(), Drive.LIVE)
             try:
                 host.start()
-                out = {each.name: each.why for each in host.manager.plugins.values() if not each.state.is_running}
+                out = {each.name: each.state_reason for each in host.manager.plugins.values() if not each.state.is_running}
                 needing = {each.name for each in host.manager.plugins.values() if each.needs}
             finally:
                 host.close()

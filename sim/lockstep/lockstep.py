@@ -398,7 +398,7 @@ class LockstepRun:
         for plugin in host.manager.plugins.values():
             is_foreign = any(plugin.manifest.path.is_relative_to(place) for place, _ in self._distributions)
             if is_foreign and plugin.state is PluginState.FAULTED and plugin.raised.where and not plugin.needs:
-                failed = f"{host.name}: plugin {plugin.name} failed: {plugin.raised.where}: {plugin.why}"
+                failed = f"{host.name}: plugin {plugin.name} failed: {plugin.raised.where}: {plugin.state_reason}"
                 raise RunFailed(self._failed(failed))
 
     def _failed(self, what: str) -> str:

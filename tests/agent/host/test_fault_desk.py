@@ -33,7 +33,7 @@ class Tag:
     def __init__(self, name: str, level: Level = Level.UNIT, **policy: Any) -> None:
         self.name = name
         self.level = level
-        self.state, self.why, self.lacks = PluginState.ACTIVE, "", ""
+        self.state, self.state_reason, self.lacks = PluginState.ACTIVE, "", ""
         self.restarts = 0
         self.turn = Turn()
         self.dropped = 0
@@ -48,13 +48,13 @@ class Tag:
         return None
 
     def fault(self, error: Exception) -> None:
-        self.state, self.why = PluginState.FAULTED, str(error)
+        self.state, self.state_reason = PluginState.FAULTED, str(error)
         self.error = error
 
     def apply(self, trigger: Trigger, why: str = "", *, lacks: str = "") -> None:
         self.done.append(trigger)
         if trigger is not Trigger.CLEAN_UP:
-            self.state, self.why, self.lacks = PluginState.INACTIVE, why, lacks
+            self.state, self.state_reason, self.lacks = PluginState.INACTIVE, why, lacks
 
 
 class Robot:
@@ -82,7 +82,7 @@ class Robot:
     def begin(self, tag: Tag) -> None:
         self.begun.append(tag.name)
         if tag.name not in self.cannot_begin:
-            tag.state, tag.why = PluginState.ACTIVE, ""
+            tag.state, tag.state_reason = PluginState.ACTIVE, ""
 
     def record_fault(self, tag: Tag) -> None:
         self.noted.append(tag.name)
@@ -123,7 +123,7 @@ def test_users_that_run_or_are_halted_are_put_aside_and_others_left_alone(state:
     assert user.done == ([Trigger.DEACTIVATE] if is_put_aside else [])
     assert boiler.done == [Trigger.CLEAN_UP]
     if is_put_aside:
-        assert user.why == "requires boiler, which is faulted: leak"
+        assert user.state_reason == "requires boiler, which is faulted: leak"
 
 
 @pytest.mark.parametrize(("owner", "how"), [(7, Trigger.ABANDON), (8, Trigger.DEACTIVATE), (None, Trigger.DEACTIVATE)])
@@ -271,7 +271,7 @@ def test_lowest_hanging_plugin_is_blamed() -> None:
         PluginState.ACTIVE,
     ]
     assert isinstance(unit.error, PluginHung)
-    assert unit.why == "unit has not come back for 2 s"
+    assert unit.state_reason == "unit has not come back for 2 s"
 
 
 @pytest.mark.parametrize(("drops", "floods"), [(FLOOD_DROPS_A_SECOND * 2, False), (FLOOD_DROPS_A_SECOND * 2 + 1, True)])
@@ -287,4 +287,4 @@ def test_plugin_that_loses_too_many_notifications_a_second_floods(drops: int, fl
     assert (talker.state is PluginState.FAULTED) is floods
     if floods:
         assert type(talker.error) is PluginError
-        assert talker.why == f"talker floods: {drops} notifications were lost"
+        assert talker.state_reason == f"talker floods: {drops} notifications were lost"

@@ -187,10 +187,10 @@ class Manager(RuleBasedStateMachine):
         tag = self.manager.plugins.get(name)
         if tag is None or (tag.state, trigger) in TRANSITIONS:
             return
-        before = (tag.state, tag.why, tag.instance)
+        before = (tag.state, tag.state_reason, tag.instance)
         with pytest.raises(TransitionRefused, match=f"^{name} is {tag.state}: it cannot be "):
             tag.apply(trigger, "told to")
-        assert (tag.state, tag.why, tag.instance) == before
+        assert (tag.state, tag.state_reason, tag.instance) == before
 
     @rule()
     def halt(self):
@@ -232,7 +232,7 @@ class Manager(RuleBasedStateMachine):
         for name, tag in tags.items():
             assert tag.state is not PluginState.UNLOADED
             assert tag.state is not PluginState.HALTED or self.manager.halted
-            assert tag.state in RUNS or tag.why, f"{name} is {tag.state} and does not say why"
+            assert tag.state in RUNS or tag.state_reason, f"{name} is {tag.state} and does not say why"
             if tag.state in RUNS:
                 assert tag.plugin.running
                 requires = tag.manifest.tag.requires

@@ -89,7 +89,7 @@ def test_a_plugin_whose_period_is_none_is_faulted_and_the_others_go_on(start):
     robot = start(2, 0, odd=3)
     odd = [robot.tag(f"odd{number}") for number in range(3)]
     until(lambda: [plugin.state for plugin in odd] == ["faulted"] * 3)
-    assert "expected period_s above 0, or None, got 0.0" in odd[1].why
+    assert "expected period_s above 0, or None, got 0.0" in odd[1].state_reason
     before = steps(robot, 2)
     until(lambda: all(now > then + 20 for now, then in zip(steps(robot, 2), before, strict=True)))
 

@@ -159,7 +159,7 @@ def test_who_may_not_use_it_is_not_loaded_and_told_why(robot, name, level, text)
 
 def test_a_plugin_that_needs_it_is_left_out_of_the_start_and_picked_up_when_it_is_there(start):
     robot = start("meter")
-    assert robot.tag("meter").why == "no plugin gauge; there are: meter"
+    assert robot.tag("meter").state_reason == "no plugin gauge; there are: meter"
     robot.join()
     robot.until(lambda: robot.tag("meter").state == "active")
     assert robot.call("meter", "read") == 15.0

@@ -182,4 +182,4 @@ def test_exactly_those_start_whose_whole_branch_can(tmp_path_factory, requires):
     order = list(manager.plugins)
     for name in sound:
         assert all(order.index(required) < order.index(name) for required in requires[name])
-    assert all(tag.why for tag in manager.plugins.values() if tag.state is not PluginState.ACTIVE)
+    assert all(tag.state_reason for tag in manager.plugins.values() if tag.state is not PluginState.ACTIVE)

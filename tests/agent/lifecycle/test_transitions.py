@@ -77,18 +77,18 @@ def in_state(house, state):
 @pytest.mark.parametrize(("state", "trigger"), PAIRS, ids=lambda each: each.name)
 def test_every_pair_is_done_as_the_table_says_or_refused_in_words(house, state, trigger):
     buzzer = in_state(house, state)
-    why = buzzer.why
+    why = buzzer.state_reason
     if (state, trigger) not in TRANSITIONS:
         with pytest.raises(TransitionRefused, match=f"^buzzer is {state}: it cannot be {trigger.value}$") as refused:
             buzzer.apply(trigger, "told to")
         assert (refused.value.plugin, refused.value.state, refused.value.trigger) == ("buzzer", state, trigger)
         assert isinstance(refused.value, PluginError)
-        assert (buzzer.state, buzzer.why) == (state, why)
+        assert (buzzer.state, buzzer.state_reason) == (state, why)
         return
     to, steps = transition("buzzer", state, trigger)
     buzzer.apply(trigger, "told to")
     assert buzzer.state is to
-    assert buzzer.why == (why if to is state and not steps else "told to")
+    assert buzzer.state_reason == (why if to is state and not steps else "told to")
     if Effect.DISCARD in steps or Effect.LEAVE in steps:
         assert buzzer.instance is None
 
@@ -211,5 +211,5 @@ def test_a_plugin_that_fails_to_stop_gives_everything_back_and_the_error_is_told
     buzzer.plugin.deactivate = fail
     with pytest.raises(RuntimeError, match="it does not stop"):
         buzzer.unload()
-    assert (buzzer.state, buzzer.why) == (PluginState.UNLOADED, "it was unloaded")
+    assert (buzzer.state, buzzer.state_reason) == (PluginState.UNLOADED, "it was unloaded")
     assert [counts.seen[each] for each in ("observed event", "task", "wire of activate", "wire of init")] == [1] * 4

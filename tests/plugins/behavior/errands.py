@@ -141,7 +141,7 @@ class Errands(ArenaBench):
     def why_not_running(self) -> dict[str, str]:
         """Plugins of r1 that do not run, and why."""
         tags = self.robot().manager.plugins.values()
-        return {tag.name: tag.why for tag in tags if tag.state != "active"}
+        return {tag.name: tag.state_reason for tag in tags if tag.state != "active"}
 
     def close(self) -> None:
         """End it."""

@@ -118,7 +118,7 @@ def test_wheels_stop_when_commands_cease_and_a_failed_power_stage_is_told_and_ac
     for _ in range(20):
         run.tick()
     assert controller.wheel_speeds_rad_s == (0.0, 0.0, 0.0)
-    assert "its power stage has failed" in plugin.why
+    assert "its power stage has failed" in plugin.state_reason
     controller.has_failed = False
     for _ in range(400):
         run.tick()

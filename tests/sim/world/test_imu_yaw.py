@@ -56,7 +56,7 @@ def drive(imu: dict[str, Any] | None, seconds: float = DRIVEN_S, **spec: Any) ->
             found = start.compose(device.pose())
             error_rad += math.remainder(found.yaw_rad - body.yaw_rad - error_rad, math.tau)  # maybe more than a turn
             if imu is not None:
-                whys.add(manager.get("imu").why)
+                whys.add(manager.get("imu").state_reason)
         assert body.distance_m > 0.1 * seconds
         return Drive(error_rad, device.gyro_bias_rad_s(), whys - {""}, run.digest)
     finally:
