@@ -47,6 +47,9 @@ class LiveRobot:
     def tag(self, plugin: str) -> Any:
         return self.host.manager.get(plugin)
 
+    def plugin(self, name: str) -> Any:
+        return self.tag(name).plugin
+
     def infos(self) -> dict[str, PluginInfo]:
         infos = self.wire.ask(ROBOT_PLUGINS, robot="r1")
         return {info.name: info for info in infos}
@@ -54,12 +57,15 @@ class LiveRobot:
     def call(self, plugin: str, function: str) -> Any:
         return self.wire.ask(ROBOT_CALL, robot="r1", plugin=plugin, function=function)
 
-    def close(self) -> None:
-        """End the robot, and see that it leaves no thread behind."""
-        self.space["GO"].set()
+    def stop(self) -> None:
         self._stopping.set()
         self._thread.join(PATIENCE_S)
         assert not self._thread.is_alive()
+
+    def close(self) -> None:
+        """End the robot, and see that it leaves no thread behind."""
+        self.space["GO"].set()
+        self.stop()
         self.wire.close()
         self.session.close()
         until(lambda: not any(thread.name.startswith(self._threads) for thread in threading.enumerate()))

@@ -143,13 +143,6 @@ def test_wrong_parameters_leave_a_plugin_out_naming_file_and_key(bench, paramete
     assert bench.infos()["lamp"].why == f"{short_path(path)}: {expected}"
 
 
-def test_where_the_robots_file_sets_parameters_a_refusal_says_so(bench):
-    bench.code("lamp", LAMP)
-    bench.manifest("lamp", "lamp:Lamp", {"brightness": 3})
-    bench.start("lamp", parameters={"lamp": {"brightness": "high"}})
-    assert bench.infos()["lamp"].why.endswith("got `str` (the robot's file sets brightness)")
-
-
 def test_the_robots_file_overrides_the_manifest_and_that_the_default(bench):
     bench.code("lamp", LAMP)
     bench.manifest("one", "lamp:Lamp")

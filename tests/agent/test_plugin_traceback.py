@@ -144,3 +144,8 @@ def test_a_circular_chain_of_causes_ends():
     first, second = ValueError("a"), ValueError("b")
     first.__cause__, second.__cause__ = second, first
     assert (where_raised(first), plugin_traceback(first)) == ("", "")
+
+
+# -- where a thread is that does not come back from a plugin ---
+
+"""Of a code's table of lines: one instruction that has none."""

@@ -3,12 +3,14 @@ import math
 import msgspec
 import pytest
 
-from robrain.agent.robot_tasks import RobotTasks
+from robrain.agent.robot_tasks import RESULT_BYTES_MAX, RobotTasks
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskCost, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import DoneJustNow
+from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied
 from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
 from tests.plain_reason import Plain
 
@@ -195,3 +197,277 @@ def test_a_result_that_is_no_small_json_is_refused_where_it_is_told(desk, explor
     with pytest.raises(ValueError, match="expected a result of t1"):
         desk.end("t1", TaskState.DONE, "", result)
     assert desk.status.state is TaskState.RUNNING
+
+
+# -- the lease of a task, to the nanosecond ---
+
+SILENT = "the coordinator is silent, the lease ran out"
+
+
+def held(task_id="t2", epoch=2, after="t1", lease_s=5.0):
+    return TaskOffer(task=offer(task_id).task, epoch=epoch, lease_s=lease_s, after=after)
+
+
+@pytest.mark.parametrize(("first_s", "second_s"), [(1.0, 9.0), (9.0, 1.0)])
+def test_newer_offer_brings_its_own_lease(desk, explorer, first_s, second_s):
+    desk.offer(offer(lease_s=first_s), 0)
+    desk.offer(offer("t2", epoch=2, lease_s=second_s), 0)
+    desk.check_lease(to_ns(second_s))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(second_s) + 1)
+    assert (desk.status.id, desk.status.state, desk.status.why) == ("t2", TaskState.CANCELLED, SILENT)
+
+
+@pytest.mark.parametrize("refusal", ["refused", "old", "repeated"])
+def test_offer_that_begins_nothing_leaves_the_lease_as_it_was(desk, explorer, refusal):
+    desk.offer(offer(epoch=5, lease_s=5.0), 0)
+    if refusal == "refused":
+        explorer.answer = NO
+        assert not desk.offer(offer("t2", epoch=6, lease_s=50.0), to_ns(4)).accepted
+    elif refusal == "old":
+        assert not desk.offer(offer("t2", epoch=4, lease_s=50.0), to_ns(4)).accepted
+    else:
+        assert desk.offer(offer(epoch=5, lease_s=50.0), to_ns(4)).accepted
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.status.why == SILENT
+
+
+def test_held_task_that_begins_brings_its_own_lease(desk, explorer):
+    desk.offer(offer(lease_s=2.0), 0)
+    desk.offer(held(lease_s=7.0), to_ns(1))
+    desk.end("t1", TaskState.DONE)
+    assert desk.go_on(to_ns(2))
+    desk.check_lease(to_ns(8))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(8) + 1)
+    assert (desk.status.id, desk.status.state) == ("t2", TaskState.CANCELLED)
+
+
+def test_held_offer_renews_the_lease_of_the_running_task(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    desk.offer(held(), to_ns(4))
+    desk.check_lease(to_ns(9))
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_offer_that_cannot_be_held_is_refused(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    assert not desk.offer(
+        TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=2, lease_s=5.0, after="t1"), to_ns(4)
+    ).accepted  # no behavior charges
+    assert desk.facts.next_task is None
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+def test_held_task_lives_as_long_as_its_own_lease(desk, explorer):
+    desk.offer(offer(lease_s=60.0), 0)
+    desk.offer(held(lease_s=5.0), 0)
+    for second in range(6):
+        desk.check_lease(to_ns(second))
+    assert desk.facts.next_task is not None
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.facts.next_task is None
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_robot_that_stood_still_for_just_the_lease_keeps_what_it_holds_and_for_longer_forgets_it(desk, explorer):
+    desk.offer(offer(lease_s=60.0), 0)
+    desk.offer(held(lease_s=5.0), 0)
+    for late_ns, is_kept in ((0, True), (1, False)):
+        desk.check_lease(to_ns(10))
+        desk.coordinator_seen_ns = to_ns(10)
+        desk.offer(held("t3", epoch=3 + late_ns), to_ns(10))
+        desk.coordinator_seen_ns = to_ns(15)
+        desk.check_lease(to_ns(15) + late_ns)
+        assert (desk.facts.next_task is not None) == is_kept
+        desk._checked_ns = None
+
+
+def test_task_that_is_recalled_fails_once_and_what_is_held_goes_with_it(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.offer(held(), 0)
+    desk.recall("the battery is empty")
+    desk.check_lease(1)
+    assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the battery is empty")
+    assert desk.facts.next_task is None
+    assert explorer.let_go_of == ["the battery is empty"]
+    desk.offer(offer("t3", epoch=3), 2)
+    desk.check_lease(3)
+    assert desk.status.state is TaskState.RUNNING
+
+
+def test_recall_that_comes_before_an_offer_is_not_held_against_it(desk, explorer):
+    desk.recall("the battery was empty")
+    desk.offer(offer(), 0)
+    desk.check_lease(1)
+    assert desk.status.state is TaskState.RUNNING
+
+
+@pytest.mark.parametrize(("epoch", "is_taken"), [(4, False), (5, True), (6, True)])
+def test_epoch_as_new_as_the_last_one_is_new_enough(desk, explorer, epoch, is_taken):
+    desk.offer(offer(epoch=5), 0)
+    assert desk.offer(offer("t2", epoch=epoch), 0).accepted is is_taken
+    assert desk.withdraw(TaskWithdrawal(id="t9", epoch=epoch)).accepted is is_taken
+
+
+def test_epoch_of_what_is_held_fences_offers_but_not_the_withdrawal_of_what_runs(desk, explorer):
+    desk.offer(offer(epoch=3), 0)
+    desk.offer(held(epoch=7), 0)
+    answer = desk.offer(offer("t3", epoch=6), 0)
+    assert (answer.reason, answer.epoch) == (Plain("epoch_old", epoch=6, newest=7), 7)
+    assert not desk.withdraw(TaskWithdrawal(id="t2", epoch=6)).accepted
+    assert desk.withdraw(TaskWithdrawal(id="t1", epoch=3)).accepted
+    assert desk.withdraw(TaskWithdrawal(id="t2", epoch=7)) == YES
+    assert desk.facts.next_task is None
+
+
+def test_halted_robot_forgets_its_task_its_held_task_and_its_own_activity(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.offer(held(), 0)
+    desk.halted()
+    assert (desk.status.state, desk.status.why) == (TaskState.CANCELLED, "the robot is halted")
+    assert desk.facts.next_task is None
+    assert explorer.let_go_of == []  # the behavior was halted itself
+    assert desk.occupy("wander")
+    desk.halted()
+    assert not desk.occupies("wander")
+
+
+def test_task_that_takes_another_behaviors_place_has_that_one_let_go(desk, explorer):
+    let_go = []
+    desk.register("recharge", lambda _task: YES, let_go.append)
+    desk.offer(offer(), 0)
+    desk.offer(TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=2, lease_s=5.0), 0)
+    assert (explorer.let_go_of, let_go) == (["c1 has taken its place"], [])
+    assert desk.may_begin("c1")
+    assert not desk.may_begin("t1")
+    desk.offer(offer("t2", epoch=3), 0)
+    assert let_go == ["t2 has taken its place"]
+    desk.offer(offer("t3", epoch=4), 0)  # the same behavior, which needs no notice
+    assert explorer.let_go_of == ["c1 has taken its place"]
+
+
+def test_task_may_begin_only_after_the_one_before_was_let_go(desk, explorer):
+    seen = []
+    desk.register("recharge", lambda _task: YES, lambda _why: seen.append(desk.may_begin("t1")))
+    desk.offer(TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=1, lease_s=5.0), 0)
+    desk.offer(offer(epoch=2), 0)
+    assert seen == [False]
+    assert desk.may_begin("t1")
+    desk.end("t1", TaskState.DONE)
+    assert desk.status.state is TaskState.DONE
+    assert not desk.may_begin("t1")
+
+
+def test_behavior_that_is_firm_keeps_others_and_tasks_out_but_for_charging(desk, explorer):
+    desk.register("recharge", lambda _task: YES, lambda _why: None)
+    assert desk.occupy("idle")
+    assert desk.occupy("recharge", firm="is on its way to charge")
+    assert not desk.occupies("idle")
+    assert not desk.occupy("idle")
+    assert desk.occupy("recharge", firm="is on its way to charge")
+    assert desk.offer(offer(), 0) == TaskAnswer.refused(Occupied("recharge", "is on its way to charge"))
+    desk.vacate("idle")
+    assert desk.occupies("recharge")
+    assert desk.offer(TaskOffer(task=Task(id="c1", kind="recharge", place=GOAL), epoch=1, lease_s=5.0), 0).accepted
+    assert not desk.occupies("recharge")
+    assert not desk.occupy("idle")
+    desk.end("c1", TaskState.DONE)
+    assert desk.status.state is TaskState.DONE
+    assert not desk.occupies("recharge")
+    assert desk.occupy("idle")
+    desk.vacate("idle")
+    assert not desk.occupies("idle")
+
+
+@pytest.mark.parametrize(("length", "is_taken"), [(RESULT_BYTES_MAX - 8, True), (RESULT_BYTES_MAX - 7, False)])
+def test_result_has_at_most_a_kilobyte(desk, explorer, length, is_taken):
+    desk.offer(offer(), 0)
+    result = {"x": "y" * length}  # 8 bytes more as JSON
+    if is_taken:
+        desk.end("t1", TaskState.DONE, "", result)
+        assert desk.status.result == result
+    else:
+        with pytest.raises(ValueError, match="at most 1024 bytes, got 1025"):
+            desk.end("t1", TaskState.DONE, "", result)
+        assert desk.status.state is TaskState.RUNNING
+
+
+def test_remaining_time_is_reported_while_the_task_runs_and_is_never_negative(desk, explorer):
+    desk.offer(offer(), 0)
+    desk.foresee("t0", to_ns(8))
+    assert desk.situation(0).task.remaining_s is None
+    desk.foresee("t1", to_ns(8))
+    assert desk.situation(to_ns(5.5)).task.remaining_s == 2.5
+    assert desk.situation(to_ns(5.504)).task.remaining_s == 2.5  # to a hundredth
+    assert desk.situation(to_ns(9)).task.remaining_s == 0.0
+    desk.foresee("t1", None)
+    assert desk.situation(0).task.remaining_s is None
+    desk.foresee("t1", to_ns(8))
+    desk.end("t1", TaskState.DONE)
+    assert desk.situation(0).task.remaining_s is None
+    desk.offer(offer("t1", epoch=2), 0)  # the same task again: the old estimate does not apply
+    assert desk.situation(0).task.remaining_s is None
+
+
+def summary(*robots: RobotSummary) -> TeamState:
+    return TeamState(robots=list(robots))
+
+
+def test_lease_counts_from_the_state_that_the_coordinator_heard_last(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    for second in range(1, 30):
+        desk.renew_lease(summary(RobotSummary(name="r1", up=True, age_s=1.0)), "r1", to_ns(second))
+        desk.check_lease(to_ns(second + 4))
+    assert explorer.let_go_of == []
+    desk.check_lease(to_ns(29 + 4) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+def test_robot_that_hears_and_is_not_heard_lets_go_of_its_task(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    for second in range(1, 6):
+        desk.renew_lease(summary(RobotSummary(name="r1", up=False, age_s=float(second))), "r1", to_ns(second))
+        desk.check_lease(to_ns(second))
+    assert desk.status.state is TaskState.RUNNING
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+@pytest.mark.parametrize(
+    "robots",
+    [
+        [],
+        [RobotSummary(name="r2", up=True, age_s=0.1)],
+        [RobotSummary(name="r1", up=False, age_s=1e6, out=NotHeard())],  # its token came before its state
+    ],
+)
+def test_coordinator_that_has_just_begun_to_listen_renews_the_lease(desk, explorer, robots):
+    desk.offer(offer(lease_s=5.0), 0)
+    desk.renew_lease(summary(*robots), "r1", to_ns(4))
+    desk.check_lease(to_ns(9))
+    assert desk.status.state is TaskState.RUNNING
+
+
+# -- what a robot answers when it is asked what tasks would take ---
+
+
+def test_the_desk_tells_what_tasks_would_take_and_why_it_cannot():
+    desk = RobotTasks()
+
+    def work(task: Task) -> Work:
+        if task.service_s > 100:
+            raise RuntimeError("too long for me")
+        return Work(path_m=2.0, turn_rad=1.0, wait_s=task.service_s, radio_packets=3)
+
+    desk.register("sweep", lambda _task: YES, lambda _why: None, work)
+    sweep = Task(id="t1", kind="sweep", place=GOAL, service_s=4.0)
+    assert desk.cost(sweep) == TaskCost(id="t1", path_m=2.0, turn_rad=1.0, wait_s=4.0, radio_packets=3)
+    failed = desk.cost(msgspec.structs.replace(sweep, service_s=200.0))
+    assert failed == TaskCost(id="t1", why="too long for me")
+    unknown = desk.cost(msgspec.structs.replace(sweep, kind="fly"))
+    assert "fly" in unknown.why
+    desk.register("sweep", lambda _task: YES, lambda _why: None, lambda _task: Work(wait_s=1e12))
+    assert desk.cost(sweep).why  # beyond what the wire carries
+    assert desk.status is None

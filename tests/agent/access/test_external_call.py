@@ -1,6 +1,5 @@
 import pytest
 
-from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.errors import CallError, ErrorCode
 
 # As a student writes it: ten lines and a manifest.
@@ -175,13 +174,3 @@ def test_a_result_that_json_has_no_word_for_is_answered_failed(more):
 def test_a_halted_robot_refuses_calls(more):
     more.hosts[-1].manager.halt()
     assert refused(more, "more", "add", [1]) == (ErrorCode.HALTED, "more is halted")
-
-
-def test_a_deactivated_plugin_refuses_calls(more):
-    more.hosts[-1].manager.get("more").apply(Trigger.DEACTIVATE)
-    assert refused(more, "more", "add", [1]) == (ErrorCode.INACTIVE, "more is inactive")
-
-
-def test_a_call_that_needs_a_plugin_that_is_not_active_says_which(more):
-    more.hosts[-1].manager.get("low").apply(Trigger.DEACTIVATE)
-    assert refused(more, "more", "poke") == (ErrorCode.INACTIVE, "low is inactive")

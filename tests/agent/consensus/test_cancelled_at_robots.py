@@ -118,19 +118,6 @@ def test_one_that_is_done_at_that_moment_is_either_cancelled_or_done_as_the_clie
     assert lost.states()["t1"] is told
 
 
-def test_the_death_of_the_robot_at_which_it_was_cancelled_changes_nothing(lost: LostTeam) -> None:
-    left_alone(lost, halted=True)
-    kept(lost, visit())
-    cancelled(lost)
-    lost.robots[0].stopped = True
-    halt(lost, halted=False)
-    lost.run(30.0)
-    assert not lost.begun
-    lost.revive()
-    lost.run(3.0)
-    assert lost.states()["t1"] is TaskState.CANCELLED
-
-
 def test_robots_refuse_an_offer_of_it_and_tell_a_coordinator_that_missed_it(lost: LostTeam) -> None:
     left_alone(lost, halted=True)
     kept(lost, visit())

@@ -2,7 +2,6 @@
 
 import pytest
 
-from robrain.agent.consensus.consensus import REPORTING
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.team_robots import LostTeam
@@ -16,19 +15,6 @@ def test_orphaned_tasks_are_done_once_each(lost: LostTeam) -> None:
     assert lost.done == dict.fromkeys(names, 1)
     assert lost.begun == dict.fromkeys(names, 1)
     assert all(robot.done for robot in lost.robots)
-
-
-def test_robots_notice_within_two_seconds_and_go_on_with_what_they_do(lost: LostTeam) -> None:
-    for robot in lost.robots:
-        robot.takes_s = 5.0
-    lost.visits(3)
-    lost.run(1.0)
-    running = [robot.running for robot in lost.robots]
-    assert any(running)
-    lost.kill()
-    lost.run(2.0)
-    assert all(robot.consensus.is_leaderless for robot in lost.robots)
-    assert all(robot.running == task for robot, task in zip(lost.robots, running, strict=True) if task)
 
 
 @pytest.mark.slow
@@ -48,19 +34,6 @@ def test_a_coordinator_that_returns_takes_in_what_was_done_and_nothing_is_done_t
     lost.run(80.0)
     assert lost.states() == dict.fromkeys(names, TaskState.DONE)
     assert lost.done == dict.fromkeys(names, 1)
-
-
-def test_offers_wait_for_a_second_while_a_coordinator_that_returns_is_told(lost: LostTeam) -> None:
-    lost.visits(3)
-    lost.kill()
-    lost.run(10.0)
-    robot = lost.robots[0]
-    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == REPORTING, "whose offer it is was not heard yet"
-    lost.revive()
-    lost.run(0.5)
-    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) == REPORTING
-    lost.run(1.0)
-    assert robot.consensus.offer_refusal("new", lost.clock.now_ns()) is None
 
 
 def test_running_tasks_become_those_of_the_coordinator_that_returns(lost: LostTeam) -> None:
@@ -109,15 +82,6 @@ def test_nobody_takes_queued_tasks_while_a_mate_hears_the_coordinator(lost: Lost
     lost.kill()
     lost.run(2.0)
     assert all(robot.consensus.is_leaderless for robot in lost.robots)
-
-
-def test_tasks_that_wait_for_others_come_after_them(lost: LostTeam) -> None:
-    lost.submit(Task(id="t0", kind="visit", place=Point2D(4.0, 3.0)))
-    lost.submit(Task(id="t1", kind="visit", place=Point2D(4.0, 3.5), after=("t0",)))
-    lost.submit(Task(id="t2", kind="visit", place=Point2D(4.0, 4.5), after=("t1",)))
-    lost.kill()
-    lost.run(30.0)
-    assert lost.done == {"t0": 1, "t1": 1, "t2": 1}
 
 
 @pytest.mark.slow

@@ -62,16 +62,6 @@ def test_it_is_kept_once_more_than_half_of_the_team_has_it_and_is_done_once(lost
     assert not any(robot.consensus.known.asked or robot.consensus.known.done for robot in lost.robots)
 
 
-def test_a_team_that_never_had_a_coordinator_does_it_too(lost: LostTeam) -> None:
-    lost.kill()
-    for robot in lost.robots:
-        robot.consensus._team = frozenset()
-    lost.run(3.0)
-    kept(lost, visit())
-    lost.run(20.0)
-    assert lost.done == {"t1": 1}
-
-
 def test_a_coordinator_that_comes_before_it_is_begun_has_it_done_like_any_other(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)
@@ -111,18 +101,6 @@ def test_the_same_again_changes_nothing_and_another_of_that_name_is_refused_with
     assert submit(lost.robots[1], msgspec.structs.replace(visit(), by="bob")).task == taken.task
     why = why_refused(lost.robots[2], visit(place=Point2D(4.0, 5.0)))
     assert why == "there is another task t1: place.y_m is 3.0, not 5.0"
-
-
-def test_times_count_from_when_a_robot_took_it_in(lost: LostTeam) -> None:
-    lost.kill()
-    lost.run(3.0)
-    at_ns = lost.clock.now_ns()
-    taken = submit(lost.robots[0], msgspec.structs.replace(visit(), deadline_in_s=50.0))
-    assert taken.task.deadline_ns == at_ns + 50_000_000_000
-    kept(lost, msgspec.structs.replace(visit(), deadline_in_s=50.0))
-    lost.revive()
-    lost.run(1.0)
-    assert lost.journal.find("t1").task == taken.task
 
 
 def test_what_can_never_be_done_fails_in_words_when_a_coordinator_notes_it(lost: LostTeam) -> None:

@@ -185,31 +185,6 @@ def log(robot):
     return lambda: [(record.message.level, record.message.source, record.message.text) for record in inbox.drain()]
 
 
-@pytest.mark.parametrize("by", ["ann", "operator", "operator:bob"])
-def test_who_halted_or_an_operator_ends_a_halt(robot, by):
-    say(robot, halted=True, by="ann")
-    say(robot, halted=False, by=by)
-    assert not is_halted(robot)
-
-
-@pytest.mark.parametrize("by", ["bob", "", "the operator", "Ann"])
-def test_nobody_else_ends_a_halt(robot, log, by):
-    say(robot, halted=True, by="ann")
-    log()
-    say(robot, halted=False, by=by)
-    assert is_halted(robot)
-    assert [text for _, _, text in log() if "only ann may, or an operator" in text]
-
-
-def test_a_halt_of_two_is_over_when_both_have_ended_it(robot):
-    say(robot, halted=True, by="ann")
-    say(robot, halted=True, by="bob")
-    say(robot, halted=False, by="ann")
-    assert is_halted(robot)
-    say(robot, halted=False, by="bob")
-    assert not is_halted(robot)
-
-
 def test_a_halt_and_its_end_are_logged_with_who_and_why(robot, log):
     robot.halts.put(Halt(halted=True, by="ann", reason="a cat"))
     robot.tick()

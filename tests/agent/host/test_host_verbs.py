@@ -112,10 +112,6 @@ def test_a_hostile_request_is_refused_counted_and_reaches_no_verb(lab, query):
     assert lab.infos()["lamp"].state == "active"
 
 
-def test_a_halt_for_a_long_reason_is_a_halt(lab):
-    assert lab.wire.ask(HOST_HALT, HOST_HALT.request(reason="x" * 100_000), robot="r1").halted
-
-
 def test_an_unknown_verb_is_refused_with_the_list_and_the_nearest_and_counted(lab):
     code, words = refused(lab, "lod", b"{")
     assert code is ErrorCode.UNKNOWN_FUNCTION

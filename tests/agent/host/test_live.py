@@ -15,16 +15,16 @@ from robrain.agent.lifecycle.managed_plugin import WAITS_S
 from robrain.agent.lifecycle.transitions import Effect
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT, ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.table.topics import HALT
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
-from tests.patient_endpoint import PatientEndpoint
+from tests.agent.live_robot import LiveRobot
 from tests.waiting import PATIENCE_S, until
 
 ROBOT = """
     import threading
 
-    RELEASE = threading.Event()
+    GO = threading.Event()
 
     class CounterInterface(Protocol):
         ticked: Event[int]
@@ -41,7 +41,7 @@ ROBOT = """
             self.ticked.notify(self.steps)
         def emergency_halt(self): self.halts += 1
         @external
-        def count(self) -> int: return self.steps
+        def press(self) -> int: return self.steps
 
     class Listener(Unit):
         heard = 0
@@ -63,53 +63,10 @@ ROBOT = """
         stuck = False
         def step(self):
             self.stuck = True
-            RELEASE.wait()
+            GO.wait()
 
-    class Broken(Device):
-        period_s = 0.02
-        def step(self): raise RuntimeError("broken")
 """
-CLASSES = {"counter": "Counter", "listener": "Listener", "slow": "Slow", "stuck": "Stuck", "broken": "Broken"}
-
-
-class LiveRobot:
-    """`run_agent` on a thread, and an operator beside it on the same session."""
-
-    def __init__(self, place: Path, *load: str) -> None:
-        self.session = open_session(mode="peer", listen=["tcp/127.0.0.1:0"])
-        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
-        self.host = AgentHost(robot_file, Path(), self.session, LiveClock(), Drive.LIVE)
-        self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE)
-        self._stopping, ready = threading.Event(), threading.Event()
-        self._errors: list[BaseException] = []
-        self._thread = threading.Thread(target=self._run, args=(ready.set,))
-        self._thread.start()
-        assert ready.wait(PATIENCE_S), self._errors
-
-    def _run(self, on_ready) -> None:
-        try:
-            run_agent(self.host, self._stopping.is_set, on_ready)
-        except BaseException as error:
-            self._errors.append(error)
-            raise
-
-    def plugin(self, name):
-        return self.host.manager.get(name).plugin
-
-    def infos(self):
-        infos = self.wire.ask(ROBOT_PLUGINS, robot="r1")
-        return {info.name: info for info in infos}
-
-    def stop(self) -> None:
-        self._stopping.set()
-        self._thread.join(PATIENCE_S)
-        assert not self._thread.is_alive()
-        assert self._errors == []
-
-    def close(self) -> None:
-        self.stop()
-        self.wire.close()
-        self.session.close()
+CLASSES = {"counter": "Counter", "listener": "Listener", "slow": "Slow", "stuck": "Stuck"}
 
 
 @pytest.fixture
@@ -122,7 +79,8 @@ def start(bench) -> Iterator[type[LiveRobot]]:
         bench.manifest(name, f"robot:{class_name}", **tag)
 
     def start(*load):
-        robots.append(LiveRobot(bench.place, *load))
+        robots.append(LiveRobot(bench.place, load, space_of="counter", threads="plugin-"))
+        assert robots[-1].ready.wait(PATIENCE_S)
         return robots[-1]
 
     yield start
@@ -134,8 +92,7 @@ def test_steps_happen_on_a_thread_that_has_the_plugins_name_meanwhile(start):
     robot = start("counter")
     until(lambda: robot.plugin("counter").steps >= 5)
     assert robot.plugin("counter").thread == "plugin-counter"
-    reply = robot.wire.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
-    assert msgspec.json.decode(reply) >= 5
+    assert msgspec.json.decode(robot.call("counter", "press")) >= 5
 
 
 def test_events_wake_the_observer_and_are_not_delivered_on_the_notifiers_thread(start):
@@ -155,7 +112,7 @@ def test_steps_that_take_longer_than_their_period_are_counted(start):
 def test_closing_leaves_no_thread_behind(start):
     before = set(threading.enumerate())
     robot = start("counter", "listener", "slow")
-    robot.wire.ask(ROBOT_CALL, robot="r1", plugin="counter", function="count")
+    robot.call("counter", "press")
     until(lambda: robot.plugin("counter").steps > 0)
     assert threads_since(before, "plugin-")
     assert threads_since(before, "halt-r1-")
@@ -176,7 +133,7 @@ def stuck_robot(start, monkeypatch):
     stuck = robot.plugin("stuck")
     until(lambda: stuck.stuck)
     yield robot
-    stuck.step.__func__.__globals__["RELEASE"].set()
+    robot.space["GO"].set()
     robot.stop()
     until(lambda: not any(thread.name == "plugin-stuck" for thread in threading.enumerate()))
 
@@ -187,21 +144,6 @@ def test_a_plugin_that_hangs_does_not_delay_an_emergency_halt(stuck_robot):
     until(lambda: stuck_robot.infos()["counter"].state == "halted")
     until(lambda: counter.halts >= 1)
     assert stuck_robot.infos()["stuck"].state == "halted"
-
-
-def test_a_halt_is_heard_while_the_hosts_own_loop_hangs(start, monkeypatch):
-    robot = start("counter")
-    held, entered = threading.Event(), threading.Event()
-
-    def hang(_now_ns):
-        entered.set()
-        held.wait(PATIENCE_S)
-
-    monkeypatch.setattr(robot.host.desk, "check_lease", hang)
-    assert entered.wait(PATIENCE_S)
-    robot.wire.publisher(HALT).put(Halt(halted=True, by="operator"))
-    until(lambda: robot.infos()["counter"].state == "halted")
-    held.set()
 
 
 @pytest.mark.slow

@@ -4,15 +4,19 @@ import os
 import signal
 import socket
 import threading
+import time
 import weakref
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pytest
 
-from robrain.agent.isolation.child import ChildEnvironment, PluginChild
+from robrain.agent.isolation.child import ChildEnvironment, PluginChild, RemoteBoard
+from robrain.agent.isolation.contract import decoder
 from robrain.agent.isolation.isolated_plugin import ChildProcess
-from robrain.agent.isolation.messages import Begin
+from robrain.agent.isolation.messages import BOARD_TYPES, Begin, CallRequest, Get, ReadBoard, WriteBoard
+from robrain.agent.isolation.peer import Peer, PeerLate
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import PATIENCE_S
 
@@ -88,3 +92,72 @@ def test_an_environment_that_has_used_the_wire_leaves_it_when_it_closes() -> Non
         environment.close()
         assert wire.is_closed
         assert wire.session.is_closed()
+
+
+# -- one end of a connection between processes ---
+
+STEP_S = 0.05
+LIMIT_S = 2.0
+"""So long that the first questions arrive within it on a busy machine too."""
+
+
+@pytest.mark.slow
+def test_repeated_counter_questions_do_not_extend_the_time_limit():
+    """Each of its questions arrives in time, but together they exceed the time limit."""
+    near_end, far_end = socket.socketpair()
+    asked_back = 0
+
+    def serve_far(_request):
+        while True:
+            time.sleep(STEP_S)
+            far.ask(Get(0, "pose"))
+
+    def serve_near(_request):
+        nonlocal asked_back
+        asked_back += 1
+        return b"1"
+
+    near, far = Peer(near_end, "vision", serve_near), Peer(far_end, "vision", serve_far)
+    thread = threading.Thread(target=far.run, name="far", daemon=True)
+    thread.start()
+    with pytest.raises(PeerLate):
+        near.ask(CallRequest(0, "look", b""), LIMIT_S)
+    assert asked_back > 1
+    near.close()
+    thread.join()
+    far.close()
+
+
+# -- the board as a plugin in a process of its own sees it ---
+
+
+class Parent:
+    """Keeps what is written, as bytes, and gives it back as the robot's process does."""
+
+    def __init__(self) -> None:
+        self.board: dict[str, bytes] = {}
+
+    def send(self, said: WriteBoard) -> None:
+        self.board[said.name] = said.value
+        decoder(BOARD_TYPES[said.name]).decode(said.value)  # as the robot's process reads it
+
+    def ask(self, asked: ReadBoard) -> bytes:
+        return self.board[asked.name]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("odometry", ((20_000_000, Pose2D(1.0, 2.0, 0.5)), (40_000_000, Pose2D(1.1, 2.0, 0.5)))),
+        ("published_odometry", (Pose2D(1.0, 2.0, 0.5), 7)),
+        ("published_odometry", None),
+        ("wants_odometry", True),
+        ("gyro_contradiction", -1.0),
+        ("wheel_ticks", (1, 2, 3)),
+    ],
+)
+def test_what_devices_leave_on_the_board_is_the_same_on_both_sides(name: str, value: Any) -> None:
+    parent: Any = Parent()
+    board = RemoteBoard(parent)
+    setattr(board, name, value)
+    assert getattr(board, name) == value

@@ -9,7 +9,6 @@ import pytest
 
 from robrain.agent.errors import HostBusy, ManifestError, PluginError, PluginMissing
 from robrain.agent.lifecycle.instance import Instance
-from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.plugin import Plugin
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import LoadRequest
@@ -311,24 +310,6 @@ def test_sixty_cycles_leave_no_threads_entities_objects_or_memory_behind(lab, cy
         rss = rss_bytes()
         repeat(60)
         assert rss_bytes() - rss < GROWTH_MAX_BYTES
-
-
-def test_a_query_declared_with_activate_goes_with_deactivate(lab):
-    lab.code(
-        "asked",
-        "from robrain.protocol.table.topics import ROBOT_CALL\nclass Asked(Device):\n"
-        "    def activate(self):\n"
-        "        self.env.answer(ROBOT_CALL, lambda _request: 1, robot='r1', plugin='x', function='y')\n",
-    )
-    lab.manifest("asked", "asked:Asked")
-    lab.manager.load("asked")
-    before = entities(lab)
-    tag = lab.manager.get("asked")
-    for _ in range(3):
-        tag.apply(Trigger.DEACTIVATE)
-        assert entities(lab) == before - 1
-        tag.activate()
-    assert entities(lab) == before
 
 
 def test_an_isolated_plugin_is_refused_in_lockstep_without_a_trial_start(lab):

@@ -173,14 +173,6 @@ def test_a_user_that_is_reloaded_itself_uses_and_observes_once(lab):
     assert lab.infos()["lamp"].holder == "shade"
 
 
-def test_what_was_notified_to_the_old_one_is_not_delivered_to_it_later(lab):
-    old = lab.plugin("shade")
-    lab.call("shade", "dim", [5])
-    lab.manager.reload("shade")
-    lab.tick()
-    assert (old.heard, lab.plugin("shade").heard) == ([], [])
-
-
 def test_subscriptions_and_answers_are_those_of_the_new_one_once_each(lab):
     old = lab.plugin("lamp")
     edit(lab, '"one"', '"two"')
@@ -297,22 +289,6 @@ def test_a_faulted_plugin_runs_again_after_a_reload_and_so_do_its_users(lab):
     lab.manager.reload("lamp")
     assert lab.call("shade", "dim", [3]) == 3
     assert heard_maps(lab) == (1, 1)
-
-
-def test_a_passive_plugin_becomes_active_by_a_reload_and_passive_again(lab):
-    edit(
-        lab,
-        "switched = Event[int]()\n    def init",
-        "switched = Event[int]()\n    period_s = 0.02\n    steps = 0\n"
-        "    def step(self): self.steps += 1\n    def init",
-    )
-    lab.manager.reload("lamp")
-    lab.tick(3)
-    assert lab.plugin("lamp").steps == 3
-    edit(lab, "period_s = 0.02", "period_s = None")
-    lab.manager.reload("lamp")
-    lab.tick(3)
-    assert lab.plugin("lamp").steps == 0
 
 
 def test_a_plugin_reloaded_in_a_halted_robot_stays_halted(lab):
