@@ -222,7 +222,8 @@ def check_devices(found: RobotFound, base: Path) -> list[Check]:
             host = AgentHost(robot_file, base, session, LiveClock(), Drive.LIVE)
             try:
                 host.start()
-                out = {each.name: each.state_reason for each in host.manager.plugins.values() if not each.state.is_running}
+                plugins = host.manager.plugins.values()
+                out = {each.name: each.state_reason for each in plugins if not each.state.is_running}
                 needing = {each.name for each in host.manager.plugins.values() if each.needs}
             finally:
                 host.close()
