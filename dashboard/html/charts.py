@@ -79,15 +79,15 @@ def add_chart(
     grid = uplot.Axis_Grid(stroke=FAINT, width=1)
     bare = uplot.Series_Points(show=False)
     ticks = uplot.Axis_Ticks(show=False)
-    looks = [uplot.Series(label=labels[0], stroke=BLUE, width=2, spanGaps=False, points=bare)]
-    looks += [
+    lines = [uplot.Series(label=labels[0], stroke=BLUE, width=2, spanGaps=False, points=bare)]
+    lines += [
         uplot.Series(label=label, stroke=ORANGE, width=2, dash=(6.0, 4.0), spanGaps=False, points=bare)
         for label in labels[1:]
     ]
     scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(range=y_range) if y_range is not None else uplot.Scale()}
     return gui.add_uplot(
         data=(np.array([0.0, 1.0]), *(np.full(2, np.nan) for _ in labels)),
-        series=(uplot.Series(label="s"), *looks),
+        series=(uplot.Series(label="s"), *lines),
         title=title,
         scales=scales,
         axes=(

@@ -45,9 +45,9 @@ def render(template: str, macro: str, **values: object) -> str:
     return str(getattr(_macros(f"{template}.html"), macro)(**values))
 
 
-def note(words: str, testid: str = "") -> str:
+def placeholder(words: str, testid: str = "") -> str:
     """A note in place of an empty table."""
-    return render("elements", "note", words=words, testid=testid)
+    return render("elements", "placeholder", words=words, testid=testid)
 
 
 def cut(value: str, longest: int = TEXT_MAX) -> str:

@@ -3,7 +3,7 @@
 import msgspec
 
 from robrain.algorithms.localization.pose_accuracy import position_sigma_m
-from robrain.dashboard.html.elements import cut, note, render
+from robrain.dashboard.html.elements import cut, placeholder, render
 from robrain.dashboard.html.team_html import task_text
 from robrain.dashboard.state.shown_robot import ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
@@ -44,7 +44,7 @@ def robot_card_html(view: ShownTeam, robot: ShownRobot, now_s: float) -> str:
 def plugins_html(plugins: list[PluginInfo], selected: str, problem: str) -> str:
     """The plugins with state and holder, behaviors first as they stand on skills; a click on one selects."""
     if problem or not plugins:
-        return note(cut(problem) or "Not asked yet.", "no-plugins")
+        return placeholder(cut(problem) or "Not asked yet.", "no-plugins")
     levels = [*LEVELS, *sorted({plugin.level for plugin in plugins} - set(LEVELS))]
     by_name = sorted(plugins, key=lambda plugin: plugin.name)
     found = {level: [plugin for plugin in by_name if plugin.level == level] for level in levels}
@@ -55,7 +55,7 @@ def plugins_html(plugins: list[PluginInfo], selected: str, problem: str) -> str:
 def plugin_card_html(plugin: PluginInfo | None) -> str:
     """The details of the selected plugin."""
     if plugin is None:
-        return note("Click on a plugin.")
+        return placeholder("Click on a plugin.")
     is_long = "\n" in plugin.why or len(plugin.why) > SHORT
     short_reason = plugin.why.strip().rpartition("\n")[2] if is_long else plugin.why
     reason = plugin.detail or plugin.why if is_long or plugin.detail else ""
@@ -77,7 +77,7 @@ def first_line(doc: str) -> str:
 def events_html(robot: ShownRobot) -> str:
     """The robot's last events, the newest first."""
     events = [(event, msgspec.json.encode(event.value).decode()) for event in list(robot.events)[-EVENTS:][::-1]]
-    return render("robot", "events", events=events) if events else note("No event has left this robot yet.")
+    return render("robot", "events", events=events) if events else placeholder("No event has left this robot yet.")
 
 
 def result_html(function: str, reply: bytes, error: str) -> str:

@@ -3,7 +3,7 @@
 import re
 from typing import NamedTuple
 
-from robrain.dashboard.html.elements import note, render
+from robrain.dashboard.html.elements import placeholder, render
 from robrain.dashboard.state.shown_robot import ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.dashboard.state.task_board import PLANNED_S, Span
@@ -37,14 +37,14 @@ def queue_html(view: ShownTeam, *, is_live: bool, done: int = 0) -> str:
     ended = [event for event in list(view.board.ended)[::-1] if event.task.kind != "explore"][:ENDED_ROWS]
     if not open_tasks and not ended:
         unlisted = "Explorations, and tasks finished before this page was started, are not listed."
-        return note(f"No open tasks. {unlisted}" if done else "No tasks yet.", "no-tasks")
+        return placeholder(f"No open tasks. {unlisted}" if done else "No tasks yet.", "no-tasks")
     return render("tasks", "queue", events=[*open_tasks, *ended], is_live=is_live, long_id=LONG_ID.match)
 
 
-def explanation_html(why: TaskWhy) -> str:
+def explanation_html(explanation: TaskWhy) -> str:
     """Explanation of a task's state: each robot's cost, or the reason of its exclusion, and the task's history."""
-    first_ns = why.changes[0].stamp_ns if why.changes else why.record.changed_ns
-    return render("tasks", "explanation", why=why, first_ns=first_ns)
+    first_ns = explanation.changes[0].stamp_ns if explanation.changes else explanation.record.changed_ns
+    return render("tasks", "explanation", why=explanation, first_ns=first_ns)
 
 
 class Foreseen(NamedTuple):
@@ -75,7 +75,7 @@ def gantt_html(view: ShownTeam) -> str:
     """A row for each robot, over the run's time."""
     robots = sorted(view.robots.values(), key=lambda robot: natural_key(robot.name))[:GANTT_ROBOTS]
     if not robots or not view.board.spans:
-        return note("No robot has had a task yet.")
+        return placeholder("No robot has had a task yet.")
     now_ns = max([view.board.newest_ns, *(robot.state.stamp_ns for robot in robots if robot.state is not None)])
     expected = {robot.name: foreseen(view, robot, now_ns) for robot in robots}
     until_s = max([60.0, *((entry.end_ns - now_ns) / 1e9 for entries in expected.values() for entry in entries)])

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
-from robrain.dashboard.html.elements import CONDITIONS, cut, note, render
+from robrain.dashboard.html.elements import CONDITIONS, cut, placeholder, render
 from robrain.dashboard.html.task_html import short_id
 from robrain.dashboard.state import headline
 from robrain.dashboard.state.alerts import Alert, alerts_of
@@ -103,7 +103,7 @@ def robots_html(view: ShownTeam, now_s: float, selected: str = "") -> str:
     """The table of robots, in order of their names; a click on a row selects."""
     robots = by_name(view.robots.values())
     if not robots:
-        return note("No robot has been heard yet.", "no-robots")
+        return placeholder("No robot has been heard yet.", "no-robots")
     longest_s = max((robot.endurance_s or 0.0 for robot in robots), default=0.0)
     return render(
         "team",
@@ -122,7 +122,7 @@ def motes_html(view: ShownTeam) -> str:
     """The table of motes, in order of their names."""
     motes = by_name(view.motes.values())
     if not motes:
-        return note("No mote has been heard yet.")
+        return placeholder("No mote has been heard yet.")
     field = view.team.mote_field if view.team is not None else None
     return render("team", "motes", motes=motes[:ROWS], total=len(motes), about=field.words if field else "")
 
@@ -130,7 +130,7 @@ def motes_html(view: ShownTeam) -> str:
 def log_html(view: ShownTeam) -> str:
     """The latest log records of all robots, the newest first."""
     lines = list(view.log)[-LOG_LINES:][::-1]
-    return render("team", "log", lines=lines) if lines else note("Nothing has been told yet.")
+    return render("team", "log", lines=lines) if lines else placeholder("Nothing has been told yet.")
 
 
 def left_html(view: ShownTeam) -> str:

@@ -147,7 +147,7 @@ FRAME_M, FRAME_HEIGHT_M = 0.06, 0.04
 REGION_MARK = diamond(0.16, 0.45)
 REGION_LABELS = 12
 """The largest regions get a label."""
-NO_WAY = frozenset({LeftKind.TOO_NARROW, LeftKind.UNREACHABLE})
+INACCESSIBLE = frozenset({LeftKind.TOO_NARROW, LeftKind.UNREACHABLE})
 """Robots could not get there by any try."""
 
 
@@ -172,7 +172,7 @@ class LeftLayer(MeshLayer):
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
         pieces = []
         for region in _regions_of(view):
-            color = BAD if region.kind in NO_WAY else WARNING
+            color = BAD if region.kind in INACCESSIBLE else WARNING
             pieces.append((color, region_frame(region)))
             pieces.append((color, copies(REGION_MARK, rows([(region.place.x_m, region.place.y_m, 0.0)]))))
         return by_color(pieces)

@@ -61,9 +61,9 @@ class TaskLayer(MeshLayer):
             place = rows([(event.task.place.x_m, event.task.place.y_m, 0.0)])
             robot = view.robots.get(event.robot)
             color = (
-                palette.style_of(robot.index).color if robot is not None and is_taken(event) else palette.TASK_WAITING
+                palette.style_of(robot.index).color if robot is not None and has_robot(event) else palette.TASK_WAITING
             )
-            pieces.append((color, copies(PIN if is_taken(event) else FLAG, place)))
+            pieces.append((color, copies(PIN if has_robot(event) else FLAG, place)))
         return by_color(pieces)
 
 
@@ -71,14 +71,14 @@ def _marked_tasks(view: ShownTeam) -> list[TaskEvent]:
     return [event for event in view.tasks.values() if event.task.kind != "explore"][-TASKS:]
 
 
-def is_taken(event: TaskEvent) -> bool:
+def has_robot(event: TaskEvent) -> bool:
     """Whether a robot works on it."""
     return event.state in (TaskState.RUNNING, TaskState.LOST_CONTACT)
 
 
 def task_label(event: TaskEvent) -> str:
     """A task in a few words."""
-    who = f" {event.robot}" if event.robot and is_taken(event) else ""
+    who = f" {event.robot}" if event.robot and has_robot(event) else ""
     state = "lost contact" if event.state is TaskState.LOST_CONTACT else event.state.value
     return f"{event.task.kind} {state}{who}"
 

@@ -152,8 +152,8 @@ def is_special(view: ShownTeam, robot: ShownRobot, now_s: float) -> bool:
 
 def radius_m(robot: ShownRobot) -> float:
     """Radius of the robot's footprint."""
-    told_m = robot.state.radius_m if robot.state is not None else 0.0
-    return told_m if 0.0 < told_m <= 10.0 else DEFAULT_RADIUS_M
+    reported_m = robot.state.radius_m if robot.state is not None else 0.0
+    return reported_m if 0.0 < reported_m <= 10.0 else DEFAULT_RADIUS_M
 
 
 def body_color(robot: ShownRobot, now_s: float) -> Rgb:

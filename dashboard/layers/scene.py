@@ -92,11 +92,11 @@ class Scene:
     def camera_target(self, client: viser.ClientHandle) -> tuple[Point2D | None, float]:
         """Target of a zoomed-in browser's camera, and the visible radius, metres; None if not zoomed in."""
         framed = self._framed.get(client.client_id)
-        position, look_at = client.camera.position, client.camera.look_at
-        distance_m = float(np.linalg.norm(position - look_at))
-        if framed is None or not distance_m < ZOOMED * framed.distance_m or not np.isfinite(look_at).all():
+        position, target = client.camera.position, client.camera.look_at
+        distance_m = float(np.linalg.norm(position - target))
+        if framed is None or not distance_m < ZOOMED * framed.distance_m or not np.isfinite(target).all():
             return None, 0.0
-        return Point2D(float(look_at[0]), float(look_at[1])), distance_m
+        return Point2D(float(target[0]), float(target[1])), distance_m
 
     def forget(self, client_id: int) -> None:
         """Drop the data of a browser that has disconnected."""
@@ -105,20 +105,20 @@ class Scene:
     def _move(self, client: viser.ClientHandle, elevation_rad: float) -> None:
         aspect = aspect_of(client)
         covered = COVERED_UPRIGHT if aspect < UPRIGHT else COVERED
-        stand = camera.viewpoint_of(self._bounds, elevation_rad, aspect, covered=covered)
+        viewpoint = camera.viewpoint_of(self._bounds, elevation_rad, aspect, covered=covered)
         self._framed[client.client_id] = Framed(
-            self._bounds, aspect, elevation_rad, stand.position, math.dist(stand.position, stand.look_at)
+            self._bounds, aspect, elevation_rad, viewpoint.position, math.dist(viewpoint.position, viewpoint.target)
         )
         with client.atomic():
             client.camera.fov = camera.FOV_RAD
-            client.camera.position = stand.position
-            client.camera.look_at = stand.look_at
+            client.camera.position = viewpoint.position
+            client.camera.look_at = viewpoint.target
             client.camera.up_direction = (0.0, 0.0, 1.0)
 
     def _set_initial_camera(self) -> None:
-        stand = camera.viewpoint_of(self._bounds, camera.OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
-        self._server.initial_camera.position = stand.position
-        self._server.initial_camera.look_at = stand.look_at
+        viewpoint = camera.viewpoint_of(self._bounds, camera.OVERVIEW_ELEVATION_RAD, EXPECTED_ASPECT, covered=COVERED)
+        self._server.initial_camera.position = viewpoint.position
+        self._server.initial_camera.look_at = viewpoint.target
 
 
 def aspect_of(client: viser.ClientHandle) -> float:

@@ -81,9 +81,9 @@ class HandDrive:
     def step(self) -> None:
         """Show the state of the drive; it continues without this."""
         pilot = self._pilot
-        if pilot is None or not pilot.told or pilot.told == self._shown:
+        if pilot is None or not pilot.status or pilot.status == self._shown:
             return
-        self._shown = reported = pilot.told
+        self._shown = reported = pilot.status
         if pilot.has_failed:
             self._show(f"✕ {pilot.robot}: {reported}", "bad")
         else:

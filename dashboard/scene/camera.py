@@ -31,7 +31,7 @@ class Standpoint(NamedTuple):
     """A camera's position and target, metres, arena frame."""
 
     position: tuple[float, float, float]
-    look_at: tuple[float, float, float]
+    target: tuple[float, float, float]
 
 
 def viewpoint_of(
@@ -59,11 +59,11 @@ def viewpoint_of(
     for_height = float(np.max(top) - np.min(bottom)) / (tan_up + tan_down)
     distance = max(for_width, for_height, 1.0)
     lift = (float(np.max(top)) - tan_up * distance + float(np.min(bottom)) + tan_down * distance) / 2
-    look_at = middle + lift * up
+    target = middle + lift * up
     # On the floor again, so that the orbit turns about a point of it.
-    look_at = look_at + forward * (look_at[2] / math.sin(elevation_rad))
+    target = target + forward * (target[2] / math.sin(elevation_rad))
     eye = middle + lift * up - distance * forward
-    return Standpoint(_tuple(eye), _tuple(look_at))
+    return Standpoint(_tuple(eye), _tuple(target))
 
 
 def _tuple(vector: NDArray[np.float64]) -> tuple[float, float, float]:

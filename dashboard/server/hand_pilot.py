@@ -58,7 +58,7 @@ class HandPilot:
 
     def __init__(self, control: HandControl, robot: str) -> None:
         self.robot = robot
-        self.told = ""
+        self.status = ""
         """State of the drive, in words; empty before the first key."""
         self.has_failed = False
         self._control = control
@@ -108,12 +108,12 @@ class HandPilot:
         try:
             self._control.move(wanted.forward_m_s, wanted.left_m_s, wanted.yaw_rad_s)
         except RobrainError as error:
-            self._moves, self.has_failed, self.told = False, True, str(error)
+            self._moves, self.has_failed, self.status = False, True, str(error)
             with self._lock:
                 self._held.clear()
             return False
         self._moves, self.has_failed = moves, False
-        self.told = "is driving" if moves else "stopped"
+        self.status = "is driving" if moves else "stopped"
         return moves
 
     def _run(self) -> None:

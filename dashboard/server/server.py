@@ -174,7 +174,7 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
     # viser tries the next port when one is in use, which may happen after the check.
     if port not in (0, server.get_port()):
         close_server(server)
-        raise _port_taken(host, port)
+        raise _port_in_use(host, port)
     wake_on_own_thread(server)
     server.scene.configure_environment_map(hdri=None)
     server.scene.configure_default_lights(cast_shadow=False)
@@ -229,11 +229,11 @@ def _check_free(host: str, port: int) -> None:
             probe.bind(address)
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            raise _port_taken(host, port) from error
+            raise _port_in_use(host, port) from error
         raise WireError(f"the dashboard cannot listen on {host}:{port}: {error.strerror}") from error
     except OverflowError as error:
         raise WireError(f"the dashboard cannot listen on port {port}: expected one from 0 to 65535") from error
 
 
-def _port_taken(host: str, port: int) -> PortTaken:
+def _port_in_use(host: str, port: int) -> PortTaken:
     return PortTaken(f"port taken: another process listens on {host}:{port}; give another, or port 0 for a free one")

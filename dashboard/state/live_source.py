@@ -5,15 +5,11 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
-
-import zenoh
 
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.table.topic import Topic
@@ -74,10 +70,6 @@ def load(patch: MapPatch) -> None:
 
 LINK_PERIOD_S = 1.0
 INBOX = 8192
-MAP_TIMEOUT_S = 1.0
-MAP_ATTEMPTS = 3
-MAP_PAUSE_S = 1.0
-"""Pause between two attempts: a robot's token can be back before its queryables are."""
 
 
 class LiveSource:
@@ -94,7 +86,8 @@ class LiveSource:
         self._endpoint = endpoint
         self._inbox = Inbox(INBOX)
         self._guard = RecordGuard(endpoint.refusals)
-        self._fetcher = MapFetcher(endpoint, self._inbox)
+        self._unasked: set[str] = set()
+        """Robots that have appeared; they are asked for their maps with their first states."""
         self._loading = MapLoading()
         self._dropped = 0
         self._had_router = False
@@ -107,9 +100,9 @@ class LiveSource:
     def receive(self, now_s: float) -> None:
         """Process arrived messages; never waits for the team."""
         self._check_link(now_s)
-        come = [change.names["robot"] for change in self._robots.changes() if self.view.apply_presence(change)]
-        for robot in come:
-            self._fetcher.fetch(robot)
+        self._unasked |= {
+            change.names["robot"] for change in self._robots.changes() if self.view.apply_presence(change)
+        }
         self._coordinator.changes()
         self.view.coordinator_up = bool(self._coordinator.present)
         runs = self.view.runs
@@ -123,13 +116,19 @@ class LiveSource:
         if dropped > self._dropped or self.view.runs > runs:
             # Patches may have been among those dropped, or have belonged to the run before.
             self._dropped = dropped
-            for name in [robot.name for robot in self.view.robots.values() if robot.present]:
-                self._fetcher.fetch(name)
+            self._unasked |= {robot.name for robot in self.view.robots.values() if robot.present}
+        # A robot's token can be back before its queryables are: it answers once it publishes states.
+        for robot in [name for name in self._unasked if self._has_state(name, now_s)]:
+            self._unasked.discard(robot)
+            self._endpoint.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=robot)
 
     def close(self) -> None:
-        """Ask no more."""
-        self._fetcher.close()
+        """Wait until nothing is loaded any more."""
         self._loading.close()
+
+    def _has_state(self, name: str, now_s: float) -> bool:
+        robot = self.view.robots.get(name)
+        return robot is not None and robot.last_seen_s == now_s
 
     def _check_link(self, now_s: float) -> None:
         """Distinguish a lost link from absent robots: a client that loses its router sees all tokens vanish."""
@@ -139,40 +138,3 @@ class LiveSource:
         routed = bool(self._endpoint.session.info.routers_zid())
         self._had_router |= routed
         self.view.connected = routed or not self._had_router
-
-
-class MapFetcher:
-    """Asks robots for their whole maps on its own thread; the answers enter `inbox` like published patches."""
-
-    def __init__(self, endpoint: Endpoint, inbox: Inbox) -> None:
-        self._endpoint = endpoint
-        self._inbox = inbox
-        self._wanted: set[str] = set()
-        self._stopping = threading.Event()
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="robrain-whole-map")
-
-    def fetch(self, robot: str) -> None:
-        """Ask a robot soon, unless it is queued already."""
-        if robot not in self._wanted and not self._stopping.is_set():
-            self._wanted.add(robot)
-            self._pool.submit(self._fetch, robot)
-
-    def close(self) -> None:
-        """Send no more queries; returns within about a second if a query is under way."""
-        self._stopping.set()
-        self._pool.shutdown(wait=True, cancel_futures=True)
-
-    def _fetch(self, robot: str) -> None:
-        self._wanted.discard(robot)
-        for _ in range(MAP_ATTEMPTS):
-            if self._stopping.is_set():
-                return
-            try:
-                answer = self._endpoint.ask(ROBOT_MAP_WHOLE, timeout_s=MAP_TIMEOUT_S, robot=robot)
-            except (CallError, NobodyThere, zenoh.ZError):
-                self._stopping.wait(MAP_PAUSE_S)
-                continue
-            if answer is not None:
-                whole = ROBOT_MAP.payloads.write(answer)
-                self._inbox.append(ROBOT_MAP, ROBOT_MAP.key(self._endpoint.team, robot=robot), whole)
-            return

@@ -42,7 +42,7 @@ STOCK = {
     "team": f"{_PANELS}.team_tab:TeamTab",
     "robot": f"{_PANELS}.robot_tab:RobotTab",
     "tasks": f"{_PANELS}.task_tab:TaskTab",
-    "view": f"{_PANELS}.view_tab:ViewTab",
+    "view": f"{_PANELS}.picture_tab:PictureTab",
     "halt": f"{_PANELS}.halt_control:HaltControl",
     "replay": f"{_PANELS}.replay_bar:ReplayBar",
 }

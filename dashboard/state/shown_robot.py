@@ -174,7 +174,7 @@ class ShownMote:
         """The last reading of any quantity."""
         return max(self.readings.values(), key=lambda reading: reading.stamp_ns, default=None)
 
-    def heard(self, reading: MoteReading) -> None:
+    def receive(self, reading: MoteReading) -> None:
         """Process a relayed reading, which may be old: it shows that there is a link."""
         self.place = reading.place or self.place
         self.next_hop = reading.forwarder or (reading.via if reading.waiting is not UNSET else "")

@@ -136,7 +136,7 @@ class ShownTeam:
         self._sieve = ReadingSieve()
         self._speed = RateMeter()
         self._traffic = RateMeter()
-        takers: dict[Topic[Any], Callable[[Any, Names, float], None]] = {
+        handlers: dict[Topic[Any], Callable[[Any, Names, float], None]] = {
             topics.ROBOT_STATE: self._handle_state,
             topics.ROBOT_MAP: self._handle_patch,
             topics.ROBOT_PATH: self._handle_path,
@@ -158,18 +158,18 @@ class ShownTeam:
         }
         self.others: dict[str, Any] = {}
         """The last message of each key of other topics, for parts of the page that read them."""
-        self.topics = tuple(takers)
+        self.topics = tuple(handlers)
         """The topics that `apply` understands."""
-        self._takers = {topic.name: take for topic, take in takers.items()}
+        self._handlers = {topic.name: handler for topic, handler in handlers.items()}
 
     def apply(self, received: Received, now_s: float) -> None:
         """Process a message; other topics are only kept, and a message with impossible values counts as `rejected`."""
-        take = self._takers.get(received.topic.name)
-        if take is None:
+        handler = self._handlers.get(received.topic.name)
+        if handler is None:
             self.others[received.key] = received.message
             return
         try:
-            take(received.message, received.names, now_s)
+            handler(received.message, received.names, now_s)
         except ValueError:
             self.rejected += 1
             if received.topic is topics.ROBOT_MAP:
@@ -273,7 +273,7 @@ class ShownTeam:
     def _handle_reading(self, reading: MoteReading, names: Names, now_s: float) -> None:
         _check_place(reading.place)
         mote = self._mote(names["mote"])
-        mote.heard(reading)
+        mote.receive(reading)
         if not self._sieve.is_new(reading):
             return
         before = mote.readings.get(reading.quantity)

@@ -230,7 +230,7 @@ def show_verdict(verdict: Verdict) -> None:
         _show_findings(console, verdict)
     _show_invariants(console, verdict.invariants)
     result = Text("good") if verdict.good else Text("not good", "red")
-    counted = f"{verdict.messages} messages, {verdict.problems} problems, {verdict.notes} notes"
+    counted = f"{verdict.messages} messages, {verdict.problems} problems, {verdict.remarks} notes"
     if count := broken(verdict.invariants):
         counted += f", {count} {'invariant' if count == 1 else 'invariants'} broken"
     console.print(Text.assemble(f"{said(verdict.path)}: ", result, f", {counted}"), soft_wrap=True)

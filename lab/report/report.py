@@ -487,7 +487,7 @@ def _tasks(run: RunData) -> ReportTable:
     for task in run.tasks.values():
         numbers = (task.queued_s, task.started_s, task.ended_s, task.predicted_j, task.measured_j)
         texts = (task.name, task.kind, task.state.replace("_", " "), task.robot)
-        rows.append((*texts, *map(_number, numbers), task.why))
+        rows.append((*texts, *map(_number, numbers), task.reason))
     return ReportTable(f"Tasks ({len(rows)})", ("task", "kind", "state", "robot", *times, "why"), rows)
 
 

@@ -105,8 +105,8 @@ def model_power_w(model: EnergyModel, velocity: Twist2D) -> float:
     """
     speed_m_s, turn_rad_s = math.hypot(velocity.forward_m_s, velocity.left_m_s), abs(velocity.yaw_rad_s)
     moves = speed_m_s > STANDING_BELOW or turn_rad_s > STANDING_BELOW
-    standing_w, moving_w, speed_w, yaw_w, _ = model.coefficients
-    return standing_w + (moving_w + speed_w * speed_m_s + yaw_w * turn_rad_s if moves else 0.0)
+    idle_w, moving_w, speed_w, yaw_w, _ = model.coefficients
+    return idle_w + (moving_w + speed_w * speed_m_s + yaw_w * turn_rad_s if moves else 0.0)
 
 
 def _added(total_j: float, more_j: float) -> float:

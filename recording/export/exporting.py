@@ -1,28 +1,18 @@
 """A recording as tables for other tools: one CSV or Parquet file for each topic."""
 
 import csv
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from robrain.recording.errors import RecordingError
+from robrain.recording.errors import RecordingError, writing
 from robrain.recording.export.tables import Cell, Row, Table
 from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.recording.reader.recorded_message import topic_named_by
 
 ROWS_A_GROUP = 10_000
 """Rows of a Parquet file that are held until they are written together."""
-
-
-class Sheet(Protocol):
-    """One file that is being written."""
-
-    def add(self, row: Row) -> None:
-        """Write a row."""
-
-    def close(self) -> None:
-        """Finish the file."""
 
 
 def export_tables(
@@ -44,24 +34,33 @@ def export_tables(
     """
     info = recording_info(recording)
     make: type[CsvSheet] | type[ParquetSheet] = CsvSheet if form == "csv" else ParquetSheet
-    sheets: dict[str, tuple[Table, Sheet]] = {}
+    sheets: dict[str, tuple[Table, CsvSheet | ParquetSheet]] = {}
     files: dict[str, Path] = {}
-    with _undone(files), ExitStack() as stack:
-        for message in read_messages(recording, on_progress):
-            topic = topic_named_by(message.topic_key)
-            if topic is None:
-                continue
-            if topic.name not in sheets:
-                table = Table(topic, info.start_ns)
-                path = folder / f"{topic.name}.{form}"
-                sheet = _opened(make, path, table)
-                files[topic.name] = path
-                stack.callback(sheet.close)
-                sheets[topic.name] = (table, sheet)
-            table, sheet = sheets[topic.name]
-            row = table.row(message)
-            if row is not None:
-                sheet.add(row)
+    try:
+        with ExitStack() as stack:
+            for message in read_messages(recording, on_progress):
+                topic = topic_named_by(message.topic_key)
+                if topic is None:
+                    continue
+                if topic.name not in sheets:
+                    table, path = Table(topic, info.start_ns), folder / f"{topic.name}.{form}"
+                    with writing(path):
+                        folder.mkdir(parents=True, exist_ok=True)
+                        sheet = make(path, table)
+                    files[topic.name] = path
+                    stack.callback(sheet.close)
+                    sheets[topic.name] = (table, sheet)
+                table, sheet = sheets[topic.name]
+                row = table.row(message)
+                if row is not None:
+                    sheet.add(row)
+    except BaseException as error:  # also Ctrl-C: half a table must not pass for a whole one
+        for path in files.values():
+            path.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            path = next(reversed(files.values()), folder)
+            raise RecordingError(path, f"cannot write {path}: {error.strerror or error}; make room there") from error
+        raise
     return files
 
 
@@ -129,27 +128,3 @@ class ParquetSheet:
             arrays = [self._array(column, kind) for column, kind in zip(columns, self._schema.types, strict=True)]
             self._writer.write_table(self._make(arrays, schema=self._schema))
             self._rows.clear()
-
-
-@contextmanager
-def _undone(files: dict[str, Path]) -> Iterator[None]:
-    """Leaves none of the files behind when the block fails, and reports a disk error in words."""
-    try:
-        yield
-    except BaseException as error:  # also Ctrl-C: half a table must not pass for a whole one
-        for path in files.values():
-            path.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            path = next(reversed(files.values()), Path())
-            raise RecordingError(path, f"cannot write {path}: {error.strerror or error}; make room there") from error
-        raise
-
-
-def _opened(make: type[CsvSheet] | type[ParquetSheet], path: Path, table: Table) -> Sheet:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return make(path, table)
-    except FileExistsError as error:
-        raise RecordingError(path, f"{path} exists already: give another folder or move it away") from error
-    except OSError as error:
-        raise RecordingError(path, f"cannot write {path}: {error.strerror or error}") from error

@@ -177,7 +177,7 @@ class InvariantJudge:
 
     invariant: ClassVar[Invariant]
     evidence: ClassVar[MissingEvidence]
-    """What is missing if there was nothing to judge."""
+    """Missing evidence if there was no case."""
 
     def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
         self.surroundings = surroundings

@@ -32,7 +32,7 @@ class Severity(StrEnum):
 
     PROBLEM = "problem"
     """The recording fails a check."""
-    NOTE = "note"
+    REMARK = "note"
     """Worth knowing, and may be right."""
 
 
@@ -77,13 +77,13 @@ class RecordingFinding(msgspec.Struct, frozen=True, kw_only=True):
     text: str
 
 
-class Verdict(msgspec.Struct, frozen=True, kw_only=True):
+class Verdict(msgspec.Struct, frozen=True, kw_only=True, rename={"remarks": "notes"}):
     """All that a check found."""
 
     path: Path
     messages: int
     problems: int
-    notes: int
+    remarks: int
     findings: list[RecordingFinding]
     """The first few of each kind and key, in order."""
     more: dict[str, int]
@@ -119,7 +119,7 @@ def check_recording(
     if info.counts and not any(is_visual(key) or topic_named_by(key) for key in info.counts):
         check.add(CheckKind.PROVENANCE, "", 0, "no key is a topic of robrain: another program recorded it")
     elif not info.versions:
-        check.add(CheckKind.PROVENANCE, "", 0, "it does not say which software made it", Severity.NOTE)
+        check.add(CheckKind.PROVENANCE, "", 0, "it does not say which software made it", Severity.REMARK)
     for message in read_messages(path, on_progress):
         check.handle(message)
     if not info.truncated:
@@ -128,7 +128,7 @@ def check_recording(
         path=path,
         messages=sum(check.counts.values()),
         problems=check.severities[Severity.PROBLEM],
-        notes=check.severities[Severity.NOTE],
+        remarks=check.severities[Severity.REMARK],
         findings=check.findings,
         more={kind: count for kind, count in check.unlisted.items() if count},
         invariants=check.judging.finish(),
@@ -190,7 +190,7 @@ class _Check:
                 text = f"its index says {counts.get(key, 0)} messages, there are {self.counts[key]}"
                 self.add(CheckKind.COUNT, key, 0, text)
         if not summary:
-            self.add(CheckKind.PROVENANCE, "", 0, f"it has no metadata {SUMMARY_METADATA}", Severity.NOTE)
+            self.add(CheckKind.PROVENANCE, "", 0, f"it has no metadata {SUMMARY_METADATA}", Severity.REMARK)
             return
         written = sum(count for key, count in self.counts.items() if not is_visual(key))
         lost, dropped = int(summary.get("lost", 0)), int(summary.get("dropped", 0))
@@ -207,7 +207,7 @@ class _Check:
             return topic
         if key not in self._unknown:
             self._unknown.add(key)
-            self.add(CheckKind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic", Severity.NOTE)
+            self.add(CheckKind.UNKNOWN_KEY, key, now_ns, "a key of no recorded topic", Severity.REMARK)
         return None
 
     def _decode(self, topic: Topic[Any], message: RecordedMessage) -> Any:
@@ -230,7 +230,7 @@ class _Check:
         missing = message.sequence - before.sequence - 1
         if message.sequence < before.sequence:
             text = f"its sender counts again from {message.sequence}, after {before.sequence}"
-            self.add(CheckKind.RESTART, key, now_ns, text, Severity.NOTE)
+            self.add(CheckKind.RESTART, key, now_ns, text, Severity.REMARK)
         elif missing > 0:
             text = f"{missing} of its sender's messages are missing, {before.sequence + 1} to {message.sequence - 1}"
             self.add(CheckKind.GAP, key, now_ns, text)

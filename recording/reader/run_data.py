@@ -166,7 +166,7 @@ class TaskRun:
     queued_s: float = 0.0
     started_s: float | None = None
     ended_s: float | None = None
-    why: str = ""
+    reason: str = ""
     predicted_j: float | None = None
     """Energy that the plan predicted for the robot that did it."""
     measured_j: float | None = None
@@ -348,7 +348,7 @@ class _Gather:
         task = self.run.tasks.get(name)
         if task is None:
             task = self.run.tasks[name] = TaskRun(name, event.task.kind, event.state, queued_s=t_s)
-        task.state, task.why = event.state, event.why
+        task.state, task.reason = event.state, event.why
         task.robot = event.robot or task.robot
         if task.spans and task.spans[-1][2] is None and (event.state != "running" or event.robot != task.spans[-1][0]):
             robot, start, _ = task.spans[-1]

@@ -23,8 +23,8 @@ FOV_RAD = math.radians(45)
 @pytest.mark.parametrize("bounds", [(-12.0, -8.0, 12.0, 8.0), (100.0, 0.0, 103.0, 60.0), (0.0, 0.0, 50.0, 2.0)])
 def test_all_of_the_map_is_in_the_picture_and_fills_it(bounds: Bounds, aspect: float, elevation_rad: float) -> None:
     stand = viewpoint_of(bounds, elevation_rad, aspect, FOV_RAD)
-    eye, look_at = np.array(stand.position), np.array(stand.look_at)
-    forward = (look_at - eye) / np.linalg.norm(look_at - eye)
+    eye, target = np.array(stand.position), np.array(stand.target)
+    forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
@@ -34,7 +34,7 @@ def test_all_of_the_map_is_in_the_picture_and_fills_it(bounds: Bounds, aspect: f
     along = corners @ up / (corners @ forward) / math.tan(FOV_RAD / 2)
     reach = max(np.abs(across).max(), np.abs(along).max())
     assert 0.9 < reach < 0.95
-    assert look_at[2] == pytest.approx(0.0, abs=1e-9)
+    assert target[2] == pytest.approx(0.0, abs=1e-9)
 
 
 @given(arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=12)))

@@ -56,7 +56,7 @@ def test_lease_is_taken_once_and_renewed_while_a_button_is_held(pilot, driver):
     assert [function for function, _ in driver.asked] == ["take_hand", "move", "move", "move"]
     assert driver.asked[0][1] == {"by": "ann"}
     assert driver.moves() == [(0.2, 0.0)] * 3
-    assert (pilot.told, pilot.has_failed) == ("is driving", False)
+    assert (pilot.status, pilot.has_failed) == ("is driving", False)
 
 
 def test_browser_that_says_nothing_more_has_the_robot_stopped_at_once_and_once(pilot, driver):
@@ -66,7 +66,7 @@ def test_browser_that_says_nothing_more_has_the_robot_stopped_at_once_and_once(p
     assert not pilot.step(HELD_S + 0.001)
     assert not pilot.step(HELD_S + 1.0)
     assert driver.moves() == [(0.0, 0.0)]
-    assert pilot.told == "stopped"
+    assert pilot.status == "stopped"
 
 
 def test_two_buttons_add_up_and_opposite_ones_are_none(pilot, driver):
@@ -98,13 +98,13 @@ def test_robot_that_does_not_obey_is_said_and_not_asked_again_until_a_button_is_
     driver.fails = error
     pilot.press("w", AHEAD, 0.0)
     assert not pilot.step(0.0)
-    assert (pilot.told, pilot.has_failed) == (str(error), True)
+    assert (pilot.status, pilot.has_failed) == (str(error), True)
     driver.fails = None
     assert not pilot.step(0.01)
     assert driver.asked == []
     pilot.press("w", AHEAD, 0.02)
     assert pilot.step(0.02)
-    assert (pilot.told, pilot.has_failed) == ("is driving", False)
+    assert (pilot.status, pilot.has_failed) == ("is driving", False)
 
 
 def test_end_gives_the_robot_back_and_hears_no_button_any_more(pilot, driver):

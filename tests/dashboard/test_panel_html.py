@@ -12,8 +12,8 @@ from robrain.dashboard.html.robot_html import (
 from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue_html
 from robrain.dashboard.html.team_html import log_html, motes_html, robots_html, strip_html, summary_html
 from robrain.dashboard.panels.halt_control import acknowledgements_html
+from robrain.dashboard.panels.picture_tab import scale_html
 from robrain.dashboard.panels.replay_bar import marks_html
-from robrain.dashboard.panels.view_tab import scale_html
 from robrain.dashboard.replay.replay_source import Mark
 from robrain.dashboard.state.shown_robot import ShownMote
 from robrain.dashboard.state.shown_team import ShownTeam

@@ -78,7 +78,7 @@ def test_selected_robot_shows_all_that_it_hears() -> None:
     reading = MoteReading(
         mote="m2", place=None, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=-88.0, via="r1", stamp_ns=5
     )
-    view.motes["m2"].heard(reading)
+    view.motes["m2"].receive(reading)
     view.motes["m2"].place = Point2D(-2.0, 0.0)
     tell(view, "r1", m1=-70.0, r2=-60.0, m7=-50.0)
     tell(view, "r2", m3=-70.0)
@@ -95,7 +95,7 @@ def test_motes_have_neither_label_nor_link_until_somebody_zooms_in_or_selects() 
     for number in range(1, 4):
         name = f"m{number}"
         view.motes[name] = ShownMote(name)
-        view.motes[name].heard(
+        view.motes[name].receive(
             MoteReading(
                 mote=name,
                 place=Point2D(10.0 * number, 0.0),

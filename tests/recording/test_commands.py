@@ -138,24 +138,24 @@ def test_a_run_as_it_was_recorded_is_good(run: Path) -> None:
         ([*states(3), (STATE, 0.3, b'{"robot":7}')], (CheckKind.MALFORMED, Severity.PROBLEM)),
         ([*states(3), (STATE, 0.3, b"\xff not json")], (CheckKind.MALFORMED, Severity.PROBLEM)),
         ([(STATE, 0.0, state(0)), (STATE, 0.1, state(5))], (CheckKind.GAP, Severity.PROBLEM)),
-        ([(STATE, 0.0, state(5)), (STATE, 0.1, state(0, stamp_s=1.0))], (CheckKind.RESTART, Severity.NOTE)),
+        ([(STATE, 0.0, state(5)), (STATE, 0.1, state(0, stamp_s=1.0))], (CheckKind.RESTART, Severity.REMARK)),
         (
             [(STATE, 0.0, state(0, stamp_s=2.0)), (STATE, 0.1, state(1, stamp_s=1.0))],
             (CheckKind.STAMP_BACK, Severity.PROBLEM),
         ),
         ([(STATE, 1.0, state(0)), (STATE, 0.9, state(1))], (CheckKind.TIME_BACK, Severity.PROBLEM)),
         ([(STATE, 1.0, state(0)), (STATE, 62.0, state(1))], (CheckKind.TIME_JUMP, Severity.PROBLEM)),
-        ([*states(3), ("/chatter", 1.0, b"{}")], (CheckKind.UNKNOWN_KEY, Severity.NOTE)),
+        ([*states(3), ("/chatter", 1.0, b"{}")], (CheckKind.UNKNOWN_KEY, Severity.REMARK)),
         ([("/chatter", 1.0, b"{}")], (CheckKind.PROVENANCE, Severity.PROBLEM)),  # a bag of ROS 2
     ],
 )
 def test_what_is_wrong_is_found(tmp_path: Path, said: Said, found: tuple[CheckKind, Severity]) -> None:
     path = write_mcap(tmp_path / "run.mcap", said)
     assert found in findings(path)
-    assert check_recording(path).good == (found[1] is Severity.NOTE)
+    assert check_recording(path).good == (found[1] is Severity.REMARK)
 
 
-NO_SUMMARY = (CheckKind.PROVENANCE, Severity.NOTE)
+NO_SUMMARY = (CheckKind.PROVENANCE, Severity.REMARK)
 
 
 def test_submaps_that_have_moved_are_numbered_as_other_patches_and_whole_maps_are_not(tmp_path: Path) -> None:

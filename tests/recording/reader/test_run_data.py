@@ -217,7 +217,7 @@ def test_a_task_that_changes_hands_has_a_span_for_each_robot(path: Path) -> None
     [task] = gathered(path, said).tasks.values()
     assert task.spans == [("r1", 1.0, 3.0), ("r2", 3.0, 4.0), ("r3", 6.0, 8.0)]
     assert (task.queued_s, task.started_s, task.ended_s) == (0.0, 1.0, 8.0)
-    assert (task.name, task.kind, task.state, task.robot, task.why) == ("t1", "visit", "failed", "r3", "wall")
+    assert (task.name, task.kind, task.state, task.robot, task.reason) == ("t1", "visit", "failed", "r3", "wall")
     assert task.measured_j == 7.0
 
 

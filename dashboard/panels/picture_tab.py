@@ -16,7 +16,7 @@ OVERVIEW, TOP = "Overview", "Top view"
 MOTES_PERIOD_S = 3.0
 
 
-class ViewTab(Tab):
+class PictureTab(Tab):
     """The tab of one page."""
 
     title, icon = "View", viser.Icon.EYE
