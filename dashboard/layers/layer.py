@@ -51,26 +51,12 @@ class Layer(ABC):
         self.scene = scene
         self._root = scene.add_frame(f"/{self.name}", show_axes=False, visible=self.shown_at_first)
         self._drawn_s: float | None = None
-        self._wanted = self.shown_at_first
+        self.wanted = self.shown_at_first
+        """Whether browsers show it by default, unless it fails."""
         self.retry = Backoff(FIRST_RETRY_S, LONGEST_RETRY_S)
         """Schedules the next drawing after an error."""
         self.needed = self.shown_at_first
         """Whether any browser shows it; if not, it is not drawn."""
-
-    @property
-    def wanted(self) -> bool:
-        """Whether browsers show it by default, unless it fails."""
-        return self._wanted
-
-    @wanted.setter
-    def wanted(self, wanted: bool) -> None:
-        self._wanted = wanted
-        self._show()
-
-    @property
-    def shown(self) -> bool:
-        """Whether it is visible: wanted, and last drawn without an error."""
-        return self._wanted and not self.failing
 
     @property
     def failing(self) -> bool:
@@ -95,15 +81,17 @@ class Layer(ABC):
         else:
             if failures := self.retry.succeed():
                 logger.warning("the layer %s is drawn again after %d failures", self.label, failures)
-        self._show()
+        self.show()
 
     def hurry(self) -> None:
         """Draw at the next step, even if that is before it is due."""
         self._drawn_s = None
 
-    def _show(self) -> None:
-        if self._root.visible != self.shown:
-            self._root.visible = self.shown
+    def show(self) -> None:
+        """Make the layer visible if it is wanted, and was last drawn without an error."""
+        visible = self.wanted and not self.failing
+        if self._root.visible != visible:
+            self._root.visible = visible
 
     def node(self, name: str) -> str:
         """The full name of a node of this layer."""
@@ -163,7 +151,9 @@ class LayerSwitch:
         self._own = layer if isinstance(layer, OwnLayer) else own
         self._frame: viser.FrameHandle | None = None
         if layer is not self._own:
-            self._frame = client.scene.add_frame(f"/{layer.name}", show_axes=False, visible=layer.shown)
+            self._frame = client.scene.add_frame(
+                f"/{layer.name}", show_axes=False, visible=layer.wanted and not layer.failing
+            )
         self.shown = layer.wanted
 
     @property
@@ -176,6 +166,7 @@ class LayerSwitch:
         self._shown = shown
         if self._own is not None:
             self._own.wanted = self._own.needed = shown
+            self._own.show()
         self._show()
 
     def draw(self, view: ShownTeam, focus: Focus, now_s: float) -> None:

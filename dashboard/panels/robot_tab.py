@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import viser
@@ -20,9 +20,10 @@ from robrain.dashboard.html.robot_html import (
 from robrain.dashboard.panels.function_form import FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_options, set_value
 from robrain.dashboard.panels.page import Page, PluginsOf, RowActions, Tab
-from robrain.dashboard.server.hand_pilot import HandPilot, Velocity
+from robrain.dashboard.server.hand_pilot import HandPilot
 from robrain.protocol.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
 from robrain.protocol.table.topic import Query
 from robrain.protocol.table.topics import ROBOT_CALL
@@ -31,24 +32,17 @@ from robrain.recording.drawing.labels import natural_key
 HOLD_HZ = 40.0
 
 
-class Push(NamedTuple):
-    """A velocity in the body frame, as shares of the chosen speed: forward, left, counter-clockwise."""
-
-    forward: float = 0.0
-    left: float = 0.0
-    turn: float = 0.0
-
-
-PUSHES: tuple[tuple[str, Push], ...] = (
-    ("Forward (W)", Push(forward=1.0)),
-    ("Back (S)", Push(forward=-1.0)),
-    ("Turn left (A)", Push(turn=1.0)),
-    ("Turn right (D)", Push(turn=-1.0)),
-    ("Left (Q)", Push(left=1.0)),
-    ("Right (E)", Push(left=-1.0)),
-)
 TURN_PER_SPEED = 2.5
 """Turning rate, rad/s, for each m/s of the chosen speed."""
+PUSHES: tuple[tuple[str, Twist2D], ...] = (
+    ("Forward (W)", Twist2D(forward_m_s=1.0)),
+    ("Back (S)", Twist2D(forward_m_s=-1.0)),
+    ("Turn left (A)", Twist2D(yaw_rad_s=TURN_PER_SPEED)),
+    ("Turn right (D)", Twist2D(yaw_rad_s=-TURN_PER_SPEED)),
+    ("Left (Q)", Twist2D(left_m_s=1.0)),
+    ("Right (E)", Twist2D(left_m_s=-1.0)),
+)
+"""Buttons, and the velocity of each for every m/s of the chosen speed."""
 
 
 class HandDrive:
@@ -104,13 +98,11 @@ class HandDrive:
         html = render("robot", "hand_drive", is_armed=bool(self._armed.value), kind=kind, words=words)
         set_html(self._status, html)
 
-    def _holder(self, label: str, push: Push) -> Callable[[viser.GuiEvent[viser.GuiButtonHandle]], None]:
+    def _holder(self, label: str, push: Twist2D) -> Callable[[viser.GuiEvent[viser.GuiButtonHandle]], None]:
         def hold(_: object) -> None:  # on viser's thread: the page's own step may take longer than a lease
             pilot, speed_m_s = self._pilot, float(self._speed.value)
             if pilot is not None:
-                velocity = Velocity(
-                    speed_m_s * push.forward, speed_m_s * push.left, TURN_PER_SPEED * speed_m_s * push.turn
-                )
+                velocity = Twist2D(speed_m_s * push.forward_m_s, speed_m_s * push.left_m_s, speed_m_s * push.yaw_rad_s)
                 pilot.press(label, velocity, time.monotonic())
 
         return hold

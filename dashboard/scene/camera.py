@@ -34,9 +34,7 @@ class Standpoint(NamedTuple):
     target: tuple[float, float, float]
 
 
-def viewpoint_of(
-    bounds: Bounds, elevation_rad: float, aspect: float, fov_rad: float = FOV_RAD, covered: float = 0.0
-) -> Standpoint:
+def viewpoint_of(bounds: Bounds, elevation_rad: float, aspect: float, covered: float = 0.0) -> Standpoint:
     """The nearest standpoint from which all of `bounds` is seen, looking along +y from `elevation_rad` above the floor.
 
     `aspect` is the picture's width by its height, `covered` the share of it that panels cover at the bottom. The
@@ -47,7 +45,7 @@ def viewpoint_of(
     forward = np.array([0.0, math.cos(elevation_rad), -math.sin(elevation_rad)])
     up = np.array([0.0, math.sin(elevation_rad), math.cos(elevation_rad)])
     corners = np.array([[x, y, 0.0] for x in (x_min, x_max) for y in (y_min, y_max)]) - middle
-    tan_up = math.tan(fov_rad / 2) * FILL
+    tan_up = math.tan(FOV_RAD / 2) * FILL
     tan_side = tan_up * max(aspect, 0.1)
     sideways, upwards, depth = corners[:, 0], corners @ up, corners @ forward
 

@@ -7,7 +7,6 @@ driving armed.
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -16,21 +15,13 @@ import zenoh
 from robrain.protocol.answers.hand_control import DRIVER, CallDriver, HandControl
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import RobrainError
+from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Endpoint
 
 HELD_S = 0.1
 """A button counts as released when its last hold event is older than this: a browser that hangs sends none."""
 CALL_TIMEOUT_S = 0.3
-
-
-@dataclass(frozen=True)
-class Velocity:
-    """The velocity that a button requests, body frame."""
-
-    forward_m_s: float = 0.0
-    left_m_s: float = 0.0
-    yaw_rad_s: float = 0.0
 
 
 def driver_of(endpoint: Endpoint, robot: str) -> CallDriver:
@@ -63,7 +54,7 @@ class HandPilot:
         self.has_failed = False
         self._control = control
         self._lock = threading.Lock()
-        self._held: dict[str, tuple[float, Velocity]] = {}
+        self._held: dict[str, tuple[float, Twist2D]] = {}
         self._moves = False
         self._pressed, self._ended = threading.Event(), threading.Event()
 
@@ -71,12 +62,12 @@ class HandPilot:
         """Follow the buttons from now on."""
         threading.Thread(target=self._run, name=f"hand-{self.robot}", daemon=True).start()
 
-    def press(self, button: str, velocity: Velocity, now_s: float) -> None:
+    def press(self, button: str, velocity: Twist2D, now_s: float) -> None:
         """A button is held; called repeatedly while it is.
 
         Args:
             button: which one.
-            velocity: requested velocity.
+            velocity: requested velocity, body frame.
             now_s: seconds of the monotonic clock.
 
         """
@@ -97,12 +88,12 @@ class HandPilot:
         with self._lock:
             self._held = {name: each for name, each in self._held.items() if now_s - each[0] <= HELD_S}
             held = [velocity for _, velocity in self._held.values()]
-        wanted = Velocity(
+        wanted = Twist2D(
             sum(each.forward_m_s for each in held),
             sum(each.left_m_s for each in held),
             sum(each.yaw_rad_s for each in held),
         )
-        moves = wanted != Velocity()
+        moves = wanted != Twist2D()
         if not moves and not self._moves:
             return False
         try:

@@ -5,7 +5,7 @@ Map and positions are compared with the ground truth if an arena publishes it. O
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
@@ -169,36 +169,30 @@ def agreement_grade(agreement: float) -> Grade:
     return Grade.BAD if agreement < HARDLY_AGREES else Grade.WARN if agreement < AGREES else Grade.GOOD
 
 
-def _findings(vitals: Vitals) -> list[HeadlineProblem]:
-    found: list[HeadlineProblem] = []
+def _findings(vitals: Vitals) -> Iterator[HeadlineProblem]:
     if not vitals.connected:
-        found.append(HeadlineProblem(Grade.BAD, "no connection"))
+        yield HeadlineProblem(Grade.BAD, "no connection")
     if vitals.halted and not vitals.conditions.get(RobotHealth.HALTED):
-        found.append(HeadlineProblem(Grade.BAD, "halt not acknowledged"))
+        yield HeadlineProblem(Grade.BAD, "halt not acknowledged")
     if vitals.coordinator_up is False:
-        found.append(HeadlineProblem(Grade.BAD, "coordinator lost"))
+        yield HeadlineProblem(Grade.BAD, "coordinator lost")
     if vitals.worst_sigma_m >= UNSURE_M:
         grade = Grade.BAD if vitals.worst_sigma_m >= ASTRAY_M else Grade.WARN
-        found.append(HeadlineProblem(grade, f"{vitals.worst_sigma_robot}: position ± {vitals.worst_sigma_m:.1f} m"))
+        yield HeadlineProblem(grade, f"{vitals.worst_sigma_robot}: position ± {vitals.worst_sigma_m:.1f} m")
     if vitals.silent_robot:
-        found.append(
-            HeadlineProblem(Grade.BAD, f"{vitals.silent_robot}: {vitals.silent_error_m:.1f} m off, not reported")
-        )
+        text = f"{vitals.silent_robot}: {vitals.silent_error_m:.1f} m off, not reported"
+        yield HeadlineProblem(Grade.BAD, text)
     if vitals.share_off > MAP_OFF:
         doubled = f", {vitals.doubled_walls_m:.0f} m of walls doubled" if vitals.doubled_walls_m >= 0.5 else ""
-        found.append(
-            HeadlineProblem(map_grade(vitals.share_off), f"{100 * vitals.share_off:.1f} % of the map wrong{doubled}")
-        )
+        text = f"{100 * vitals.share_off:.1f} % of the map wrong{doubled}"
+        yield HeadlineProblem(map_grade(vitals.share_off), text)
     if vitals.least_agreement < AGREES:
-        who, percent = vitals.least_agreement_robot, 100 * vitals.least_agreement
-        found.append(
-            HeadlineProblem(agreement_grade(vitals.least_agreement), f"{who}: lidar agrees {percent:.0f} % with map")
-        )
+        text = f"{vitals.least_agreement_robot}: lidar agrees {100 * vitals.least_agreement:.0f} % with map"
+        yield HeadlineProblem(agreement_grade(vitals.least_agreement), text)
     if vitals.map_refused:
-        found.append(HeadlineProblem(Grade.WARN, "a map patch does not fit"))
+        yield HeadlineProblem(Grade.WARN, "a map patch does not fit")
     if vitals.map_missing:
-        found.append(HeadlineProblem(Grade.WARN, "no map"))
+        yield HeadlineProblem(Grade.WARN, "no map")
     if vitals.late_s > LATE_S:
         grade = Grade.BAD if vitals.late_s > VERY_LATE_S else Grade.WARN
-        found.append(HeadlineProblem(grade, f"data {vitals.late_s:.0f} s late"))
-    return found
+        yield HeadlineProblem(grade, f"data {vitals.late_s:.0f} s late")

@@ -42,17 +42,13 @@ RESTART_S = 1.0
 """An arena clock that falls back by more than this begins another run."""
 
 
+RATE_WINDOW_S = 4.0
+
+
 class RateMeter:
-    """Growth of a total per second of the caller's clock, over a sliding window.
+    """Growth of a total per second of the caller's clock, over a sliding window."""
 
-    Args:
-        window_s: length of the window.
-    """
-
-    def __init__(self, window_s: float = 4.0) -> None:
-        if not window_s > 0:
-            raise ValueError(f"expected window_s > 0, got {window_s}")
-        self.window_s = window_s
+    def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
 
     def add(self, now_s: float, total: float) -> None:
@@ -60,7 +56,7 @@ class RateMeter:
         if self._samples and total < self._samples[-1][1]:
             self._samples.clear()
         self._samples.append((now_s, total))
-        while len(self._samples) > 2 and self._samples[1][0] <= now_s - self.window_s:
+        while len(self._samples) > 2 and self._samples[1][0] <= now_s - RATE_WINDOW_S:
             self._samples.popleft()
 
     @property

@@ -115,7 +115,12 @@ class TwoRuns(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def rows(self) -> list[ComparedRow]:
         """The lines of their table, grouped: the run, explored shares, each robot, each task."""
-        return _compared_rows(self.first, self.second)
+        ones, twos = _figures(self.first), _figures(self.second)
+        keys = sorted(dict.fromkeys([*ones, *twos]), key=lambda key: (key[0], natural_key(key[1])))
+        return [
+            ComparedRow(group=key[1], name=key[2], unit=key[3], first=ones.get(key), second=twos.get(key))
+            for key in keys
+        ]
 
 
 def compare_runs(one: Path | str, two: Path | str, on_progress: Callable[[float], None] | None = None) -> TwoRuns:
@@ -162,23 +167,32 @@ def outcome_of(run: RunData) -> ComparedRun:
     )
 
 
-def _compared_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
-    percent = [None if one.explored_fraction is None else 100 * one.explored_fraction for one in (first, second)]
-    rows = [
-        _row("run", "duration", "s", first.duration_s, second.duration_s),
-        _row("run", "explored", "%", *percent),
-        _row("run", "distance", "m", first.distance_m, second.distance_m),
-        _row("run", "energy", "J", first.energy_j, second.energy_j),
-        _row("run", "collisions", "", first.collisions, second.collisions),
-        _row("run", "tasks done", "", first.done, second.done),
-        _row("run", "tasks failed", "", first.failed, second.failed),
-    ]
-    for share in (f"{share:.0%}" for share in SHARES):
-        times = [one.explored_at_s.get(share) for one in (first, second)]
-        if any(time is not None for time in times):
-            rows.append(_row("explored", f"{share} after", "s", *times))
-    rows += _robot_rows(first, second)
-    return rows + _task_rows(first, second)
+RowKey = tuple[int, str, str, str]
+"""Place of the group in the table, group, name and unit."""
+
+
+def _figures(run: ComparedRun) -> dict[RowKey, float | str | None]:
+    """The values of one run in the table."""
+    figures: dict[RowKey, float | str | None] = {
+        (0, "run", "duration", "s"): run.duration_s,
+        (0, "run", "explored", "%"): None if run.explored_fraction is None else 100 * run.explored_fraction,
+        (0, "run", "distance", "m"): run.distance_m,
+        (0, "run", "energy", "J"): run.energy_j,
+        (0, "run", "collisions", ""): run.collisions,
+        (0, "run", "tasks done", ""): run.done,
+        (0, "run", "tasks failed", ""): run.failed,
+    }
+    figures |= {(1, "explored", f"{share} after", "s"): at_s for share, at_s in run.explored_at_s.items()}
+    for robot in run.robots:
+        figures |= {
+            (2, robot.robot, "distance", "m"): robot.distance_m,
+            (2, robot.robot, "energy", "J"): robot.energy_j,
+            (2, robot.robot, "collisions", ""): robot.collisions,
+            (2, robot.robot, "frontiers", ""): robot.frontiers,
+        }
+        if robot.tasks:
+            figures[2, robot.robot, "tasks", ""] = ", ".join(robot.tasks)
+    return figures | {(3, "tasks", task.task, ""): _task_text(task) for task in run.tasks}
 
 
 def text_of(row: ComparedRow) -> tuple[str, str, str]:
@@ -199,34 +213,6 @@ def _with_unit(value: float | str | None, unit: str, sign: str = "") -> str:
     return f"{value:{sign},.{decimals}f}" + (f" {unit}" if unit else "")
 
 
-def _robot_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
-    rows = []
-    ones, twos = ({robot.robot: robot for robot in run.robots} for run in (first, second))
-    for name in sorted(ones.keys() | twos.keys(), key=natural_key):
-        pair = (ones.get(name), twos.get(name))
-        rows += [
-            _row(name, "distance", "m", *(None if robot is None else robot.distance_m for robot in pair)),
-            _row(name, "energy", "J", *(None if robot is None else robot.energy_j for robot in pair)),
-            _row(name, "collisions", "", *(None if robot is None else robot.collisions for robot in pair)),
-            _row(name, "frontiers", "", *(None if robot is None else robot.frontiers for robot in pair)),
-        ]
-        if any(robot is not None and robot.tasks for robot in pair):
-            rows.append(_row(name, "tasks", "", *(None if robot is None else ", ".join(robot.tasks) for robot in pair)))
-    return rows
-
-
-def _task_rows(first: ComparedRun, second: ComparedRun) -> list[ComparedRow]:
-    ones, twos = ({task.task: task for task in run.tasks} for run in (first, second))
-    return [
-        _row("tasks", name, "", _task_text(ones.get(name)), _task_text(twos.get(name)))
-        for name in dict.fromkeys([*ones, *twos])
-    ]
-
-
-def _row(group: str, name: str, unit: str, first: float | str | None, second: float | str | None) -> ComparedRow:
-    return ComparedRow(group=group, name=name, unit=unit, first=first, second=second)
-
-
 def _task(task: TaskRun) -> ComparedTask:
     return ComparedTask(
         task=task.name,
@@ -239,10 +225,8 @@ def _task(task: TaskRun) -> ComparedTask:
     )
 
 
-def _task_text(task: ComparedTask | None) -> str | None:
+def _task_text(task: ComparedTask) -> str:
     """State, robot and time of a task, `done by r2 at 12.3 s`."""
-    if task is None:
-        return None
     by = f" by {task.robot}" if task.robot else ""
     return task.state.replace("_", " ") + by + (f" at {task.ended_s:.1f} s" if task.ended_s is not None else "")
 

@@ -16,6 +16,7 @@ patch alone is not the map: in its place they give patches that make up the merg
 
 import logging
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import accumulate
 from pathlib import Path
@@ -55,7 +56,11 @@ class Player:
         self.path = path
         self._file = ChunkedFile(path)
         file = self._file
-        self.keys = sorted({channel.topic for channel in file.channels.values() if file.counts.get(channel.id)})
+        self._counts: Counter[str] = Counter()
+        """Messages of each key."""
+        for channel in file.channels.values():
+            self._counts[channel.topic] += file.counts.get(channel.id, 0)
+        self.keys = sorted(+self._counts)
         """Keys that have a message."""
         self._map_keys = {key for key in self.keys if (found := topic_of(key)) is not None and found[0] is ROBOT_MAP}
         # The wall clock may have been set back in between; no message is due before earlier ones.
@@ -65,9 +70,7 @@ class Player:
             for channel_id in chunk.channels:
                 self._key_chunks[file.channels[channel_id].topic].append(number)
         self._map_chunks = sorted({number for key in self._map_keys for number in self._key_chunks[key]})
-        counts = file.counts
-        total = sum(counts.get(id_, 0) for id_, channel in file.channels.items() if channel.topic in self._map_keys)
-        self._maps = MapAt(self._read_patches, total)
+        self._maps = self._new_maps()
         self._held: dict[str, list[tuple[Place, RecordedMessage]]] = {}
         self._place: Place = (0, 0)
         self._position_ns = file.start_ns
@@ -107,14 +110,10 @@ class Player:
         Raises:
             RecordingError: the file is damaged.
         """
-        counts: dict[str, int] = {}
-        for channel_id, count in self._file.counts.items():
-            key = self._file.channels[channel_id].topic
-            counts[key] = counts.get(key, 0) + count
         held: dict[str, list[tuple[Place, RecordedMessage]]] = {
-            key: [] for key, count in counts.items() if count < SELDOM and key not in self._map_keys
+            key: [] for key, count in self._counts.items() if count < SELDOM and key not in self._map_keys
         }
-        self._maps = MapAt(self._read_patches, sum(counts.get(key, 0) for key in self._map_keys))
+        self._maps = self._new_maps()
         held_bytes = 0
         chunks = self._file.chunks
         for number in range(len(chunks)):
@@ -270,43 +269,29 @@ class Player:
 
     def _state_before(self, place: Place, at_ns: int) -> list[RecordedMessage]:
         found: dict[str, tuple[Place, RecordedMessage]] = {}
+        # Keys by the last chunk, up to the place's own, in which they occur.
         wanted: dict[int, set[str]] = {}
         for key, chunks in self._key_chunks.items():
-            if key in self._map_keys:
-                continue
             if key in self._held:
                 held = self._held[key]
                 at = bisect_left(held, place, key=lambda entry: entry[0])
                 if at:
                     found[key] = held[at - 1]
-                continue
-            at = bisect_left(chunks, place[0])
-            # The place's own chunk may hold it, or else the one before in which the key occurs.
-            if at < len(chunks) and chunks[at] == place[0]:
-                wanted.setdefault(chunks[at], set()).add(key)
-            elif at:
+            elif key not in self._map_keys and (at := bisect_left(chunks, place[0] + 1)):
                 wanted.setdefault(chunks[at - 1], set()).add(key)
-        for number in sorted(wanted, reverse=True):
-            self._find_last(number, place, wanted, found)
+        while wanted:
+            number = max(wanted)
+            keys = wanted.pop(number)
+            messages = self._file.read(number)[: place[1] if number == place[0] else None]
+            for index in range(len(messages) - 1, -1, -1):
+                if messages[index].topic_key in keys:
+                    found.setdefault(messages[index].topic_key, ((number, index), messages[index]))
+            for key in keys - found.keys():  # it stands in the place's chunk, but behind it
+                at = bisect_left(self._key_chunks[key], number)
+                if at:
+                    wanted.setdefault(self._key_chunks[key][at - 1], set()).add(key)
         ordered = [message for _, message in sorted(found.values(), key=lambda entry: entry[0])]
         return self._map_messages(place, at_ns) + ordered
-
-    def _find_last(
-        self, number: int, place: Place, wanted: dict[int, set[str]], found: dict[str, tuple[Place, RecordedMessage]]
-    ) -> None:
-        keys = wanted[number]
-        end = place[1] if number == place[0] else None
-        messages = self._file.read(number)[:end]
-        for index in range(len(messages) - 1, -1, -1):
-            key = messages[index].topic_key
-            if key in keys and key not in found:
-                found[key] = ((number, index), messages[index])
-        for key in keys - found.keys():  # it stands in the place's chunk, but behind it
-            chunks = self._key_chunks[key]
-            at = bisect_left(chunks, number)
-            if at:
-                earlier = {chunks[at - 1]: {key}}
-                self._find_last(chunks[at - 1], place, earlier, found)
 
     def _map_messages(self, place: Place, at_ns: int) -> list[RecordedMessage]:
         key = min(self._map_keys, default="")
@@ -319,6 +304,9 @@ class Player:
         robot = found[1]["robot"] if found is not None else ""
         patches = patches_of(robot, atlas, at_ns)
         return [RecordedMessage(key, at_ns, msgspec.json.encode(patch), "json", at_ns) for patch in patches]
+
+    def _new_maps(self) -> MapAt:
+        return MapAt(self._read_patches, sum(self._counts[key] for key in self._map_keys))
 
     def _read_patches(self, start: Place, end: Place) -> Iterator[bytes]:
         for number in self._map_chunks[bisect_left(self._map_chunks, start[0]) :]:

@@ -72,7 +72,6 @@ class Rotation:
         self._warned = ""
         self.removed = 0
         """Files removed so far."""
-        self.removed_bytes = 0
 
     def step(self, now_ns: int, writing: Path) -> None:
         """Remove recordings that are too old or too large together, every 10 s.
@@ -103,7 +102,6 @@ class Rotation:
             file.path.unlink()
             logger.warning("recording %s was removed: %s", file.path.name, reason)
             self.removed += 1
-            self.removed_bytes += file.size_bytes
             size_bytes -= file.size_bytes
             free_bytes += file.size_bytes
         if reason := self._reason(None, now_ns, size_bytes, free_bytes):

@@ -5,12 +5,13 @@ from typing import Any
 
 import pytest
 
-from robrain.dashboard.server.hand_pilot import HELD_S, HandPilot, Velocity
+from robrain.dashboard.server.hand_pilot import HELD_S, HandPilot
 from robrain.protocol.answers.hand_control import HandControl
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.model.geometry import Twist2D
 from tests.waiting import until
 
-AHEAD, LEFT = Velocity(forward_m_s=0.2), Velocity(yaw_rad_s=0.5)
+AHEAD, LEFT = Twist2D(forward_m_s=0.2), Twist2D(yaw_rad_s=0.5)
 
 
 class Driver:
@@ -74,8 +75,8 @@ def test_two_buttons_add_up_and_opposite_ones_are_none(pilot, driver):
     pilot.press("a", LEFT, 0.0)
     pilot.step(0.0)
     assert driver.moves() == [(0.2, 0.5)]
-    pilot.press("s", Velocity(forward_m_s=-0.2), 0.0)
-    pilot.press("d", Velocity(yaw_rad_s=-0.5), 0.0)
+    pilot.press("s", Twist2D(forward_m_s=-0.2), 0.0)
+    pilot.press("d", Twist2D(yaw_rad_s=-0.5), 0.0)
     assert not pilot.step(0.0)
     assert driver.moves() == [(0.0, 0.0)]
 

@@ -52,7 +52,7 @@ def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
         now_s = time.monotonic()
         for later_s in (0.0, FIRST_RETRY_S - 1.0):  # nobody looks on: it is drawn once a second
             dashboard.step(now_s + later_s)
-        hidden = [layer.label for layer in dashboard._scene.layers if not layer.shown]
+        hidden = [layer.label for layer in dashboard._scene.layers if not layer._root.visible]
         assert ChargerLayer.label in hidden
         assert [record.getMessage() for record in caplog.records if record.exc_info] == [
             f"the layer {ChargerLayer.label} cannot be drawn; it is hidden, next try in 5 s"

@@ -1,15 +1,17 @@
-"""When each channel for Foxglove is drawn, and what of: by the recorded messages and the clock alone."""
+"""Channels for Foxglove, Lichtblick and Rerun: by the recorded messages and the clock alone."""
 
 import json
 import socket
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from mcap.reader import make_reader
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
@@ -42,6 +44,11 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.foxglove.channels import FoxgloveChannels
 from robrain.recording.foxglove.server import FoxgloveServer
+from robrain.recording.foxglove.visual_topics import is_visual
+from robrain.recording.reader.reading import read_messages, recording_info
+from robrain.recording.reader.recovering import with_visual
+from robrain.recording.reader.two_runs import first_difference
+from robrain.sim.scenarios.scenario import Scenario
 from tests.waiting import until
 
 NS_PER_S = 1_000_000_000
@@ -142,11 +149,8 @@ def logged(channels: FoxgloveChannels, now_ns: int = 99) -> list[tuple[int, str,
 )
 def test_a_task_that_goes_wrong_is_a_warning_in_the_log(state: TaskState, level: int) -> None:
     channels = FoxgloveChannels()
-    say(
-        channels,
-        TASK_EVENT,
-        TaskEvent(stamp_ns=7, task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=state),
-    )
+    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
+    say(channels, TASK_EVENT, TaskEvent(stamp_ns=7, task=task, state=state))
     assert logged(channels) == [(level, "task", f"t1 {state}", 7)]
 
 
@@ -168,23 +172,24 @@ def test_the_log_says_who_and_why() -> None:
     assert logged(channels) == []
 
 
-def test_open_tasks_are_drawn_when_one_changes_and_anew_in_a_new_file() -> None:
+def drawn_tasks(channels: FoxgloveChannels, now_s: float) -> list[list[str]]:
+    """Entities of each scene of tasks."""
+    drawn: list[Any] = [one.message for one in channels.due(round(now_s * NS_PER_S)) if one.channel == "/visual/tasks"]
+    return [[entity.id for entity in scene.entities] for scene in drawn]
+
+
+def test_open_tasks_are_drawn_when_one_changes_and_again_in_a_new_file() -> None:
     channels = FoxgloveChannels()
-    say(
-        channels,
-        TASK_EVENT,
-        TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.QUEUED),
-    )
-    assert "/visual/tasks" in told(channels, 0.0)
-    assert "/visual/tasks" not in told(channels, 10.0)
+    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
+    say(channels, TASK_EVENT, TaskEvent(task=task, state=TaskState.QUEUED))
+    assert drawn_tasks(channels, 0.0) == [["task t1"]]
+    assert drawn_tasks(channels, 10.0) == []
     channels.restart()
-    assert "/visual/tasks" in told(channels, 20.0)
-    say(
-        channels, TASK_EVENT, TaskEvent(task=Task(id="t1", kind="visit", place=Point2D(1.0, 2.0)), state=TaskState.DONE)
-    )
-    assert "/visual/tasks" in told(channels, 30.0)
+    assert drawn_tasks(channels, 20.0) == [["task t1"]]
+    say(channels, TASK_EVENT, TaskEvent(task=task, state=TaskState.DONE))
+    assert drawn_tasks(channels, 30.0) == [[]]
     channels.restart()
-    assert "/visual/tasks" not in told(channels, 40.0)
+    assert drawn_tasks(channels, 40.0) == []
 
 
 def patch(value: int, width: int = 10) -> MapPatch:
@@ -234,6 +239,114 @@ def test_a_large_map_comes_less_often() -> None:
         say(channels, ROBOT_MAP, patch(1 + second, 1000))
         at += [second] * ("/visual/map" in told(channels, float(second)))
     assert at == [2, 12, 22]  # how large it is was not known at first
+
+
+# -- of a recorded run ---------------------------------------------------------------------------------------
+
+
+RUN_S = 12.0
+SCHEMAS = {
+    "/visual/robots": "foxglove.SceneUpdate",
+    "/visual/motes": "foxglove.SceneUpdate",
+    "/visual/tasks": "foxglove.SceneUpdate",
+    "/visual/walls": "foxglove.SceneUpdate",
+    "/visual/wall_points": "foxglove.PointCloud",
+    "/visual/tf": "foxglove.FrameTransforms",
+    "/visual/map": "foxglove.Grid",
+    "/visual/log": "foxglove.Log",
+    "/visual/r1/scan": "foxglove.LaserScan",
+    "/visual/r1/points": "foxglove.PointCloud",
+    "/visual/r1/pose": "foxglove.PoseInFrame",
+    "/visual/r1/path": "foxglove.PosesInFrame",
+    "/visual/r1/trail": "foxglove.PosesInFrame",
+    "/visual/r1/battery": "robrain.Battery",
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("foxglove") / "run.mcap"
+    Scenario.builtin("depot").replace(robots=2, motes=8).run(time_limit_s=RUN_S, record=path)
+    return path
+
+
+def visual_of(path: Path) -> list[tuple[str, int, bytes]]:
+    return [(m.topic_key, m.log_time_ns, m.payload) for m in read_messages(path) if is_visual(m.topic_key)]
+
+
+def test_every_channel_is_there_with_the_schema_by_which_viewers_draw_it(run: Path) -> None:
+    with run.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    found = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()
+             if is_visual(channel.topic)}  # fmt: skip
+    assert SCHEMAS.items() <= found.items()
+
+
+@pytest.mark.slow
+def test_the_digest_and_what_went_over_the_wire_are_the_same_with_and_without(run: Path, tmp_path: Path) -> None:
+    plain = tmp_path / "plain.mcap"
+    result = Scenario.builtin("depot").replace(robots=2, motes=8).run(time_limit_s=RUN_S)
+    assert recording_info(run).digest == result.digest
+    with_visual(run, plain)
+    assert first_difference(run, plain)[0] is None
+
+
+def test_they_can_be_made_anew_from_the_recording_and_are_the_same(run: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again.mcap"
+    made = with_visual(run, again)
+    assert made == len(visual_of(again)) == len(visual_of(run))
+    assert visual_of(again) == visual_of(run)
+
+
+def test_what_does_not_decode_is_left_out() -> None:
+    channels = FoxgloveChannels()
+    for topic, key in ((ROBOT_STATE, "a"), (ROBOT_MAP, "b"), (MOTE_READING, "c"), (TASK_EVENT, "d"), (ROBOT_LOG, "e")):
+        for payload in (b"", b"\xff", b"[]", b"{}", b'{"robot":"r1"}', b"[" * 5000):
+            channels.handle(topic, key, payload)
+    drawn = [message.channel for message in channels.due(0)]
+    assert drawn == []
+
+
+def test_a_log_that_floods_is_bounded_between_two_steps() -> None:
+    channels = FoxgloveChannels()
+    for _ in range(5000):
+        say(channels, ROBOT_LOG, LogRecord(robot="r1", level="info", source="x", text="y"))
+    assert len(list(channels.due(0))) == 1000
+
+
+def test_a_reading_of_a_mote_whose_place_is_not_known_is_not_drawn() -> None:
+    channels = FoxgloveChannels()
+    say(channels, MOTE_READING, msgspec.structs.replace(READING, place=None))
+    [scene] = [message.message for message in channels.due(0) if message.channel == "/visual/motes"]
+    assert list(scene.entities) == []  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("number", [-1, 2**31, 2**63 - 1, 2**63, 2**80, -(2**80), 1e300, -1e300, 5e-324])
+def test_numbers_beyond_all_measure_stop_nobody(number: float) -> None:
+    place = {"x_m": number, "y_m": -number}
+    battery = {"voltage_v": number, "current_a": number, "temperature_c": number, "soc": number, "remaining_j": number}
+    stamp = {"stamp_ns": int(number)}
+    said: list[tuple[Topic, dict[str, Any]]] = [
+        (ROBOT_STATE, {"robot": "r1", "pose": {**place, "yaw_rad": number}, "battery": battery, "radius_m": number}),
+        (ROBOT_STATE, {"robot": "r1", **stamp}),
+        (ARENA_SCAN, {"robot": "r1", "angle_min_rad": number, "angle_increment_rad": number, "range_max_m": number,
+                      "ranges_mm": [0, -5, 2**40], **stamp}),
+        (ROBOT_PATH, {"robot": "r1", "points": [place], **stamp}),
+        (MOTE_READING, {"mote": "m1", "place": place, "quantity": "t", "value": number, "voltage_v": number,
+                        "rssi_dbm": number, "via": "r1"}),
+        (TASK_EVENT, {"task": {"type": "explore", "id": "t", "goal": place}, "state": "running", **stamp}),
+        (ROBOT_LOG, {"robot": "r1", "level": "info", "source": "a", "text": "\x00", **stamp}),
+        (HALT, {"halted": True, "by": "x", **stamp}),
+        (ROBOT_MAP, {"robot": "r1", "resolution_m": number, "origin_x_m": number, "origin_y_m": number,
+                     "width": int(number), "height": 3, "row": 0, "column": 0, "rows": 1, "columns": 1,
+                     "observed_ms": 0, "cells": "eJxjAAAAAQAB"}),
+    ]  # fmt: skip
+    for topic, message in said:
+        channels = FoxgloveChannels()
+        channels.handle(topic, "key", json.dumps(message).encode())
+        for visual in channels.due(NS_PER_S):
+            assert visual.data() or visual.schema()
 
 
 # -- served -----------------------------------------------------------------------------------------------------

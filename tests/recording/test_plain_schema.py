@@ -157,24 +157,11 @@ def test_of_several_objects_what_all_require_is_required() -> None:
     }
 
 
-def nested(depth: int) -> Any:
-    return {"type": "object", "properties": {"inner": nested(depth - 1)}} if depth else {"type": "string"}
-
-
-def listed(depth: int) -> Any:
-    return {"type": "array", "items": {"type": "object", "properties": {"inner": listed(depth - 1)}}} if depth else {}
-
-
 def depth_of(plain: Any) -> int:
     inner = plain["properties"].get("inner")
     if inner is not None and inner["type"] == "array":
         return 2 + depth_of(inner["items"])
     return 0 if inner is None else 1 + depth_of(inner) if inner["type"] == "object" else 1
-
-
-@pytest.mark.parametrize(("depth", "told"), [(3, 3), (15, 15), (16, 16), (17, 16), (40, 16)])
-def test_objects_in_objects_are_told_down_to_a_depth(depth: int, told: int) -> None:
-    assert depth_of(plain_schema(nested(depth))) == told
 
 
 @pytest.mark.parametrize("described", ["$ref", "anyOf", "array"])
