@@ -13,12 +13,11 @@ a robot's charge, it ends as soon as there is enough for them. Pure: equal robot
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
+from robrain.coordinator.planning.energy_budget import DOCK_S
 from robrain.protocol.model.geometry import Point2D
 
 SAME_M = 0.6
 """Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""
-DOCK_S = 10.0
-"""Approximate time to dock; robots assume the same."""
 CLEAR_S = 10.0
 """Time until a robot that leaves a charger is out of the path (chosen: changing places takes some 20 s)."""
 TURN_GAIN = 0.15

@@ -18,7 +18,7 @@ from robrain.coordinator.charge_schedule import (
 )
 from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.planning.chargers import Charger
-from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, SOC_LEAST, profile_of
+from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR, SOC_LEAST, capacity_j, profile_of
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.coordinator.planning.snapshot_builder import is_charging
@@ -107,8 +107,6 @@ class ChargePower:
         return next((place for place in self._power_w if is_same_charger(place, charger)), None)
 
 
-DETOUR = 1.5
-"""Assumed ratio of path length to straight line where no plan has the length (chosen; robots assume the same)."""
 ROUTE_FACTOR = 2.0
 """A robot leaves its charger for tasks that wait for it when it has this many times their energy, beyond its reserve
 (chosen). That is enough for the plan that is made then, and for a detour."""
@@ -181,7 +179,7 @@ class ChargeSeekers:
         return ChargeSeeker(
             name=name,
             soc=battery.soc,
-            capacity_j=battery.remaining_j / max(battery.soc, SOC_LEAST),
+            capacity_j=capacity_j(battery),
             paths=self._paths(robot, here, chargers, is_bound=bound_for is not None),
             bound_for=bound_for,
             is_there=is_there,
@@ -199,11 +197,11 @@ class ChargeSeekers:
         if route_j is None or state is None or state.battery is None or state.energy is None:
             return None
         battery, policy = state.battery, self._planning.policy
-        capacity_j = battery.remaining_j / max(battery.soc, SOC_LEAST)
-        missing_j = ROUTE_FACTOR * route_j + policy.reserve_share * capacity_j - state.energy.usable_j
-        if capacity_j <= 0.0:
+        full_j = capacity_j(battery)
+        missing_j = ROUTE_FACTOR * route_j + policy.reserve_share * full_j - state.energy.usable_j
+        if full_j <= 0.0:
             return None
-        return max(policy.charge_below, battery.soc + missing_j / (CHARGED_SHARE * capacity_j))
+        return max(policy.charge_below, battery.soc + missing_j / (CHARGED_SHARE * full_j))
 
     def _paths(
         self, robot: Robot, here: Point2D, chargers: tuple[Charger, ...], *, is_bound: bool

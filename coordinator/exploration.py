@@ -12,8 +12,7 @@ from robrain.algorithms.exploration.situation import Busy, Choice
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION, Strategy, strategy_of
 from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.team.roster import Robot, Roster
-from robrain.coordinator.team.team_map import TeamMap
+from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
@@ -25,7 +24,7 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import IdleReason, LacksRange, OfferRefusal, PositionLost, plain
 from robrain.protocol.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
-from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+from robrain.protocol.wire.endpoint import Serve
 
 SHOWN_FRONTIERS = 64
 EXPLORATION_OFF = plain("exploration_off", "idle because the team explores only if a task tells it to")
@@ -35,6 +34,11 @@ SETTLED_NS = to_ns(3.0)
 """The floor counts as explored when for this long no robot could be given a frontier."""
 GAP = "gap_m"
 """Key in a task's result: width of the gap that the robot did not fit through."""
+REMAINING_PERIOD_NS = to_ns(5.0)
+"""Shortest time between two checks of the map; each takes some tens of milliseconds."""
+
+CHANGED_M2, CHANGED_SHARE = 0.5, 0.1
+"""A region is published again when its area has changed by more than both (chosen)."""
 
 
 class Exploration(CoordinatorPart):
@@ -48,7 +52,6 @@ class Exploration(CoordinatorPart):
     def __init__(self, core: Core) -> None:
         super().__init__(core)
         self.explorer = Explorer(core.team_map, self._strategy(core.planning.policy))
-        self.remaining = RemainingRegions(core.wire, self.explorer, core.team_map, core.roster)
         self._team_map, self._tasks, self._roster = core.team_map, core.tasks, core.roster
         self._planning, self._backoff = core.planning, core.lifecycle.backoff
         self._kept_idle: dict[str, IdleReason] = {}
@@ -56,6 +59,12 @@ class Exploration(CoordinatorPart):
         self._revise_due_ns = 0
         self._busy_ns = core.wire.clock.now_ns()
         self._is_reported = False
+        self._publisher = core.wire.publisher(COORDINATOR_LEFT)
+        self._published: ExplorationLeft | None = None
+        self._checked_version = 0
+        """Of the map in which remaining regions were last searched."""
+        self._remaining_due_ns = 0
+        core.wire.answer(COORDINATOR_LEFT_NOW, lambda _request: self._remaining(), serve=Serve.IN_STEP)
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
         """Explore by another strategy."""
@@ -84,9 +93,29 @@ class Exploration(CoordinatorPart):
         return replace(state, frontiers=frontiers, all_explored=self._is_reported)
 
     def reported(self, now_ns: int) -> None:
-        """Publish the remaining regions, once the summary reports that exploration has ended."""
-        if self._is_reported:
-            self.remaining.step(now_ns)
+        """Once exploration has ended, publish the remaining regions, and again whenever they have changed much."""
+        version = self._team_map.version
+        if self._is_reported and version != self._checked_version and now_ns >= self._remaining_due_ns:
+            self._remaining_due_ns = now_ns + REMAINING_PERIOD_NS
+            self._checked_version = version
+            left = self._remaining()
+            if left is not None and (self._published is None or _differ(left, self._published)):
+                self._publish(left)
+
+    def publish_remaining(self) -> ExplorationLeft | None:
+        """Publish the remaining regions if they have changed; returns them, None before anything is known."""
+        left = self._remaining()
+        if left is not None and left != self._published:
+            self._publish(left)
+        return left
+
+    def _publish(self, left: ExplorationLeft) -> None:
+        self._published = left
+        self._publisher.put(left)
+
+    def _remaining(self) -> ExplorationLeft | None:
+        """Regions that remain to explore; the floor around lost robots counts as reached."""
+        return self.explorer.left([scout for robot in self._roster.robots.values() if (scout := _last_known(robot))])
 
     def task_ended(self, record: TaskRecord, robot: str, status: TaskStatus, now_ns: int) -> None:
         """The place of a task counts as visited, or as one that cannot be reached for a while."""
@@ -191,62 +220,6 @@ class Exploration(CoordinatorPart):
             self.explorer.record_gap(Point2D(pose.x_m, pose.y_m), status.result[GAP], now_ns)
 
 
-REMAINING_PERIOD_NS = to_ns(5.0)
-"""Least time from one look at the map to the next; each takes some tens of milliseconds."""
-
-CHANGED_M2, CHANGED_SHARE = 0.5, 0.1
-"""A region is published again when its area has changed by more than both (chosen)."""
-
-
-class RemainingRegions:
-    """Searches the team's map for regions that remain to explore.
-
-    Args:
-        wire: the coordinator's Zenoh endpoint.
-        explorer: knows where robots failed.
-        team_map: the map.
-        roster: the robots, also those that are lost: the floor around them counts as reached.
-
-    """
-
-    def __init__(self, wire: Endpoint, explorer: Explorer, team_map: TeamMap, roster: Roster) -> None:
-        self._explorer = explorer
-        self._map = team_map
-        self._roster = roster
-        self._publisher = wire.publisher(COORDINATOR_LEFT)
-        self._published: ExplorationLeft | None = None
-        self._version = 0
-        """Of the map that was last checked."""
-        self._due_ns = 0
-        wire.answer(COORDINATOR_LEFT_NOW, self._answer, serve=Serve.IN_STEP)
-
-    def step(self, now_ns: int) -> None:
-        """While exploration has ended: publish the remaining regions, and again whenever they have changed much."""
-        if self._map.version != self._version and now_ns >= self._due_ns:
-            self._due_ns = now_ns + REMAINING_PERIOD_NS
-            self._version = self._map.version
-            left = self._find()
-            if left is not None and (self._published is None or _differ(left, self._published)):
-                self._publish(left)
-
-    def publish(self) -> ExplorationLeft | None:
-        """Publish the remaining regions if they have changed; returns them, None before anything is known."""
-        left = self._find()
-        if left is not None and left != self._published:
-            self._publish(left)
-        return left
-
-    def _publish(self, left: ExplorationLeft) -> None:
-        self._published = left
-        self._publisher.put(left)
-
-    def _find(self) -> ExplorationLeft | None:
-        return self._explorer.left([scout for robot in self._roster.robots.values() if (scout := _scout(robot))])
-
-    def _answer(self, _request: Request[None]) -> ExplorationLeft | None:
-        return self._find()
-
-
 def _differ(one: ExplorationLeft, other: ExplorationLeft) -> bool:
     """Whether regions have come or gone, are left for another reason, or have grown or shrunk much."""
     if [region.kind for region in one.regions] != [region.kind for region in other.regions]:
@@ -257,7 +230,7 @@ def _differ(one: ExplorationLeft, other: ExplorationLeft) -> bool:
     )
 
 
-def _scout(robot: Robot) -> Scout | None:
+def _last_known(robot: Robot) -> Scout | None:
     """A robot with its last known place; None if it has never published its state."""
     state = robot.state
     if state is None:

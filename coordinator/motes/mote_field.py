@@ -114,7 +114,8 @@ class MoteLife:
         """Whether robots failed to collect there since its last reading."""
         self._first_ns = measured_at_ns(reading)
         self._newest_ns = self._first_ns
-        self._spoke_ns = self._first_ns
+        self.spoke_ns = self._first_ns
+        """When the mote itself measured the newest reading that has arrived."""
         self._numbers = 0
         """Readings from the first that was received to the newest, without that."""
         self._trend = CellTrend()
@@ -127,11 +128,11 @@ class MoteLife:
             self._newest_ns = max(self._newest_ns, measured_ns)
             return
         is_latest = reading.sequence == self.latest.sequence  # sent once more, with a new period perhaps
-        if measured_ns < self._spoke_ns and not is_latest:
+        if measured_ns < self.spoke_ns and not is_latest:
             return
         if self.latest.sequence is not None:
             self._numbers += (reading.sequence - self.latest.sequence) % SEQUENCES
-        self.latest, self._spoke_ns = reading, max(self._spoke_ns, measured_ns)
+        self.latest, self.spoke_ns = reading, max(self.spoke_ns, measured_ns)
         self._newest_ns = max(self._newest_ns, measured_ns)
         self.is_hopeless = False
         self._trend.add(to_seconds(measured_ns), reading.voltage_v)
@@ -147,11 +148,6 @@ class MoteLife:
         return self.latest.period_s or self.usual_period_s
 
     @property
-    def spoke_ns(self) -> int:
-        """When the mote itself took the newest reading that has come."""
-        return self._spoke_ns
-
-    @property
     def left_share(self) -> float:
         """Share of its cells' energy that is left, by their voltage."""
         share = (self.latest.voltage_v - FLAT_V) / (FRESH_V - FLAT_V)
@@ -163,7 +159,7 @@ class MoteLife:
 
     def silent_s(self, now_ns: int) -> float:
         """Age of the newest reading that it has taken itself."""
-        return to_seconds(max(0, now_ns - self._spoke_ns))
+        return to_seconds(max(0, now_ns - self.spoke_ns))
 
     def is_overdue(self, now_ns: int) -> bool:
         """Whether it has been silent for longer than a reachable mote."""

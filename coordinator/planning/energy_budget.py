@@ -13,7 +13,7 @@ import msgspec
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import Profile
 from robrain.coordinator.planning.snapshot import AfterCharge
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
 
@@ -26,9 +26,18 @@ SAME_SHARE = 0.02
 KINDS_MAX = 16
 """Most profiles; each has its own matrices."""
 SOC_LEAST = 0.01
+DETOUR = 1.5
+"""Assumed ratio of path length to straight line where the length is unknown (chosen; robots assume the same)."""
+DOCK_S = 10.0
+"""Approximate time to dock; robots assume the same."""
 CHARGED_SHARE = 0.95
 """Share of the expected energy of a charge that plans count on before it is in the battery (chosen)."""
 HALVINGS = 40
+
+
+def capacity_j(battery: BatteryState) -> float:
+    """Energy of the full battery."""
+    return battery.remaining_j / max(battery.soc, SOC_LEAST)
 
 
 class Means(NamedTuple):
@@ -61,10 +70,10 @@ def means_of(state: RobotState, waits_s: float, policy: PlanningPolicy) -> Means
     model, battery = state.energy, state.battery
     if model is None or battery is None:
         return Means(PLENTY_J, 0.0, 0.0, 0.0)
-    capacity_j = battery.remaining_j / max(battery.soc, SOC_LEAST)
-    reserve_j = policy.reserve_share * capacity_j
+    full_j = capacity_j(battery)
+    reserve_j = policy.reserve_share * full_j
     surely_j = model.usable_j - reserve_j
-    return Means(mean_within(model, surely_j, waits_s, policy.confidence), capacity_j, reserve_j,
+    return Means(mean_within(model, surely_j, waits_s, policy.confidence), full_j, reserve_j,
                  max(0.0, model.coefficients[0]))  # fmt: skip
 
 

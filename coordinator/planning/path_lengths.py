@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.algorithms.navigation.path_planning import distance_field
+from robrain.coordinator.planning.energy_budget import DETOUR
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE
@@ -25,8 +26,6 @@ SLOW = 4.0
 """Cost of a metre of narrow floor, in metres of open floor (the driver squeezes at a quarter of its speed)."""
 SNAP_M = 0.8
 """Maximum distance between a place and the nearest cell where a robot can stand."""
-DETOUR = 1.5
-"""Assumed ratio of path length to straight line where there is no map (chosen; robots assume the same)."""
 KEPT_BYTES = 96_000_000
 """Limit for cached fields; beyond, the oldest are dropped."""
 

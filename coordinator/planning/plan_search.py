@@ -431,32 +431,31 @@ class PlanSolver:
         """Number of searches up to now."""
         self.failures: tuple[PlanFailure, ...] = ()
         """Failures of other distributions' code when `plan` was last read."""
-        first = allocator_of(method, objective)
         self.problem = problem
         """The problem as posed; after `plan` was read, the problem that it solves."""
-        self._asked = problem
-        self._method = method
-        self._allocator = first
-        self._problem = problem = for_ready_robots(problem) if CHARGING_ROBOTS in passes else problem
-        self._iterations = iterations
-        self._gain_min = gain_min
-        self._seed = seed
-        self._orders = orders
-        self._passes = passes
-        self._best = first.plan(problem, warm_start=plan_of(orders, objective), iterations=1)
-        self._search = first.search() if isinstance(first, Searching) and _is_worth_it(problem) else None
+        self._method, self._seed, self._iterations, self._passes = method, seed, iterations, passes
+        allocator = allocator_of(method, objective)
+        ready = for_ready_robots(problem) if CHARGING_ROBOTS in passes else problem
+        self._draft = PlanDraft(
+            asked=problem,
+            problem=ready,
+            plan=allocator.plan(ready, warm_start=plan_of(orders, objective), iterations=1),
+            orders=orders,
+            gain_min=gain_min,
+            allocator=allocator,
+        )
+        self._search = allocator.search() if isinstance(allocator, Searching) and _is_worth_it(ready) else None
 
     def improve(self) -> Iterator[None]:
         """Yield before each search, until no improvement is expected."""
         fruitless = 0
         while self._search is not None and fruitless < FRUITLESS:
             yield
-            found = self._search.plan(
-                self._problem, iterations=self._iterations, seed=self._seed + self.rounds, warm_start=self._best
-            )
+            best, seed = self._draft.plan, self._seed + self.rounds
+            found = self._search.plan(self._draft.problem, iterations=self._iterations, seed=seed, warm_start=best)
             self.rounds += 1
-            fruitless = 0 if found.rank < self._best.rank else fruitless + 1
-            self._best = min(self._best, found, key=lambda plan: plan.rank)
+            fruitless = 0 if found.rank < best.rank else fruitless + 1
+            self._draft = self._draft.with_plan(min(best, found, key=lambda plan: plan.rank))
 
     def run(self, rounds: int) -> None:
         """Search until no improvement is expected, in at most `rounds` rounds."""
@@ -467,20 +466,11 @@ class PlanSolver:
     @property
     def plan(self) -> Plan:
         """The best plan up to now, refined."""
-        draft = PlanDraft(
-            asked=self._asked,
-            problem=self._problem,
-            plan=self._best,
-            orders=self._orders,
-            gain_min=self._gain_min,
-            allocator=self._allocator,
-        )
-        draft = refined(draft, self._passes)
+        draft = refined(self._draft, self._passes)
         self.problem, self.failures = draft.problem, draft.failures
-        if isinstance(self._allocator, CheckedAllocator):
-            self.failures += tuple(
-                PlanFailure("allocator", self._method, cut(failure)) for failure in self._allocator.failures
-            )
+        if isinstance(draft.allocator, CheckedAllocator):
+            failures = draft.allocator.failures
+            self.failures += tuple(PlanFailure("allocator", self._method, cut(failure)) for failure in failures)
         return draft.plan
 
 

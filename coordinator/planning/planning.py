@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from robrain.coordinator.planning.chargers import KnownChargers
-from robrain.coordinator.planning.energy_budget import PLENTY_J, profile_of
+from robrain.coordinator.planning.energy_budget import DETOUR, DOCK_S, PLENTY_J, capacity_j, profile_of
 from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
@@ -96,8 +96,8 @@ class PlanInputs:
         for name, member in now._members.items():
             (usable_j, j_per_m), (now_j, now_j_per_m) = self._figures[name], now._figures[name]
             battery = member.state.battery
-            capacity_j = battery.remaining_j / max(battery.soc, 0.01) if battery is not None else PLENTY_J
-            if abs(usable_j - now_j) > DRAINED_SHARE * capacity_j:
+            full_j = PLENTY_J if battery is None else capacity_j(battery)
+            if abs(usable_j - now_j) > DRAINED_SHARE * full_j:
                 return f"{name} has {now_j:.0f} J left, and had {usable_j:.0f} J"
             if abs(now_j_per_m - j_per_m) > DEARER_SHARE * j_per_m:
                 return f"{name} takes {now_j_per_m:.1f} J a metre, and took {j_per_m:.1f} J"
@@ -144,10 +144,6 @@ CHECK_NS = to_ns(0.5)
 SOON_NS = to_ns(30.0)
 """A robot whose next task begins within this is not sent exploring (chosen)."""
 KEPT_DECISIONS = 2000
-DETOUR = 1.5
-"""Assumed ratio of path length to straight line where the length is unknown (chosen; robots assume the same)."""
-DOCK_S = 10.0
-"""Approximate time to dock; robots assume the same."""
 
 
 class Due(NamedTuple):
@@ -204,7 +200,6 @@ class Planning:
         self._failure_reason = ""
         self._plan: PlanInForce | None = None
         self._number = 0
-        self._published: dict[str, tuple[str, ...]] = {}
         self._decisions: dict[str, tuple[int, TaskDecision]] = {}
         self._ending_ns: dict[str, int] = {}
         """Since when each robot is about to end its task."""
@@ -302,7 +297,7 @@ class Planning:
             served_s=self._builder.served_s(records, now_ns),
             floor=self._builder.floor(now_ns, wanted=bool(self.left_out)),
             orders=self._orders(),
-            published=dict(self._published),
+            published={task: decision.robots for task, (_, decision) in self._decisions.items()},
         )
         self._planner.ask(snapshot, self.policy)
 
@@ -317,14 +312,11 @@ class Planning:
             for failure in plan.failures:
                 self._wire.refusals.record_failure(failure.what, failure.name, failure.reason)
             for decision in plan.decisions:
-                self._published.pop(decision.task, None)
-                self._published[decision.task] = decision.robots
                 self._decisions.pop(decision.task, None)
                 self._decisions[decision.task] = (plan.problem.asked_ns, decision)
                 self._decision_publisher.put(decision)
-            for kept in (self._published, self._decisions):
-                while len(kept) > KEPT_DECISIONS:
-                    kept.pop(next(iter(kept)))
+            while len(self._decisions) > KEPT_DECISIONS:
+                del self._decisions[next(iter(self._decisions))]
             self.waiting = plan.waiting
             self.left_out = {
                 task: Unplanned(reason, self.left_out[task].since_ns if task in self.left_out else now_ns)

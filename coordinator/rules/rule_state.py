@@ -5,6 +5,8 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 
+import msgspec
+
 from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
@@ -30,22 +32,13 @@ class Class(IntEnum):
     HOLDS = 1
 
 
-class ReadingSpan:
-    """A time without a break in which all readings known were of one class.
+class ReadingSpan(msgspec.Struct):
+    """An uninterrupted time in which all known readings were of one class."""
 
-    Args:
-        first_ns: when the first of them was taken.
-        last_ns: when the last was.
-        of: their class.
-
-    """
-
-    __slots__ = ("first_ns", "last_ns", "of")
-
-    def __init__(self, first_ns: int, last_ns: int, of: Class) -> None:
-        self.first_ns = first_ns
-        self.last_ns = last_ns
-        self.of = of
+    first_ns: int
+    """When the first of them was measured."""
+    last_ns: int
+    of: Class
 
 
 class LevelTrack:
@@ -55,8 +48,6 @@ class LevelTrack:
         condition: the rule's.
 
     """
-
-    __slots__ = ("_condition", "_rates", "_runs", "newest_ns", "rate_per_min", "value")
 
     def __init__(self, condition: ReadingCondition) -> None:
         self._condition = condition

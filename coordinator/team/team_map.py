@@ -1,6 +1,5 @@
 """The team's map: the robots' patches, merged."""
 
-import logging
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -9,8 +8,6 @@ from robrain.protocol.messages.maps.map_messages import MapPatch
 if TYPE_CHECKING:
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-
-logger = logging.getLogger(__name__)
 
 HELD_PATCHES = 16384
 """As many as wait in the coordinator's inbox."""
@@ -21,8 +18,6 @@ class TeamMap:
 
     def __init__(self) -> None:
         self._atlas: SubmapAtlas | None = None
-        self.dropped = 0
-        """Patches that were too many to be held."""
         self._held: deque[tuple[MapPatch, int | None]] | None = None
 
     @property
@@ -53,8 +48,6 @@ class TeamMap:
         """
         held, self._held = self._held, None
         merged = [(patch.robot, self.merge(patch, now_ns)) for patch, now_ns in held or ()]
-        if self.dropped:
-            logger.warning("%d patches of the map came while it was loading and were dropped", self.dropped)
         return [(robot, rejection) for robot, rejection in merged if rejection]
 
     def merge(self, patch: MapPatch, now_ns: int | None = None) -> str:
@@ -69,7 +62,6 @@ class TeamMap:
 
         """
         if self._held is not None:
-            self.dropped += len(self._held) == HELD_PATCHES
             self._held.append((patch, now_ns))
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).

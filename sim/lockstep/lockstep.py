@@ -261,7 +261,7 @@ class LockstepRun:
 
         It is part of the recording, so it changes the digest: for the end of a run.
         """
-        return self.coordinator.part(Exploration).remaining.publish() if self.has_coordinator else None
+        return self.coordinator.part(Exploration).publish_remaining() if self.has_coordinator else None
 
     @property
     def truth(self) -> ArenaTruth:

@@ -23,8 +23,8 @@ import numpy as np
 from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
+from robrain.coordinator.planning.energy_budget import DETOUR
 from robrain.coordinator.planning.live_planner import LivePlanner, PlanRequest
-from robrain.coordinator.planning.path_lengths import DETOUR
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy

@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.charge_schedule import (
     CLEAR_S,
-    DOCK_S,
     TURN_GAIN,
     ChargerPath,
     ChargeSeeker,
@@ -15,6 +14,7 @@ from robrain.coordinator.charge_schedule import (
     schedule_charges,
 )
 from robrain.coordinator.charging import LEAST_W, USUAL_W, ChargePower
+from robrain.coordinator.planning.energy_budget import DOCK_S
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D

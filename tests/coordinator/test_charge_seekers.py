@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.coordinator.charging import DETOUR, STILL_M, TO_SOC, ChargeSeekers
+from robrain.coordinator.charging import STILL_M, TO_SOC, ChargeSeekers
 from robrain.coordinator.planning.chargers import Charger
-from robrain.coordinator.planning.energy_budget import CHARGED_SHARE
+from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import ChargerDistances
 from robrain.coordinator.team.roster import Robot

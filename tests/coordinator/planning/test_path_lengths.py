@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.planning.energy_budget import kinds_of, mean_within, profile_of
-from robrain.coordinator.planning.path_lengths import DETOUR, PathLengths
+from robrain.coordinator.planning.energy_budget import DETOUR, kinds_of, mean_within, profile_of
+from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.problem_codec import (
     NO_PATH,
     ProblemRecord,

@@ -104,7 +104,7 @@ def test_each_search_begins_with_the_best_plan_and_a_seed_of_its_own():
 @pytest.mark.parametrize("better_in", [0, 1, FRUITLESS])
 def test_searching_goes_on_for_as_long_as_something_better_was_found_not_long_ago(better_in):
     solver = solver_of(job("a", 1), job("b", 3))
-    first = solver._best
+    first = solver._draft.plan
     better = msgspec.structs.replace(first, cost_j=first.cost_j - 1.0)
 
     class Search:
@@ -114,4 +114,4 @@ def test_searching_goes_on_for_as_long_as_something_better_was_found_not_long_ag
     solver._search = Search()
     found = better_in < FRUITLESS
     assert sum(1 for _ in solver.improve()) == (better_in + 1 + FRUITLESS if found else FRUITLESS)
-    assert solver._best is (better if found else first)
+    assert solver._draft.plan is (better if found else first)

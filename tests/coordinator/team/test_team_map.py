@@ -110,15 +110,3 @@ def test_patches_that_are_held_are_taken_in_when_they_are_released_and_not_befor
     assert held.known_area_m2 == straight.known_area_m2
     held.merge(patch("r3", row=20))
     assert held.known_area_m2 == pytest.approx(0.6)
-
-
-def test_patches_that_are_too_many_to_be_held_are_counted_and_told(caplog, monkeypatch):
-    monkeypatch.setattr("robrain.coordinator.team.team_map.HELD_PATCHES", 2)
-    team_map = TeamMap()
-    team_map.hold()
-    for row in (2, 10, 20):
-        team_map.merge(patch(row=row))
-    team_map.release()
-    assert team_map.dropped == 1
-    assert team_map.known_area_m2 == pytest.approx(0.4)
-    assert "1 patches of the map came while it was loading and were dropped" in caplog.text
