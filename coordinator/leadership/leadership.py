@@ -12,7 +12,7 @@ from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.leadership.mandate import Mandate
-from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team.standing_messages import (
@@ -23,7 +23,6 @@ from robrain.protocol.messages.team.standing_messages import (
     JournalEntry,
     JournalPage,
     LeadReply,
-    LeadRequest,
     StandByState,
 )
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
@@ -49,6 +48,13 @@ GIVE_UP_NS = 2 * PATIENCE_NS
 KEPT_MAX = 4096
 """Changes kept to be sent again. One that stands by and lacks more asks for a new copy."""
 PAGE_BYTES = 4_000_000
+COUNTED_NS = to_ns(600.0)
+"""Robots count that were received within this time (chosen). While offers are held back, those count that did
+before."""
+FAREWELL_NS = to_ns(0.5)
+"""A robot whose token goes this soon after its last state has ended; a cut link is silent for longer before."""
+REPORT_NS = to_ns(1.0)
+"""Reconnected robots report their tasks within this time; a restarted coordinator receives every reachable robot."""
 
 OnKept = Callable[[], None]
 OnLost = Callable[[str], None]
@@ -202,75 +208,78 @@ class JournalFeed:
             limit //= 2
 
 
-logger = logging.getLogger(__name__)
-
-COUNTED_NS = to_ns(600.0)
-"""Robots count that were received within this time (chosen). While offers are held back, those count that did
-before."""
-FAREWELL_NS = to_ns(0.5)
-"""A robot whose token goes this soon after its last state has ended; a cut link is silent for longer before."""
-REPORT_NS = to_ns(1.0)
-"""Reconnected robots report their tasks within this time; a restarted coordinator receives every reachable robot."""
-
-
-class OfferFence:
+class Leadership(CoordinatorPart):
     """Holds offers back while robots out of the coordinator's reach may be allocating the tasks among themselves.
 
     Robots without a coordinator allocate the queued tasks once more than half of the team receive each other and no
     coordinator. A coordinator offers no task while more than half of its robots could be doing that.
 
     Args:
-        roster: all known robots, also of a coordinator before this one.
+        core: the team; its roster also has the robots of a coordinator before this one.
 
     """
 
-    def __init__(self, roster: Roster) -> None:
-        self.reason: MinorityHeard | None = None
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
+        self.held_back: MinorityHeard | None = None
         """Why nothing is offered; None if it may be."""
-        self._roster = roster
+        self._roster, self._clock = core.roster, core.wire.clock
         self._counted: frozenset[str] = frozenset()
         """Robots that count while offers are held back."""
         self._apart_ns = 0
         self._held_since_ns: int | None = None
         self._is_reported = False
+        core.wire.answer(COORDINATOR_LEAD, lambda _request: LeadReply(skipped=self.force()), serve=Serve.IN_STEP)
 
-    def record_gone(self, gone: Sequence[Robot], now_ns: int) -> None:
+    def robots_gone(self, robots: Sequence[Robot], now_ns: int) -> None:
         """The tokens of robots have gone; those that ended do not count, if others are still there.
 
         If all go at once the coordinator has lost its own connection.
         """
         if not any(robot.has_token for robot in self._roster.robots.values()):
             return
-        for robot in gone:
+        for robot in robots:
             if robot.received_ns is not None and now_ns - robot.received_ns <= FAREWELL_NS:
                 robot.left_ns = robot.received_ns
 
-    def step(self, now_ns: int) -> None:
-        """Check which robots are reachable."""
+    def check(self, now_ns: int) -> None:
+        """Check which robots are reachable.
+
+        When offers are first held back, changes are revoked that most robots may not have received.
+        """
         if not self._roster.some_go_on:
             return
         counted = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
         in_contact = sum(robot.is_up(now_ns) for robot in counted)
         apart = sum(robot.continues and not robot.is_in_contact(now_ns) for robot in counted)
         if 2 * apart > len(counted):
+            is_new = self.held_back is None
             self._counted, self._apart_ns = frozenset(robot.name for robot in counted), now_ns
-            self.reason = MinorityHeard(in_contact, len(counted))
-            self._log(now_ns)
+            self.held_back = MinorityHeard(in_contact, len(counted))
+            self._log(self.held_back, now_ns)
+            if is_new:
+                self.core.lifecycle.revoke(_received_by_most(counted), self.held_back, now_ns)
         elif now_ns - self._apart_ns > REPORT_NS:
             self._end()
 
-    def received_by_most(self, now_ns: int) -> int:
-        """Number of the latest task change that at least one robot of every possible majority has received.
+    def offer_refusal(self) -> TaskReason | None:
+        """Why no task is offered; None if tasks may be offered."""
+        return self.held_back
 
-        Call it only while offers are held back.
+    def summary(self, state: TeamState, now_ns: int) -> TeamState:
+        """Add why no task is offered."""
+        if self.held_back is None:
+            return state
+        return replace(state, stand_by=StandByStatus(process="", in_step=False, held_back=self.held_back))
+
+    def force(self) -> list[str]:
+        """The operator wants this coordinator to lead, and confirms that silent robots do no tasks.
+
+        Returns:
+            The robots that do not count until their next message.
+
         """
-        robots = [robot for robot in self._roster.by_name if self._counts(robot, now_ns)]
-        changes = sorted(robot.changes_received for robot in robots if robot.continues)
-        may_miss_it = len(robots) // 2
-        return changes[may_miss_it]
-
-    def force(self, now_ns: int) -> list[str]:
-        """The operator confirms that silent robots do no tasks: they do not count any more; returns their names."""
+        now_ns = self._clock.now_ns()
         silent = [robot for robot in self._roster.by_name if robot.name in self._counted and not robot.is_up(now_ns)]
         for robot in silent:
             robot.left_ns = robot.last_seen_ns
@@ -283,11 +292,10 @@ class OfferFence:
             return False
         return robot.name in self._counted or now_ns - seen_ns <= COUNTED_NS
 
-    def _log(self, now_ns: int) -> None:
-        reason = self.reason
+    def _log(self, reason: MinorityHeard, now_ns: int) -> None:
         if self._held_since_ns is None:
             self._held_since_ns = now_ns
-        if self._is_reported or reason is None or now_ns - self._held_since_ns < REPORT_NS:
+        if self._is_reported or now_ns - self._held_since_ns < REPORT_NS:
             return  # at the start, robots need a moment to receive the coordinator
         self._is_reported = True
         logger.error(
@@ -299,52 +307,15 @@ class OfferFence:
     def _end(self) -> None:
         if self._is_reported:
             logger.warning("tasks are offered again")
-        self.reason, self._counted = None, frozenset()
+        self.held_back, self._counted = None, frozenset()
         self._held_since_ns, self._is_reported = None, False
 
 
-class Leadership(CoordinatorPart):
-    """Holds offers back while robots out of reach may be allocating tasks among themselves.
-
-    Args:
-        core: the team.
-
-    """
-
-    def __init__(self, core: Core) -> None:
-        super().__init__(core)
-        self.fence = OfferFence(core.roster)
-        self._clock = core.wire.clock
-        core.wire.answer(COORDINATOR_LEAD, self._force, serve=Serve.IN_STEP)
-
-    def check(self, now_ns: int) -> None:
-        """Revoke changes that most robots may not have received, when offers are first held back."""
-        was_fenced = self.fence.reason is not None
-        self.fence.step(now_ns)
-        reason = self.fence.reason
-        if reason is not None and not was_fenced:
-            self.core.lifecycle.revoke(self.fence.received_by_most(now_ns), reason, now_ns)
-
-    def robots_gone(self, robots: Sequence[Robot], now_ns: int) -> None:
-        """The tokens of robots have gone."""
-        self.fence.record_gone(robots, now_ns)
-
-    def offer_refusal(self) -> TaskReason | None:
-        """Why no task is offered; None if tasks may be offered."""
-        return self.fence.reason
-
-    def summary(self, state: TeamState, now_ns: int) -> TeamState:
-        """Add why no task is offered."""
-        if self.fence.reason is None:
-            return state
-        return replace(state, stand_by=StandByStatus(process="", in_step=False, held_back=self.fence.reason))
-
-    def _force(self, _request: Request[LeadRequest]) -> LeadReply:
-        return LeadReply(skipped=self.force())
-
-    def force(self) -> list[str]:
-        """The operator wants this coordinator to lead; returns robots that do not count until their next message."""
-        return self.fence.force(self._clock.now_ns())
+def _received_by_most(counted: Sequence[Robot]) -> int:
+    """Number of the latest task change that at least one robot of every possible majority has received."""
+    changes = sorted(robot.changes_received for robot in counted if robot.continues)
+    may_miss_it = len(counted) // 2
+    return changes[may_miss_it]
 
 
 class ElectedLeadership(Leadership):
@@ -380,7 +351,7 @@ class ElectedLeadership(Leadership):
 
     def offer_refusal(self) -> TaskReason | None:
         """Why no task is offered; None if tasks may be offered."""
-        return self.mandate.refusal(self._clock.now_ns()) or self.fence.reason
+        return self.mandate.refusal(self._clock.now_ns()) or self.held_back
 
     def request_refusal(self) -> str:
         """Why no task is accepted or cancelled, in words; empty if the coordinator leads."""
@@ -396,7 +367,7 @@ class ElectedLeadership(Leadership):
     def summary(self, state: TeamState, now_ns: int) -> TeamState:
         """Add the election, and the candidate that stands by."""
         state = replace(super().summary(state, now_ns), lead=self.mandate.lead(now_ns))
-        return replace(state, stand_by=self.feed.status(self.fence.reason)) if self.feed.process else state
+        return replace(state, stand_by=self.feed.status(self.held_back)) if self.feed.process else state
 
     def publish(self, now_ns: int) -> None:
         """Send the journal's changes."""

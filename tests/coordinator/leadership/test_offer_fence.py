@@ -88,7 +88,7 @@ def test_tasks_are_offered_a_second_after_enough_are_heard_again(four: RobotsTha
     assert four.asked() == []
     four.run(1.0)
     assert four.asked() == ["t1"]
-    assert four.coordinator.part(Leadership).fence.reason is None
+    assert four.coordinator.part(Leadership).held_back is None
 
 
 def test_half_of_them_cannot_allocate_so_tasks_are_offered_to_the_others(
@@ -143,7 +143,7 @@ def test_robots_whose_tokens_go_after_a_silence_are_behind_a_cut(four: RobotsTha
     for robot in four.robots[1:]:
         robot.leave()
     four.run(2.0)
-    assert four.coordinator.part(Leadership).fence.reason == MinorityHeard(1, 4)
+    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 4)
 
 
 def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four: RobotsThatGoOn) -> None:
@@ -154,24 +154,24 @@ def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four:
     four.robots[0].come()
     four.robots[0].speaks = True
     four.run(1.0)
-    assert four.coordinator.part(Leadership).fence.reason == MinorityHeard(1, 4)
+    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 4)
 
 
 @pytest.mark.slow
 def test_robots_count_for_a_while_and_for_longer_while_offers_are_held_back(
     four: RobotsThatGoOn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(leadership, "HEARD_NS", to_ns(60.0))
+    monkeypatch.setattr(leadership, "COUNTED_NS", to_ns(60.0))
     four.part("r4")
     four.run(65.0)
     four.part("r3", "r4")
     four.run(3.0)
-    assert four.coordinator.part(Leadership).fence.reason is None, "two of three"
+    assert four.coordinator.part(Leadership).held_back is None, "two of three"
     four.part("r2", "r3", "r4")
     four.run(3.0)
-    assert four.coordinator.part(Leadership).fence.reason == MinorityHeard(1, 3)
+    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 3)
     four.run(65.0)
-    assert four.coordinator.part(Leadership).fence.reason == MinorityHeard(1, 3)
+    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 3)
 
 
 def test_the_operator_may_say_that_the_others_do_nothing(four: RobotsThatGoOn) -> None:
@@ -196,11 +196,11 @@ def test_a_restarted_coordinator_knows_which_robots_may_be_out_of_reach(tmp_path
         team.queue("t1")
         team.run(3.0)
         assert team.asked() == []
-        assert team.coordinator.part(Leadership).fence.reason == MinorityHeard(1, 4)
+        assert team.coordinator.part(Leadership).held_back == MinorityHeard(1, 4)
         assert team.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).skipped == ["r2", "r3", "r4"]
         team.run(2.0)
         assert team.asked() == ["t1"]
-        assert team.coordinator.part(Leadership).fence.reason is None
+        assert team.coordinator.part(Leadership).held_back is None
         team.coordinator.tasks.journal.close()
         team.close()
 
@@ -256,6 +256,6 @@ def test_what_most_have_heard_of_stays_with_its_robot(four: RobotsThatGoOn) -> N
     four.run(0.2)
     four.part(*({"r1", "r2", "r3", "r4"} - {robot}))
     four.run(3.0)
-    assert four.coordinator.part(Leadership).fence.reason is not None
+    assert four.coordinator.part(Leadership).held_back is not None
     assert four.coordinator.tasks.find("t1").robot == robot
     assert not any(other.withdrawals for other in four.robots)
