@@ -107,11 +107,11 @@ class Budget:
         chargers = self.home.chargers()
         if chargers:
             free = self.docks.free(chargers) or chargers
-            return min(self.ways(place, free), key=lambda route: route[1])
+            return min(self.routes(place, free), key=lambda route: route[1])
         start = self.home.start()
         return None, 0.0 if start is None else self._path_m(place, start)
 
-    def ways(self, place: Point2D, chargers: Sequence[ChargerPlace]) -> list[tuple[ChargerPlace, float]]:
+    def routes(self, place: Point2D, chargers: Sequence[ChargerPlace]) -> list[tuple[ChargerPlace, float]]:
         """The paths from a place to the nearest of these by straight line."""
         nearest = sorted(chargers, key=lambda charger: place.distance_m(charger.place))[:NEAREST]
         return [(charger, self._path_m(place, charger.place)) for charger in nearest]

@@ -56,14 +56,14 @@ class Encounter:
         robot: the robot's name.
         claim: its claim.
         radius_m: its radius.
-        mates: the robots around it.
+        teammates: the robots around it.
         speed_m_s: its speed.
 
     """
 
     def __init__(self, robot: str, claim: Claim, radius_m: float, teammates: Sequence[Mate], speed_m_s: float) -> None:
         self.radius_m = radius_m
-        self.mates = teammates
+        self.teammates = teammates
         self._speed_m_s = speed_m_s
         self.tracks = _tracks(teammates, radius_m, claim.rank(robot))
 
@@ -75,10 +75,10 @@ class Encounter:
         """How far a robot that makes room may go without touching another robot."""
         return release(ahead, self._speed_m_s, self.tracks, MARGINS, yields=False)
 
-    def in_the_way_of(self, here: Floats, within_s: float) -> list[str]:
+    def pressing(self, here: Floats, within_s: float) -> list[str]:
         """Names of the robots with priority that will pass these positions (N, 2) within that time."""
         found = []
-        for teammate, track in zip(self.mates, self.tracks, strict=True):
+        for teammate, track in zip(self.teammates, self.tracks, strict=True):
             if track.goes_first:
                 soon = 1 + round(within_s * track.speed_m_s / STEP_M)
                 if meet(here, track, MARGINS.contest_m, soon):
@@ -89,7 +89,7 @@ class Encounter:
         """Whether the path of any of these teammates meets that of the robot, regardless of priority."""
         return any(
             meet(ahead, track, MARGINS.contest_m)
-            for teammate, track in zip(self.mates, self.tracks, strict=True)
+            for teammate, track in zip(self.teammates, self.tracks, strict=True)
             if teammate.name in names
         )
 
@@ -100,7 +100,7 @@ class Encounter:
         """
         tracks = [
             track
-            for teammate, track in zip(self.mates, self.tracks, strict=True)
+            for teammate, track in zip(self.teammates, self.tracks, strict=True)
             if not push or track.goes_first or teammate.doing is Doing.OBSTACLE
         ]
         return self._speed_m_s, tracks, REFUGE_M
@@ -111,7 +111,7 @@ def _tracks(teammates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track
     tracks = []
     for teammate in teammates:
         track, first = teammate.track, False
-        if teammate.doing is Doing.UNDER_WAY:
+        if teammate.doing is Doing.MOVING:
             rank = teammate.rank
             first = (teammate.claim.rank(teammate.name) if rank is None else rank) < own
         keep_m = teammate.radius_m + radius_m
@@ -186,20 +186,20 @@ class TravelClaim:
         return now_ns - self._held_ns
 
     def make_room_for(self, teammate: Mate) -> None:
-        """Act by that teammate's claim, until `take_back`."""
+        """Act by that teammate's claim, until `restore`."""
         self._lent = teammate.claim.lend(teammate.name)
 
-    def take_back(self) -> None:
+    def restore(self) -> None:
         """Act by its own claim again."""
         self._lent = None
 
     def has_no_refuge(self, encounter: Encounter, here: Floats, now_ns: int) -> None:
         """Record that there is no refuge; it is reported once a robot is near enough to wait for it."""
-        pressed_by = encounter.in_the_way_of(here, PRESSED_S)
+        pressed_by = encounter.pressing(here, PRESSED_S)
         if pressed_by and now_ns - self._cornered_ns >= to_ns(CORNERED_AGAIN_S):
             self._cornered_ns = now_ns
             self._cornered_by = sorted({*self._cornered_by, *pressed_by})
-            most = max(teammate.claim.cornered for teammate in encounter.mates if teammate.name in pressed_by)
+            most = max(teammate.claim.cornered for teammate in encounter.teammates if teammate.name in pressed_by)
             self._own = msgspec.structs.replace(self._own, cornered=1 + most)
 
     def relieve(self, encounter: Encounter, ahead: Floats) -> None:
@@ -236,7 +236,7 @@ class Leg:
     ) -> None:
         self.is_escape = is_escape
         self.is_narrow = is_narrow
-        self.way = DrivenPath(np.array([(pose.x_m, pose.y_m), *[(point.x_m, point.y_m) for point in path]]))
+        self.path = DrivenPath(np.array([(pose.x_m, pose.y_m), *[(point.x_m, point.y_m) for point in path]]))
         self.end = path[-1]
         self._outlet = outlet
         self._released_m = -1.0
@@ -245,15 +245,15 @@ class Leg:
 
     def guard(self, encounter: Encounter, pose: Pose2D) -> Release:
         """How far the robot may go along it without touching another robot."""
-        return encounter.guard(self.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
+        return encounter.guard(self.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
 
     def drive(self, allowed: Release, claim: Claim) -> None:
         """Go this far, and publish the path."""
-        route = self.way
+        route = self.path
         if allowed.is_whole:
             if self._released_m < route.length_m:
                 self._send(route.length_m)
-            self._tell(claim, None)
+            self._publish(claim, None)
         elif allowed.positions < 2:
             self.stop(claim)
         else:
@@ -262,34 +262,34 @@ class Leg:
             is_near_end = self._released_m - route.passed_m < NEAR_END_M
             if more_m < 0 or more_m > NEAR_END_M or (is_near_end and more_m > 0.5 * STEP_M):
                 self._send(until_m)
-            self._tell(claim, until_m)
+            self._publish(claim, until_m)
 
     def stop(self, claim: Claim) -> None:
         """Stop, and publish that the robot waits."""
-        if self._released_m != self.way.passed_m:
+        if self._released_m != self.path.passed_m:
             self._outlet.driver.stop()
-            self._released_m = self.way.passed_m
-        self._tell(claim, self.way.passed_m)
+            self._released_m = self.path.passed_m
+        self._publish(claim, self.path.passed_m)
 
     def cut(self, pose: Pose2D, more_m: float) -> "Leg | None":
         """The remaining path within that distance, up to its released end; None if nothing remains."""
-        until_m = min(self._released_m, self.way.passed_m + more_m)
-        if until_m <= self.way.passed_m:
+        until_m = min(self._released_m, self.path.passed_m + more_m)
+        if until_m <= self.path.passed_m:
             return None
-        return Leg(self._outlet, pose, _points(self.way, until_m), is_narrow=self.is_narrow)
+        return Leg(self._outlet, pose, _points(self.path, until_m), is_narrow=self.is_narrow)
 
     def _send(self, until_m: float) -> None:
         self._released_m = until_m
-        path = self._outlet.localisation.to_odom(_points(self.way, until_m))
+        path = self._outlet.localisation.to_odom(_points(self.path, until_m))
         self._outlet.driver.follow(path, is_narrow=self.is_narrow)
 
-    def _tell(self, claim: Claim, until_m: float | None) -> None:
+    def _publish(self, claim: Claim, until_m: float | None) -> None:
         """Publish the path if it has changed."""
         word = claim, None if until_m is None else round(2.0 * until_m) / 2.0
         if word == self._reported:
             return
         self._reported = word
-        route, outlet = self.way, self._outlet
+        route, outlet = self.path, self._outlet
         pose = outlet.localisation.pose()
         outlet.publish(
             PlannedPath(

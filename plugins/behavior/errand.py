@@ -83,7 +83,7 @@ class Run(msgspec.Struct, Generic[P]):
     """Makes its script, from the beginning."""
     goal: Point2D
     """Its place."""
-    way_m: float
+    path_m: float
     """Planned length of the path there."""
     home_m: float
     """From the place to the nearest charger."""
@@ -166,7 +166,7 @@ class Errand(Behavior, ABC, Generic[P]):
         until_ns = self._now_ns() + to_ns(SETTLE_S)
         while self.travel.driver.motion() is Motion.DRIVING and self._now_ns() < until_ns:
             yield
-        self.travel.stand()
+        self.travel.stop()
 
     def wait(self, seconds: float) -> Part:
         """Stand for this time."""
@@ -181,15 +181,15 @@ class Errand(Behavior, ABC, Generic[P]):
             if abs(turn_rad) < FACED_RAD:
                 return
             self.travel.driver.turn(turn_rad)
-            yield from self.stand("the robot does not turn")
+            yield from self.arrive("the robot does not turn")
 
-    def stand(self, trouble: str) -> Part:
+    def arrive(self, trouble: str) -> Part:
         """Let the driver finish its action; Failed if it takes too long."""
         until_ns = self._now_ns() + to_ns(ACTION_LIMIT_S)
         yield
         while self.travel.driver.motion() is not Motion.STANDING:
             if self._now_ns() > until_ns:
-                self.travel.stand()
+                self.travel.stop()
                 raise Failed(trouble)
             yield
 
@@ -278,7 +278,7 @@ class Errand(Behavior, ABC, Generic[P]):
         battery = self.env.board.battery
         if not self.travel.lost or (battery is not None and battery.charging):
             if run.is_paused:
-                self.travel.stand()
+                self.travel.stop()
                 run.restart()
             return False
         if not run.is_paused:
@@ -303,14 +303,14 @@ class Errand(Behavior, ABC, Generic[P]):
         path_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
         run = Run(task, parameters, lambda: self.play(task, parameters), goal, path_m, home_m)
-        reason = self.why_not(run)
+        reason = self.refusal(run)
         if reason is not None:
             return TaskAnswer.refused(reason)
         self.drop()
         self.accept_task(run)
         return TaskAnswer(accepted=True)
 
-    def why_not(self, run: Run[P]) -> OfferRefusal | None:
+    def refusal(self, run: Run[P]) -> OfferRefusal | None:
         """Reason why a task cannot be accepted, before it is begun; None if it can."""
         verdict = self.budget.judge(self._left(run), run.home_m)
         if not verdict.is_affordable:
@@ -354,16 +354,16 @@ class Errand(Behavior, ABC, Generic[P]):
     def _report_outcome(self) -> None:
         """The robot is there: learn from the cost of the path, if it went as planned."""
         run = self.run
-        if run is not None and run.is_as_planned and run.way_m >= REPORTED_PATH_M:
+        if run is not None and run.is_as_planned and run.path_m >= REPORTED_PATH_M:
             run.is_as_planned = False  # learn once from one path
-            self.budget.learn(Work(path_m=run.way_m), run.energy_j)
+            self.budget.learn(Work(path_m=run.path_m), run.energy_j)
 
     def finish(self, state: TaskState, reason: str, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""
         run = self.run
         self.drop()
         self.env.board.behavior = "idle"
-        self.travel.stand()
+        self.travel.stop()
         if run is not None and run.own:
             self.env.tasks.vacate(self.env.plugin)
             self.ended_own(state, reason)
@@ -379,7 +379,7 @@ class Errand(Behavior, ABC, Generic[P]):
             self.travel.forget()
         else:
             self.env.board.behavior = "idle"  # first: a plugin that it drives with may be gone
-            self.travel.stand()
+            self.travel.stop()
 
     def drop(self) -> None:
         """Drop the task; scripts clean up after themselves."""
@@ -408,7 +408,7 @@ class Errand(Behavior, ABC, Generic[P]):
         if run.there_ns is None:
             straight_m = 0.0 if run.at is None else run.at.distance_m(run.goal)
             early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
-            return work + Work(path_m=max(straight_m, run.way_m - run.gone_m), wait_s=early_s)
+            return work + Work(path_m=max(straight_m, run.path_m - run.gone_m), wait_s=early_s)
         stayed_s = to_seconds(self._now_ns() - run.there_ns)
         return msgspec.structs.replace(work, wait_s=max(0.0, work.wait_s - stayed_s))
 
@@ -419,9 +419,9 @@ class Errand(Behavior, ABC, Generic[P]):
         if now_ns < run.check_ns:
             return ""
         run.check_ns = now_ns + CHECK_NS
-        return self.why_go_home(run)
+        return self.homing_reason(run)
 
-    def why_go_home(self, run: Run[P]) -> str:
+    def homing_reason(self, run: Run[P]) -> str:
         """Reason why a running task cannot continue, in joules; the robot is sent home then.
 
         Empty if it can.

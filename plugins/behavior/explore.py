@@ -130,7 +130,7 @@ OWN_CHOICES = 12
 SPENT_MAX = 256
 CHECK_PERIOD_S = 3.0
 """Period of the search for a frontier to explore, while the robot searches for its place."""
-LOOK_M = 1.5
+SIGHT_M = 1.5
 """Greatest distance from which a frontier is observed."""
 HERE_M = 0.3
 """A robot this near to a place counts as there."""
@@ -138,7 +138,7 @@ EVERYWHERE_M = 1e6
 """Robots within this distance are considered: all of the team."""
 DECIDE_PERIOD_S = 1.0
 """Period in which a robot that explores by its own choice decides again, as a coordinator does by `revise_s`."""
-WHY = {
+OUTCOMES = {
     TravelState.ARRIVED: (TaskState.DONE, "arrived"),
     TravelState.BLOCKED: (TaskState.FAILED, "the way is blocked"),
     TravelState.NO_PATH: (TaskState.FAILED, "no way there"),
@@ -249,18 +249,18 @@ class ExploreBehavior(Behavior):
         if progress is TravelState.TOO_NARROW:
             words, result = too_narrow(self._travel)
             self._finish(TaskState.FAILED, words, result)
-        elif progress in WHY:
-            self._finish(*WHY[progress])
+        elif progress in OUTCOMES:
+            self._finish(*OUTCOMES[progress])
 
     def _aim(self, goal: Point2D, priority: int = 0) -> bool:
         """Set out to a place from which a frontier can be seen; False if there is no path.
 
         The nearest place to stand may not do: a wall may hide the frontier from there, such as the inside of a shelf.
         """
-        place = self._travel.standpoint(goal, LOOK_M)
+        place = self._travel.standpoint(goal, SIGHT_M)
         is_narrow = place is None
         if place is None or self._travel.pose().distance_m(place) < HERE_M:  # it is there and has not seen it
-            nearer = self._travel.narrow_standpoint(goal, LOOK_M)
+            nearer = self._travel.narrow_standpoint(goal, SIGHT_M)
             if nearer is not None and (place is None or nearer.distance_m(goal) < place.distance_m(goal)):
                 place, is_narrow = nearer, True
         if place is None:
@@ -311,7 +311,7 @@ class ExploreBehavior(Behavior):
         if behavior != FIND_ITSELF or now_ns < self._check_due_ns:
             return behavior == IDLE
         self._check_due_ns = now_ns + to_ns(CHECK_PERIOD_S)
-        places = (self._travel.standpoint(goal, LOOK_M) for goal in self._frontiers() if goal not in self._spent)
+        places = (self._travel.standpoint(goal, SIGHT_M) for goal in self._frontiers() if goal not in self._spent)
         return any(place is not None and self._travel.plan(place) is not None for place in places)
 
     def _frontiers(self) -> list[Point2D]:
@@ -386,7 +386,7 @@ class ExploreBehavior(Behavior):
 
     def _let_go(self, _reason: str) -> None:
         self._task, self._is_own = None, False
-        self._stand_still()
+        self._stop()
 
     def _finish(self, state: TaskState, reason: str, result: dict[str, float] | None = None) -> None:
         task, self._task = self._task, None
@@ -396,13 +396,13 @@ class ExploreBehavior(Behavior):
             if task is not None:
                 self._record_own(task.place, state, result)
         if state is TaskState.FAILED:
-            self._travel.stand()
+            self._travel.stop()
         else:
             self._travel.coast()
         if task is not None:
             self.env.tasks.end(task.id, state, reason, result)
         self.env.board.behavior = IDLE
 
-    def _stand_still(self) -> None:
-        self._travel.stand()
+    def _stop(self) -> None:
+        self._travel.stop()
         self.env.board.behavior = IDLE

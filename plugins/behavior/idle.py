@@ -102,7 +102,7 @@ class IdleBehavior(Behavior):
         elif self._is_searching and (is_found or is_charging or not self._travel.find_itself()):
             self._is_searching = False
             self._has_searched = not is_found and not is_charging
-            self._travel.stand()
+            self._travel.stop()
             board.behavior = "idle"
             tasks.vacate(own)
         elif not self._is_searching and not (is_found or is_charging or self._has_searched):
@@ -135,12 +135,12 @@ class IdleBehavior(Behavior):
             self._is_going = False
             self._since_ns = None
             self._travel.forget()
-        elif self._travel.step() not in (TravelState.UNDER_WAY, TravelState.WAITING):
+        elif self._travel.step() not in (TravelState.MOVING, TravelState.WAITING):
             self._end()
 
     def _end(self) -> None:
         if (self._is_going or self._is_searching) and self.env.tasks.occupies(self.env.plugin):
-            self._travel.stand()
+            self._travel.stop()
             self.env.board.behavior = "idle"
         self._is_going = self._is_searching = False
         self.env.tasks.vacate(self.env.plugin)

@@ -75,7 +75,7 @@ class Queue:
         if self._wanted in free or not free:
             return self._wanted if free else None
         pose = self._errand.travel.pose()
-        return min(self._errand.budget.ways(Point2D(pose.x_m, pose.y_m), free), key=lambda route: route[1])[0]
+        return min(self._errand.budget.routes(Point2D(pose.x_m, pose.y_m), free), key=lambda route: route[1])[0]
 
     def leave_out(self, charger: ChargerPlace, reason: str) -> None:
         """Skip a useless charger for a while."""
@@ -95,7 +95,7 @@ class Queue:
             if progress in TROUBLE:
                 self.leave_out(charger, TROUBLE[progress])
             if progress in TROUBLE or errand.budget.docks.holder(charger.place):
-                errand.travel.stand()
+                errand.travel.stop()
                 return {}
             yield
         yield from errand.settle()
@@ -107,7 +107,7 @@ class Queue:
         while (usable := self._usable()) and not self._free(usable):
             self._errand.travel.make_room()
             yield
-        self._errand.travel.stand()
+        self._errand.travel.stop()
 
     def must_give(self, charger: ChargerPlace) -> bool:
         """Whether a waiting teammate needs a charger more, and this robot is the charging one that needs it least."""
@@ -135,7 +135,7 @@ class Queue:
             try:
                 yield from self._errand.go(place)
             except Failed:
-                self._errand.travel.stand()  # here, then
+                self._errand.travel.stop()  # here, then
         return {}
 
     def _aside(self) -> Point2D | None:
@@ -214,7 +214,7 @@ class Docking:
         """Stand at the charger's place by localisation; the current decides in the end."""
         for _ in range(DOCK_TRIES):
             self._set_out(self._charger.place)
-            yield from self._errand.stand("the robot does not get into the dock")
+            yield from self._errand.arrive("the robot does not get into the dock")
             if self._errand.away_m(self._charger.place) <= DOCKED_M:
                 break
         yield from self._feel(TOUCH_S)
@@ -394,10 +394,10 @@ class RechargeBehavior(Errand[Recharge]):
             self._charged_j += before_j - run.energy_j
             run.energy_j = before_j
 
-    def why_not(self, run: Run[Recharge]) -> None:
+    def refusal(self, run: Run[Recharge]) -> None:
         """Nothing: running out of energy on the path to a charger is no worse than waiting for it."""
 
-    def why_go_home(self, run: Run[Recharge]) -> str:
+    def homing_reason(self, run: Run[Recharge]) -> str:
         """Nothing: the robot already drives there."""
         return ""
 

@@ -45,7 +45,7 @@ class HeldLink:
         self._stamp_ns = 0
         self._rssi_dbm: float | None = None
 
-    def hear(self, rssi_dbm: float, stamp_ns: int) -> None:
+    def record(self, rssi_dbm: float, stamp_ns: int) -> None:
         """Record the last packet, repeated or new."""
         if stamp_ns <= max(self._stamp_ns, self._begun_ns):
             return
@@ -96,11 +96,11 @@ class RelayBehavior(Errand[Relay]):
         """Standing, and the path as far as it may stray."""
         return Work(path_m=self.parameters.stray_m, wait_s=relay.duration_s)
 
-    def why_not(self, run: Run[Relay]) -> OfferRefusal | None:
+    def refusal(self, run: Run[Relay]) -> OfferRefusal | None:
         """A robot cannot be the link to itself."""
         if run.parameters.robot == self.env.robot:
             return PlainReason("a robot is no relay to itself")
-        return super().why_not(run)
+        return super().refusal(run)
 
     def do(self, task: Task, relay: Relay) -> Script:
         """Hold the links. Result: `share_linked` of the time, mean `rssi_dbm`, `moved_m` from the place."""
@@ -134,12 +134,12 @@ class RelayBehavior(Errand[Relay]):
         if relay.mote:
             mote = next((received for received in self._snw.heard() if received.mote == relay.mote), None)
             if mote is not None:
-                links["mote"].hear(mote.rssi_dbm, mote.stamp_ns)
+                links["mote"].record(mote.rssi_dbm, mote.stamp_ns)
                 links["mote"].place = mote.place
         if relay.robot:
             robot = next((received for received in self._snw.robots() if received.robot == relay.robot), None)
             if robot is not None:
-                links["robot"].hear(robot.rssi_dbm, robot.stamp_ns)
+                links["robot"].record(robot.rssi_dbm, robot.stamp_ns)
             teammate = next((teammate for teammate in self._others.others() if teammate.name == relay.robot), None)
             if teammate is not None:
                 links["robot"].place = Point2D(teammate.pose.x_m, teammate.pose.y_m)

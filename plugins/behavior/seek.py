@@ -120,7 +120,7 @@ class SeekBehavior(Errand[Seek]):
             "sd_m": sd_m,
             "at_wall": climb.is_at_wall,
             "samples": climb.samples,
-            "received": climb.heard,
+            "received": climb.received,
         }
 
     def measured(self, quantity: str) -> float | None:
@@ -130,7 +130,7 @@ class SeekBehavior(Errand[Seek]):
         except CallError:
             return None
 
-    def told(self) -> list[MoteReading]:
+    def readings(self) -> list[MoteReading]:
         """Readings of motes received since the last call."""
         return [received.message for received in self._readings.drain()]
 
@@ -147,7 +147,7 @@ class Climb:
 
     def __init__(self, errand: SeekBehavior, task: Task, seek: Seek) -> None:
         self.samples = 0
-        self.heard = 0
+        self.received = 0
         self.value = math.nan
         """Of the field at the summit that was found."""
         self.sd_m = math.inf
@@ -263,7 +263,7 @@ class Climb:
             if progress is TravelState.LOST:
                 raise Failed(TROUBLE[progress])
             if progress in TROUBLE:
-                travel.stand()
+                travel.stop()
                 yield
                 return False
             self._sample(self._here())
@@ -281,11 +281,11 @@ class Climb:
         if value is not None:
             self.samples += 1
             self._field.add(here, value, to_seconds(now_ns))
-        for reading in self._errand.told():
+        for reading in self._errand.readings():
             sensed_ns = measured_at_ns(reading)
             is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(RECEIVED_S)
             if is_meant and reading.place is not None and reading.place.distance_m(here) < self._seek.reach_m:
-                self.heard += 1
+                self.received += 1
                 self._field.receive(reading.mote, reading.place, reading.value, to_seconds(sensed_ns))
 
     def _fit(self, at: Point2D, width_m: float = WIDTH_M) -> FieldFit | None:

@@ -125,7 +125,7 @@ class TravelParameters(Checked, frozen=True, forbid_unknown_fields=True):
 class TravelState(Enum):
     """State of a travel."""
 
-    UNDER_WAY = auto()
+    MOVING = auto()
     WAITING = auto()
     """Under way, but waiting or aside until others have passed."""
     ARRIVED = auto()
@@ -221,7 +221,7 @@ class Travel:
         now_ns = self._env.clock.now_ns()
         if self._search is None:
             goal = self._goal
-            self.stand()
+            self.stop()
             self._goal = goal
             self._search = LostSearch(self.driver, now_ns)
         may_explore = for_task and self._env.board.frame != ARENA
@@ -284,7 +284,7 @@ class Travel:
                     self._is_narrow_goal = is_narrow and goal == goals[0]
                     self._contested_ns = None
                     leg = self._handle(path, pose, is_narrow=squeezes)
-                    self._travel_claim.set_out(priority, leg.way.length_m)
+                    self._travel_claim.set_out(priority, leg.path.length_m)
                     self._go(leg, self._meet(pose), pose)
                     return True
         return False
@@ -315,17 +315,17 @@ class Travel:
         leg = self._leg
         if self.lost:
             if leg is not None:
-                self.stand()
+                self.stop()
             return False
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         encounter = self._meet(pose, IDLE)
         if leg is not None:
-            if leg.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
+            if leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
                 leg.drive(leg.guard(encounter, pose), IDLE)
                 return True
-            self.stand()
+            self.stop()
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
-        if is_due and encounter.in_the_way_of(_here(pose), ROOM_S):
+        if is_due and encounter.pressing(_here(pose), ROOM_S):
             self._checked_ns = now_ns
             path = self._planner.escape(self.view(), Point2D(pose.x_m, pose.y_m), *encounter.to_escape())
             if path is not None:
@@ -342,7 +342,7 @@ class Travel:
             return
         rest = leg.cut(self.pose(), self._parameters.speed_m_s)
         if rest is None:
-            self.stand()
+            self.stop()
             return
         self._leg = rest
         rest.drive(Release(2, is_whole=True, must_leave=False, by=-1), IDLE)
@@ -354,7 +354,7 @@ class Travel:
         self._leg = None
         self._search = None
 
-    def stand(self) -> None:
+    def stop(self) -> None:
         """Stop, and publish this."""
         self.forget()
         self.driver.stop()
@@ -391,7 +391,7 @@ class Travel:
         return (True, False) if is_inside else (False, True)
 
     def _plan(self, encounter: Encounter, goal: Point2D, *, is_narrow: bool = False) -> list[Point2D] | None:
-        pose, view, teammates = self.pose(), self.view(), encounter.mates
+        pose, view, teammates = self.pose(), self.view(), encounter.teammates
         start = Point2D(pose.x_m, pose.y_m)
         margin_m = encounter.radius_m + self._parameters.mate_margin_m
         dear = zones(teammates, encounter, margin_m) if self._is_contested() else []
@@ -424,7 +424,7 @@ class Travel:
         if self.view().version == self._version:
             return True
         self._version = self.view().version
-        ahead = leg.way.ahead(pose.x_m, pose.y_m, LONGEST_M)
+        ahead = leg.path.ahead(pose.x_m, pose.y_m, LONGEST_M)
         return self._safe_positions(leg, ahead) == len(ahead)
 
     def _safe_positions(self, leg: Leg, ahead: Floats) -> int:
@@ -449,7 +449,7 @@ class Travel:
         self._end = leg.end
         self._planned_ns = self._env.clock.now_ns()
         self._lost_ns = None
-        self._travel_claim.take_back()
+        self._travel_claim.restore()
         return leg
 
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> TravelState:
@@ -458,7 +458,7 @@ class Travel:
             leg.drive(leg.guard(encounter, pose), self._travel_claim.claim)
             return self._wait()
         now_ns = self._env.clock.now_ns()
-        ahead = leg.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
+        ahead = leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
         self._travel_claim.relieve(encounter, ahead)
         allowed = encounter.release(ahead)
         if not allowed.is_whole:
@@ -466,14 +466,14 @@ class Travel:
             if now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s):
                 self._checked_ns = now_ns
                 if self._detour(leg, encounter, pose, allowed):
-                    return TravelState.UNDER_WAY
+                    return TravelState.MOVING
                 if allowed.must_leave:
-                    self._escape(leg, encounter, pose, encounter.mates[allowed.by])
+                    self._escape(leg, encounter, pose, encounter.teammates[allowed.by])
                     return self._wait()
         leg.drive(self._careful(leg, allowed, ahead, now_ns), self._travel_claim.claim)
         if allowed.is_whole or allowed.positions > 2:
             self._travel_claim.go_on()
-            return TravelState.UNDER_WAY
+            return TravelState.MOVING
         return self._wait()
 
     def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
@@ -492,9 +492,9 @@ class Travel:
         if path is None:
             return False
         other = Leg(self._outlet, pose, path)
-        if other.way.length_m > leg.way.left_m + self._parameters.detour_m:
+        if other.path.length_m > leg.path.left_m + self._parameters.detour_m:
             return False
-        allowed_there = encounter.release(other.way.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
+        allowed_there = encounter.release(other.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
         if not allowed_there.is_whole and allowed_there.positions < allowed.positions + round(DETOUR_GAIN_M / STEP_M):
             return False
         self._handle(path, pose).drive(allowed_there, self._travel_claim.claim)

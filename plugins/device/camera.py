@@ -59,7 +59,7 @@ class Backend:
     def __init__(self, env: Environment, parameters: "CameraDevice.Parameters") -> None:
         self._env, self._parameters = env, parameters
 
-    def take(self) -> bytes:
+    def capture(self) -> bytes:
         """One picture as a PNG; CallError if there is none."""
         raise NotImplementedError
 
@@ -70,7 +70,7 @@ class Backend:
 class WireCamera(Backend):
     """The simulator's camera: requests each picture from the arena, which draws it."""
 
-    def take(self) -> bytes:
+    def capture(self) -> bytes:
         """The image that the arena draws for this robot."""
         try:
             return self._env.wire.ask(ARENA_CAMERA, robot=self._env.robot, timeout_s=self._parameters.timeout_s)
@@ -89,7 +89,7 @@ class FileCamera(Backend):
             raise HardwareAbsent(env.plugin, f"expected channel to be a PNG or a folder with some, got {channel!r}")
         self._paths = itertools.cycle(paths)
 
-    def take(self) -> bytes:
+    def capture(self) -> bytes:
         """The next picture."""
         path = next(self._paths)
         try:
@@ -114,7 +114,7 @@ class VideoCamera(Backend):
         if not self._device.isOpened():
             raise HardwareAbsent(env.plugin, f"no video device {number}")
 
-    def take(self) -> bytes:
+    def capture(self) -> bytes:
         """The present image of the device."""
         there, pixels = self._device.read()
         if not there:
@@ -182,7 +182,7 @@ class CameraDevice(Device):
         """Take a picture."""
         if self._backend is None:
             raise CallError(ErrorCode.INACTIVE, f"{self.env.plugin}: the camera is not open")
-        png = self._backend.take()
+        png = self._backend.capture()
         width, height = png_size(png)
         return Picture(png=png, width=width, height=height, stamp_ns=self.env.clock.now_ns())
 

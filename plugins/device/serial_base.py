@@ -262,7 +262,7 @@ class WheelSerialLink:
         was_cut, stop = self._is_cut, self._codec.stop()
         self._write(stop * 2 if was_cut else stop)
 
-    def take(self) -> list[WheelReport]:
+    def receive(self) -> list[WheelReport]:
         """As WheelLink; the counts are asked for when it is time."""
         if self.broken is not None:
             return []

@@ -38,7 +38,7 @@ class HomeInterface(Protocol):
     def start(self) -> Point2D | None:
         """Estimated start of the robot, arena frame; None before it knows its place."""
 
-    def ask(self, why: str) -> None:
+    def ask(self, reason: str) -> None:
         """Request that the robot goes home; the plugin that drives it there observes `asked`."""
 
 
@@ -66,7 +66,7 @@ class Home(Skill):
 
     def init(self) -> None:
         self._chargers = list(self.parameters.chargers)
-        self._tell()
+        self._publish()
 
     @external
     def chargers(self) -> list[ChargerPlace]:
@@ -79,7 +79,7 @@ class Home(Skill):
         is_new = all(charger.place.distance_m(known.place) >= SAME_M for known in self._chargers)
         if is_new and len(self._chargers) < MAX_CHARGERS:
             self._chargers.append(charger)
-            self._tell()
+            self._publish()
 
     @external
     def start(self) -> Point2D | None:
@@ -88,9 +88,9 @@ class Home(Skill):
         return None if T_arena_odom is None else Point2D(T_arena_odom.x_m, T_arena_odom.y_m)
 
     @external
-    def ask(self, why: str) -> None:
+    def ask(self, reason: str) -> None:
         """Ask the robot to go home, with a reason."""
-        self.asked.notify(why)
+        self.asked.notify(reason)
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         self.env.board.chargers = tuple(charger.place for charger in self._chargers)

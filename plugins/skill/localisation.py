@@ -217,14 +217,14 @@ class Localisation(Skill):
         if start.scan_matching:
             self.env.observe(self.env.use("scan", ScanInterface).scanned, self._see)
         self.env.board.radius_m = self._driver.radius_m()
-        self._tell()
+        self._publish()
 
     def step(self) -> None:
         self._update_from_map()
         self._move()
         self._receive()
         self._match()
-        self._tell()
+        self._publish()
         self.env.board.pose = self._T_arena_odom.compose(self._odometry)
         self.env.board.velocity = self._driver.velocity()
 
@@ -328,7 +328,7 @@ class Localisation(Skill):
         path_m = self._localiser.driven_m - self._matched_path_m
         is_due = now_ns >= self._scan_due_ns or path_m > self.parameters.scan_way_m
         if board.map is None or not is_due:
-            self._tell()
+            self._publish()
             return
         self._checked.append(scan.stamp_ns)
         self._scan_due_ns = now_ns + to_ns(self.parameters.scan_period_s)
@@ -341,7 +341,7 @@ class Localisation(Skill):
                 self._matches += 1
                 self._last_fit = fit.fit
             self._agree(points, board.map, T_robot_sensor)
-        self._tell()
+        self._publish()
 
     def _agree(self, points: Floats, team: OccupancyGrid, T_robot_sensor: Pose2D) -> None:
         """Compare the scan with the team's map once every `AGREE_PERIOD_S`."""
@@ -382,7 +382,7 @@ class Localisation(Skill):
         )
         if self._localiser.lost:
             self._own_map.false_start = True
-            self._tell()
+            self._publish()
 
     def _handle_fix(self) -> None:
         """Motes have localised the robot in the arena: place the frame of its map by this."""
@@ -411,7 +411,7 @@ class Localisation(Skill):
         self._T_arena_local = IDENTITY
         self._is_corrected = True
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         self._handle_fix()
         self._centre()
         localiser, board = self._localiser, self.env.board

@@ -95,7 +95,7 @@ class Battery(Unit):
             self._tracker.no_reading(to_seconds(now_ns - self._received_ns), to_seconds(now_ns - self._reported_ns))
         self._reported_ns = now_ns
         self._last = measured
-        self._tell(measured)
+        self._publish(measured)
 
     @external
     def state(self) -> BatteryState | None:
@@ -117,7 +117,7 @@ class Battery(Unit):
         self._energy_j += energy_j
         self._tracker.follow(_values(measured), charge_c, elapsed_s, _report(measured))
 
-    def _tell(self, measured: BatteryMeasurement) -> None:
+    def _publish(self, measured: BatteryMeasurement) -> None:
         believed = self._tracker.filter
         reason, soc = self._tracker.doubt_reason, believed.soc
         charging = measured.current_a < CHARGING_BELOW_A
@@ -149,15 +149,15 @@ class Battery(Unit):
         self._is_doubted = bool(reason)
         if soc <= parameters.low_soc and not self._is_low:
             self._is_low = True
-            why_low = f"{100 * soc:.0f} % left, low is {100 * parameters.low_soc:g} %"
-            self.low.notify(BatteryAlarm(why_low, soc, remaining_j, voltage_v))
+            low_reason = f"{100 * soc:.0f} % left, low is {100 * parameters.low_soc:g} %"
+            self.low.notify(BatteryAlarm(low_reason, soc, remaining_j, voltage_v))
         elif soc > parameters.low_soc + parameters.hysteresis_soc:
             self._is_low = False
         is_under = not reason and voltage_v < parameters.cut_off_v
         if (soc <= parameters.cut_off_soc or is_under) and not self._is_cut_off:
             self._is_cut_off = True
-            why_off = f"{voltage_v:.2f} V and {100 * soc:.0f} % left"
-            self.cut_off.notify(BatteryAlarm(why_off, soc, remaining_j, voltage_v))
+            off_reason = f"{voltage_v:.2f} V and {100 * soc:.0f} % left"
+            self.cut_off.notify(BatteryAlarm(off_reason, soc, remaining_j, voltage_v))
         elif soc > parameters.cut_off_soc + parameters.hysteresis_soc and not is_under:
             self._is_cut_off = False
 

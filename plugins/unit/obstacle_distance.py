@@ -183,7 +183,7 @@ class Lookout:
         """Handle a change of the bump contacts."""
         self._touched_rad = bump.directions_rad
 
-    def look(self, now_ns: int) -> str:
+    def check(self, now_ns: int) -> str:
         """Read the sensors; returns the reason why the robot is blind, empty if it is not."""
         blind_reason = self._obstacles.update(self._scan.latest(), self._ranges.latest(), now_ns)
         if self._obstacles.is_frozen:

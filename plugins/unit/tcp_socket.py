@@ -46,7 +46,7 @@ class Conversation:
         self._execute = execute
         self._splitter = LineSplitter(MAX_LINE_BYTES)
 
-    def take(self, received: bytes) -> Iterator[bytes]:
+    def feed(self, received: bytes) -> Iterator[bytes]:
         """The answers to the lines that end in the received bytes."""
         for line in self._splitter.feed(received):
             if line is None:
@@ -212,7 +212,7 @@ class LineServer:
         try:
             with client:
                 while received := self._receive(client):
-                    self._answer(client, conversation.take(received))
+                    self._answer(client, conversation.feed(received))
                 self._answer(client, conversation.end())
         except OSError as error:
             logger.info("a client of port %d is cut off: %s", self.port, error)

@@ -46,7 +46,7 @@ class Teammate(msgspec.Struct, frozen=True):
 class Doing(StrEnum):
     """Expected motion of a teammate."""
 
-    UNDER_WAY = "under way"
+    MOVING = "under way"
     """It follows its path, or waits on it for others."""
     STANDING = "standing"
     """It has no path, and may be given one at any time."""
@@ -132,7 +132,7 @@ class KnownTeammate:
 
     def __init__(self, name: str, stalled_ns: int, speed_m_s: float) -> None:
         self.name = name
-        self.heard_ns = 0
+        self.received_ns = 0
         """Time of the last reception of its state."""
         self.spoke_ns = 0
         """When anything was."""
@@ -142,7 +142,7 @@ class KnownTeammate:
         """The map frame of its pose."""
         self.state: RobotState | None = None
         """The last with a pose."""
-        self.way: Floats | None = None
+        self.path: Floats | None = None
         """(N, 2) positions of the path that it drives; None if it has none."""
         self.box: Box | None = None
         """Around the whole path."""
@@ -159,7 +159,7 @@ class KnownTeammate:
         self.moved_at: Pose2D | None = None
         self.stalled_ns = stalled_ns
         self.default_speed_m_s = speed_m_s
-        self.mate: Mate | None = None
+        self.cached: Mate | None = None
         """The last prediction; None after a newer message."""
 
 
@@ -173,8 +173,8 @@ def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns:
         pose = state.pose
         if pose is None:
             continue
-        known.heard_ns = now_ns
-        known.state, known.frame, known.mate = state, state.frame, None
+        known.received_ns = now_ns
+        known.state, known.frame, known.cached = state, state.frame, None
         known.teammate = Teammate(known.name, pose, state.velocity, state.radius_m)
         at = known.moved_at
         if at is None or pose.distance_m(at) > MOVED_M:
@@ -186,19 +186,19 @@ def receive_paths(reported: Sequence[tuple[KnownTeammate, PlannedPath]], now_ns:
     _pass_on([known for known, _ in reported])
     for known, path in reported:
         known.spoke_ns = now_ns
-        has_way_left = known.teammate is not None and known.way is not None and len(known.way) - known.passed > AT_END
-        if known.held_at_m is not None or not has_way_left:
+        is_driving = known.teammate is not None and known.path is not None and len(known.path) - known.passed > AT_END
+        if known.held_at_m is not None or not is_driving:
             known.moved_ns = now_ns  # it has been waiting or standing, and only now may be expected to move
         if path.points:
-            (known.way, known.box), known.bound = path.derived(_path_of), path.points[-1]
+            (known.path, known.box), known.bound = path.derived(_path_of), path.points[-1]
         else:
-            known.way = known.box = known.bound = None
+            known.path = known.box = known.bound = None
         known.passed = 0
         if path.claim != known.claim:
             known.claim, known.rank = path.claim, path.claim.rank(known.name)
         known.speed_m_s = path.speed_m_s if path.speed_m_s > 0 else known.default_speed_m_s
         known.held_at_m = path.held_at_m
-        known.mate = None
+        known.cached = None
 
 
 def _path_of(path: PlannedPath) -> tuple[Floats, Box]:
@@ -211,23 +211,23 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
     """Predictions of the teammates, without those that have not published their pose."""
     placed = [known for known in teammates if known.teammate is not None]
     silent_ns = now_ns - fresh_ns
-    stale = [known for known in placed if known.mate is None or known.heard_ns < silent_ns]
+    stale = [known for known in placed if known.cached is None or known.received_ns < silent_ns]
     _pass_on(stale)
     for known in stale:
-        teammate, state, route = known.teammate, known.state, known.way
+        teammate, state, route = known.teammate, known.state, known.path
         if teammate is None or state is None:
             continue
         pose, held_at_m = teammate.pose, known.held_at_m
         radius_m = teammate.radius_m + LOST_MARGIN_M if state.lost else teammate.radius_m
         bound, rest = Point2D(pose.x_m, pose.y_m), None
         doing = Doing.OBSTACLE
-        if known.heard_ns >= silent_ns and not state.halted and not state.lost:
+        if known.received_ns >= silent_ns and not state.halted and not state.lost:
             rest = None if route is None else route[known.passed + 1 : known.passed + 1 + AHEAD]
             if rest is None or len(rest) < AT_END:
                 doing = Doing.STANDING
             elif held_at_m is not None or now_ns - known.moved_ns <= known.stalled_ns:
-                doing = Doing.UNDER_WAY
-        if doing is Doing.UNDER_WAY and rest is not None and known.bound is not None:
+                doing = Doing.MOVING
+        if doing is Doing.MOVING and rest is not None and known.bound is not None:
             bound, speed_m_s, held_at = known.bound, known.speed_m_s, len(rest)
             positions = np.empty((held_at + 1, 2))
             positions[0] = pose.x_m, pose.y_m
@@ -235,10 +235,10 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
             if held_at_m is not None:
                 held_at = max(0, min(held_at, round((held_at_m - known.passed * STEP_M) / STEP_M)))
         else:
-            positions, speed_m_s = _rolling_on(teammate, is_fresh=known.heard_ns >= silent_ns)
+            positions, speed_m_s = _rolling_on(teammate, is_fresh=known.received_ns >= silent_ns)
             held_at = len(positions) - 1
         energy, task = state.energy, state.task
-        known.mate = Mate(
+        known.cached = Mate(
             known.name,
             pose,
             radius_m,
@@ -251,16 +251,16 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
             math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
             known.rank,
         )
-    return [known.mate for known in placed if known.mate is not None]
+    return [known.cached for known in placed if known.cached is not None]
 
 
 def _pass_on(teammates: Iterable[KnownTeammate]) -> None:
     """Record the progress of teammates along their paths."""
     driving, routes, passed, places = [], [], [], []
     for known in teammates:
-        if known.way is not None and known.teammate is not None:
+        if known.path is not None and known.teammate is not None:
             driving.append(known)
-            routes.append(known.way)
+            routes.append(known.path)
             passed.append(known.passed)
             places.append((known.teammate.pose.x_m, known.teammate.pose.y_m))
     if driving:
@@ -353,13 +353,13 @@ class Teammates(Unit):
         return [
             known.teammate
             for known in self._known.values()
-            if known.teammate is not None and known.frame == frame and now_ns - known.heard_ns <= self._fresh_ns
+            if known.teammate is not None and known.frame == frame and now_ns - known.received_ns <= self._fresh_ns
         ]
 
     def count(self) -> int:
         """Number of robots received within the last two seconds, in any map frame."""
         now_ns = self._receive()
-        return sum(now_ns - known.heard_ns <= self._fresh_ns for known in self._known.values())
+        return sum(now_ns - known.received_ns <= self._fresh_ns for known in self._known.values())
 
     def mates(self, place: Point2D, within_m: float) -> list[Mate]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""

@@ -90,7 +90,7 @@ class MoteGateway:
         if is_live:
             record.window.mote_holds_from(reading.oldest)
         if is_new:
-            self.store.tell(wire_reading(reading, self.name, now_ns, way))
+            self.store.publish(wire_reading(reading, self.name, now_ns, way))
         complete = record.window.complete() if way is None else None
         if complete is not None and complete[1] >= ACKNOWLEDGED_TOGETHER:
             answer = ActiveMessage(

@@ -75,7 +75,7 @@ class FrameClock:
         self._frame_ns = self._stamp_ns = 0
         self._delay = LeastDelay()
 
-    def note(self, counter: int | None, stamp_ns: int, now_ns: int) -> int:
+    def add(self, counter: int | None, stamp_ns: int, now_ns: int) -> int:
         """Take the next frame; returns its time of measurement in frame time.
 
         Args:

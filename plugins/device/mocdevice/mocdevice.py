@@ -224,7 +224,7 @@ class CanLink:
         else:
             self.command([0.0] * sum(len(one.factors) for one in self._frames.commands))
 
-    def take(self) -> list[WheelReport]:
+    def receive(self) -> list[WheelReport]:
         """As WheelLink."""
         reports: list[WheelReport] = []
         if self.broken is not None:

@@ -53,7 +53,7 @@ class WheelLink(Protocol):
     """A connection to a motor controller; its users' calls never fail, as the device's own step raises `broken`."""
 
     pending: Sized
-    """Empty if `take` has nothing to take."""
+    """Empty if `receive` has nothing to return."""
     status: ControllerStatus | None
     """Last status of the controller; None before the first, or if it sends none."""
     statuses: int
@@ -73,7 +73,7 @@ class WheelLink(Protocol):
     def stop(self) -> None:
         """Stop the wheels at once."""
 
-    def take(self) -> list[WheelReport]:
+    def receive(self) -> list[WheelReport]:
         """Reports that have arrived since the last call."""
 
     def counters(self, believed: int, rejected: int) -> Counters:
@@ -91,7 +91,7 @@ RECENT_FRAMES = 32
 JUMP_SLACK = 2.0
 """A base that seems to have moved this many times as far as it can has not: its counts or odometry have jumped."""
 
-STANDING = Twist2D()
+STILL = Twist2D()
 
 Ticks = tuple[int, ...]
 
@@ -107,7 +107,7 @@ class Counting(NamedTuple):
 class BaseOdometry(PoseTrack):
     """Pose and velocity of a base by its own measurements: T_odom_robot."""
 
-    velocity = STANDING
+    velocity = STILL
 
     def _record(self, stamp_ns: int) -> None:
         """Keep the pose as that of this time; later ones, as after a clock was set back, are forgotten."""
@@ -152,7 +152,7 @@ class WheelOdometry(BaseOdometry):
         self._stamp_ns: int | None = None
         self._ticks_per_frame = JUMP_SLACK * wheel_speed_max_rad_s * period_s / self._rad_per_tick
 
-    def take(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
+    def follow(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
         """Take the counts of one frame; returns False if they have jumped.
 
         `stamp_ns` is the time of measurement, `missing` the number of frames lost before this one.
@@ -160,7 +160,7 @@ class WheelOdometry(BaseOdometry):
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
         has_jumped = False
-        self.velocity, self.turned_rad = STANDING, 0.0
+        self.velocity, self.turned_rad = STILL, 0.0
         if before is not None and ticks != before:
             half, modulus = self._half, self._modulus
             # The shortest difference on the wrapping counter.
@@ -479,7 +479,7 @@ class WheelDevice(BaseDevice):
 
     def _catch_up(self) -> None:
         if self._link is not None:
-            for report in self._link.take():
+            for report in self._link.receive():
                 self._record(report)
 
     def silence_reason(self) -> str:
@@ -496,11 +496,11 @@ class WheelDevice(BaseDevice):
 
     def _record(self, report: WheelReport) -> None:
         counter, now_ns = report.counter, self.env.clock.now_ns()
-        measured_ns, missing = self._frame_clock.note(counter, report.stamp_ns, now_ns), report.missing
+        measured_ns, missing = self._frame_clock.add(counter, report.stamp_ns, now_ns), report.missing
         if counter is None and self._received_ns is not None:  # by the time since the one before
             missing = max(0, round((measured_ns - self._measured_ns) / self._period_ns) - 1)
         self._measured_ns, before = measured_ns, self._odometry.ticks
-        if self._odometry.take(report.counts, measured_ns, missing):
+        if self._odometry.follow(report.counts, measured_ns, missing):
             self._believed += 1
         else:
             self._rejected += 1

@@ -287,11 +287,11 @@ class Ros2Subscription(Ros2Inbox[M]):
 
         clock = LiveClock()
 
-        def take(message: M, info: dict[str, int | None]) -> None:
+        def receive(message: M, info: dict[str, int | None]) -> None:
             arrived_ns = clock.of_wall_ns(info["received_timestamp"] or time.time_ns())
             self.put(message, arrived_ns, info["publication_sequence_number"] or 0)
 
-        self._subscription = link.node.create_subscription(kind, topic, take, qos, raw=raw)
+        self._subscription = link.node.create_subscription(kind, topic, receive, qos, raw=raw)
 
     def close(self) -> None:
         """Unsubscribe."""

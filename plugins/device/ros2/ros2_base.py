@@ -24,7 +24,7 @@ from robrain.plugins.device.mocdevice.interface import (
     DriveCondition,
     MocDeviceInterface,
 )
-from robrain.plugins.device.mocdevice.wheel_device import JUMP_SLACK, STANDING, BaseDevice, BaseOdometry
+from robrain.plugins.device.mocdevice.wheel_device import JUMP_SLACK, STILL, BaseDevice, BaseOdometry
 from robrain.plugins.device.ros2.link import Ros2Parameters, Ros2Publisher, check_topics
 from robrain.plugins.device.ros2.topic_device import BadMessage, TopicDevice, stamp_ns_of
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
@@ -65,13 +65,13 @@ class CommandGate:
     def stop(self) -> None:
         """Command zero, now and repeatedly."""
         with self._lock:
-            self._stand_still()
+            self._publish_zero()
 
     def hold(self) -> None:
         """Command zero until `release`, regardless of other commands."""
         with self._lock:
             self._held_ns = self._now_ns()
-            self._stand_still()
+            self._publish_zero()
 
     def release(self) -> None:
         """End `hold`, for a step of the plugin, which has none while it is halted.
@@ -88,23 +88,23 @@ class CommandGate:
             if self._is_closed:
                 return
             if self._lapses_ns is not None and self._now_ns() >= self._lapses_ns:
-                self._stand_still()
+                self._publish_zero()
             elif self._held_ns is not None or self._zeros:
                 self._zeros = max(self._zeros - 1, 0)
-                self._publish(STANDING)
+                self._publish(STILL)
 
     def close(self) -> None:
         """Command zero once more, and nothing afterwards."""
         with self._lock:
             if not self._is_closed:
-                self._stand_still()
+                self._publish_zero()
                 self._is_closed = True
 
-    def _stand_still(self) -> None:
+    def _publish_zero(self) -> None:
         if self._is_closed:
             return
         self._lapses_ns, self._zeros = None, ZEROS
-        self._publish(STANDING)
+        self._publish(STILL)
 
 
 HISTORY_NS = 5 * NS_PER_S
@@ -170,7 +170,7 @@ class ReportedPath(BaseOdometry):
         self.before = before
         self._speed_m_s, self._turn_rate_rad_s = speed_m_s, turn_rate_rad_s
 
-    def take(self, reported: OdometryReading, measured_ns: int, number: int) -> bool:
+    def follow(self, reported: OdometryReading, measured_ns: int, number: int) -> bool:
         """Read a report of the base; returns False if its odometry has jumped, and the pose has stayed.
 
         Args:
@@ -188,7 +188,7 @@ class ReportedPath(BaseOdometry):
                 has_jumped = True
             else:
                 self.pose = self.pose.compose(displacement)
-        self.velocity = STANDING if has_jumped else reported.velocity
+        self.velocity = STILL if has_jumped else reported.velocity
         self._record(measured_ns)
         while self._history[0][0] < measured_ns - HISTORY_NS:
             self._history.popleft()
@@ -343,8 +343,8 @@ class Ros2Base(TopicDevice, BaseDevice):
             found.append(f"no odometry: {self.silence_reason()}")
         if not publisher.listeners():
             found.append(f"nothing listens to {wanted.topic(wanted.cmd_vel)}")
-        if why_rejected := self.why_rejected():
-            found.append(f"the last odometry that was rejected: {why_rejected}")
+        if rejected := self.why_rejected():
+            found.append(f"the last odometry that was rejected: {rejected}")
         return "; ".join(found)
 
     def _publish(self, twist: Twist2D) -> None:
@@ -362,8 +362,8 @@ class Ros2Base(TopicDevice, BaseDevice):
         publisher.publish(message)
 
     def _catch_up(self) -> None:
-        for reported, measured_ns, number in self._topic.take() if self._topic is not None else ():
-            if not self._odometry.take(reported, measured_ns, number):
+        for reported, measured_ns, number in self._topic.receive() if self._topic is not None else ():
+            if not self._odometry.follow(reported, measured_ns, number):
                 self._jumps += 1
             self._believed += 1
             if self._received_ns is None and self._is_again:

@@ -52,7 +52,7 @@ class Ros2Scan(TopicDevice, LidarDevice):
             self.fail(self._link.failure)
         for turn, measured_ns, _ in self.received():
             scan = LaserScan(measured_ns, turn.angles_rad, turn.ranges_m, turn.range_max_m)
-            self.note(scan, [round(MM_PER_M * range_m) for range_m in turn.ranges_m], now_ns)
+            self.record(scan, [round(MM_PER_M * range_m) for range_m in turn.ranges_m], now_ns)
 
     def where(self) -> str:
         reason = self.silence_reason()

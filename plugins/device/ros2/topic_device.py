@@ -88,7 +88,7 @@ class CheckedTopic(Generic[T]):
         on_arrival: Callable[[], None],
     ) -> None:
         self.rejected = 0
-        self.why_rejected = ""
+        self.rejection = ""
         """Of the last message that was rejected."""
         self._rejected_since = 0
         """Messages that were rejected since the last that was not."""
@@ -106,14 +106,14 @@ class CheckedTopic(Generic[T]):
         if not self._link.publishers(self._name):
             return f"{self._name} has no publisher in ROS domain {self._link.domain_id}"
         if self._rejected_since:
-            return f"{self._rejected_since} messages of {self._name} were rejected: {self.why_rejected}"
+            return f"{self._rejected_since} messages of {self._name} were rejected: {self.rejection}"
         return f"the publisher of {self._name} is silent"
 
     def __bool__(self) -> bool:
         """Whether a message has arrived."""
         return bool(self._inbox)
 
-    def take(self) -> list[CheckedMessage[T]]:
+    def receive(self) -> list[CheckedMessage[T]]:
         """Messages received since the last call, in order."""
         accepted = []
         for arrived in self._inbox.drain():
@@ -122,7 +122,7 @@ class CheckedTopic(Generic[T]):
             except ValueError as error:
                 self.rejected += 1
                 self._rejected_since += 1
-                self.why_rejected = str(error)
+                self.rejection = str(error)
                 continue
             self._rejected_since = 0
             measured_ns = self._clock.measured_ns(stamp_ns, arrived.arrived_ns)
@@ -161,7 +161,7 @@ class TopicDevice(Device):
         """Messages since the last call (PluginError if the ROS 2 node has failed: a restart opens another)."""
         if self._link is not None and self._link.failure:
             raise PluginError(self.env.plugin, self._link.failure)
-        return self._topic.take() if self._topic is not None else []
+        return self._topic.receive() if self._topic is not None else []
 
     def silence_reason(self) -> str:
         """Reason why no message is accepted."""
@@ -182,4 +182,4 @@ class TopicDevice(Device):
     @external
     def why_rejected(self) -> str:
         """Reason for the last rejection; empty if there was none."""
-        return self._topic.why_rejected if self._topic is not None else ""
+        return self._topic.rejection if self._topic is not None else ""

@@ -161,10 +161,10 @@ class LidarDevice(Device):
         raise NotImplementedError
 
     def read_turns(self, now_ns: int) -> None:
-        """Call `note` with each turn that has arrived."""
+        """Call `record` with each turn that has arrived."""
         raise NotImplementedError
 
-    def note(self, scan: LaserScan, ranges_mm: list[int], now_ns: int) -> None:
+    def record(self, scan: LaserScan, ranges_mm: list[int], now_ns: int) -> None:
         """Pass on a turn, unless it was doubted.
 
         Args:

@@ -42,7 +42,7 @@ class ScanDevice(LidarDevice):
     def read_turns(self, now_ns: int) -> None:
         for received in self._inbox.drain():
             scan: Scan = received.message
-            self.note(self._convert(scan), scan.ranges_mm, now_ns)
+            self.record(self._convert(scan), scan.ranges_mm, now_ns)
 
     def _convert(self, scan: Scan) -> LaserScan:
         fan = (len(scan.ranges_mm), scan.angle_min_rad, scan.angle_increment_rad)

@@ -163,7 +163,7 @@ class SerialLidar(LidarDevice):
             return [(here.compose(track.pose_at(seen_ns)), points) for seen_ns, points in turn]
 
         scan = self._maker.scan(moved(seen), moved(before), stamp_ns)
-        self.note(scan, [round(1000 * range_m) for range_m in scan.beam_ranges_m], now_ns)
+        self.record(scan, [round(1000 * range_m) for range_m in scan.beam_ranges_m], now_ns)
 
     @external
     def line_counts(self) -> LineCounts:

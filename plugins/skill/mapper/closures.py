@@ -117,7 +117,7 @@ class ClosureFinder:
                 del self._tried[next(iter(self._tried))]
         return best
 
-    def look(
+    def check(
         self, number: int, local: Pose2D, sensor: Pose2D, points: Callable[[], Floats], covariance: tuple[float, ...]
     ) -> bool:
         """Match a scan against a submap that covers the place: one of another robot, or an old one of this robot.
@@ -165,7 +165,7 @@ class ClosureFinder:
             self.found.append(closure)
         return True
 
-    def hear(self, message: Closures) -> str:
+    def receive(self, message: Closures) -> str:
         """Add the closures that a teammate has found with submaps of this robot.
 
         Returns:

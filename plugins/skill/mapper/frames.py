@@ -84,7 +84,7 @@ class Frames:
         atlas: all submaps known to the robot.
         graph: the robot's own part of the pose graph.
         own: the submap that it is making.
-        mates_in: (K, 3) x, y, radius in metres of the teammates that publish their places in a map frame.
+        teammates_in: (K, 3) x, y, radius in metres of the teammates that publish their places in a map frame.
         mates: number of all received teammates.
 
     """
@@ -95,16 +95,16 @@ class Frames:
         atlas: SubmapAtlas,
         graph: SubmapGraph,
         own: OwnSubmaps,
-        mates_in: Callable[[MapFrame], Floats],
+        teammates_in: Callable[[MapFrame], Floats],
         teammates: Callable[[], int],
     ) -> None:
-        self.told: list[MapPatch] = []
+        self.outgoing: list[MapPatch] = []
         """New poses of own submaps, to publish."""
         self._robot = robot
         self._atlas = atlas
         self._graph = graph
         self._own = own
-        self._robot_places_in = mates_in
+        self._robot_places_in = teammates_in
         self._others = teammates
         self._answers: deque[tuple[MapFrame, _Answer]] = deque(maxlen=ANSWERS_MAX)
         self._turn = 0
@@ -257,7 +257,7 @@ class Frames:
         return np.array([(at.x_m, at.y_m, BODY_M) for at in stayed])
 
     def _join(self, frame: MapFrame, T_new_old: Pose2D, at: Pose2D, covariance: Floats) -> None:
-        before, reason = self.frame, self._own.why
+        before, reason = self.frame, self._own.reason
         self._graph.change_frame(before, frame, T_new_old, at, covariance)
         moved = [key for key, each in self._atlas.submaps.items() if key[0] == self._robot and each.frame == before]
         self._own.T_arena_local = T_new_old.compose(self._own.T_arena_local)
@@ -267,7 +267,7 @@ class Frames:
     def _enter(self, frame: MapFrame, reason: str) -> None:
         if frame != self.frame:
             logger.warning("%s: maps in %s", self._robot, _name(frame))
-        self._own.frame, self._own.why = frame, reason
+        self._own.frame, self._own.reason = frame, reason
         self._atlas.change_frame(frame)
         self._answers.clear()
 
@@ -275,7 +275,7 @@ class Frames:
         self._atlas.move_all(places, self.frame)
         geometry = self._atlas.grid.geometry
         for key, place in places.items():
-            self.told.append(pose_message(self._robot, geometry, key[1], place, self.frame))
+            self.outgoing.append(pose_message(self._robot, geometry, key[1], place, self.frame))
 
 
 def _covariance(sigma_m: float, sigma_rad: float) -> Floats:

@@ -138,7 +138,7 @@ class MapReceiver:
             reason = f"{message.robot} is not there"
             refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, reason)
             return
-        reason = self._desk.hear(message) if isinstance(message, Closures) else self._merge(message)
+        reason = self._desk.receive(message) if isinstance(message, Closures) else self._merge(message)
         if reason:
             refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, reason)
 
@@ -238,7 +238,7 @@ class MapSender:
         nowhere: Pose2D = IDENTITY
         self.moved([pose_message(self._robot, self._geometry, each, nowhere, withdrawn=True) for each in numbers])
 
-    def take(self) -> list[MapPatch]:
+    def drain(self) -> list[MapPatch]:
         """Return the queued messages in order, and empty the queue."""
         untold, self._untold = self._untold, []
         return untold

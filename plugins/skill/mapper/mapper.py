@@ -179,7 +179,7 @@ class Mapper(Skill):
         self._solve()
         if self._is_starting(PUBLISH_AFTER_S):
             return
-        for patch in self._outgoing.take():
+        for patch in self._outgoing.drain():
             self._patches.put(patch)
         if self._desk.found:
             self._closures.put(Closures(robot=self.env.robot, closures=self._desk.found[:CLOSURES_A_STEP]))
@@ -296,7 +296,7 @@ class Mapper(Skill):
         def points() -> Floats:
             return wall_ends(scan.angles_rad, scan.ranges_m, scan.range_max_m, sensor, circles)
 
-        if self._desk.look(number, local, sensor, points, self.env.board.pose_covariance):
+        if self._desk.check(number, local, sensor, points, self.env.board.pose_covariance):
             self._closure_due_ns = now_ns + to_ns(CLOSURE_PERIOD_S)
 
     def _solve(self) -> None:
@@ -342,10 +342,10 @@ class Mapper(Skill):
 
     def _publish_move(self) -> None:
         """Submaps have changed their frame: inform the team and localisation."""
-        if not self._frames.told:
+        if not self._frames.outgoing:
             return
-        self._outgoing.moved(self._frames.told)
-        self._frames.told = []
+        self._outgoing.moved(self._frames.outgoing)
+        self._frames.outgoing = []
         self._update_board()
         self._own_map.robot_places = self._others()
 

@@ -61,7 +61,7 @@ class OwnSubmaps:
         self.trajectory = -1
         self.frame = ARENA
         """The map frame in which the submap that is being made lies."""
-        self.why = ""
+        self.reason = ""
         """Reason why this is not the arena frame."""
         self.T_arena_local = IDENTITY
         """Pose of the current submap's frame."""
@@ -191,6 +191,6 @@ class OwnSubmaps:
             self._oldest,
             self.trajectory,
             self.frame,
-            self.why,
+            self.reason,
             (x_yaw, y_yaw),
         )

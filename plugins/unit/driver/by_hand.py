@@ -45,7 +45,7 @@ class ByHand:
         """Present holder of the lease; empty if there is none."""
         return self._holder if now_ns < self._lapses_ns else ""
 
-    def take(self, by: str, now_ns: int) -> HandLease:
+    def lease(self, by: str, now_ns: int) -> HandLease:
         """Give the lease to a holder. The same holder's earlier lease ends with it.
 
         Raises:
@@ -99,15 +99,15 @@ class ByHand:
         """Whether driving by hand has ended; True once."""
         if self._until_ns is None or self.holds(now_ns):
             return False
-        self.stand()
+        self.stop()
         return True
 
-    def stand(self) -> None:
+    def stop(self) -> None:
         """Forget the command."""
         self._until_ns = self._commanded_ns = None
         self.wanted = Twist2D()
 
     def let_go(self) -> None:
         """End the lease as well: the next driver has to take it again."""
-        self.stand()
+        self.stop()
         self._lapses_ns = 0

@@ -144,7 +144,7 @@ _X_Y = attrgetter("x_m", "y_m")
 NO_ODOMETRY = "no data from the wheel encoders"
 NO_ROOM = "there is no room to turn"
 NEEDS_SPEED = "its wheels turn it only while it drives"
-IN_THE_WAY = "an obstacle has blocked the path"
+PATH_BLOCKED = "an obstacle has blocked the path"
 TOO_NARROW = "the path has been too narrow"
 
 
@@ -225,7 +225,7 @@ class Driver(OnBase):
 
     def step(self) -> None:
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
-            self._stand_still()
+            self._stop_moving()
         now_ns = self.env.clock.now_ns()
         if self._hand.has_ended(now_ns + to_ns(HAND_PERIOD_S)):  # or would, before its next check
             self._release_hand()
@@ -254,7 +254,7 @@ class Driver(OnBase):
         if self._hand.holds(self.env.clock.now_ns()):  # the path waits until the lease ends
             self._path = new_path
         else:
-            self._stand_still() if new_path is None else self._set_out(new_path)
+            self._stop_moving() if new_path is None else self._set_out(new_path)
 
     @external
     def drive_path(self, points: Annotated[list[Point2D], Meta(max_length=POINTS_MAX)]) -> ActionId:
@@ -267,7 +267,7 @@ class Driver(OnBase):
     @external
     def take_hand(self, by: Name) -> HandLease:
         """Take the lease for driving by hand: call `move` with its number, every `renew_s`."""
-        return self._hand.take(by, self.env.clock.now_ns())
+        return self._hand.lease(by, self.env.clock.now_ns())
 
     @external
     def move(self, forward_m_s: Speed, left_m_s: Speed, yaw_rad_s: Speed, lease: Count) -> None:
@@ -317,7 +317,7 @@ class Driver(OnBase):
         check_range("turn", angle_rad)
         pose = self._moc.pose()
         action = self._actions.start("turn")
-        self._stand_still()
+        self._stop_moving()
         self._action = action
         self._length = abs(angle_rad)
         self._to_turn_rad = angle_rad or TURNED_RAD / 2  # nothing to turn is done at the next step as well
@@ -363,43 +363,43 @@ class Driver(OnBase):
         before, self._path = self._path, path
         path.forget_progress()
         if before is not None and path.is_narrow and before.is_narrow:
-            path.take_progress(before, self._moc.pose())
+            path.copy_progress(before, self._moc.pose())
         if self._motion is Motion.STANDING:
             self._motion = Motion.DRIVING
             self.env.hurry()
 
     def _release_hand(self) -> None:
         path, action = self._path, self._action
-        self._stand_still()
+        self._stop_moving()
         if path is not None:
             self._set_out(path)
             self._action = action
 
     def _forget(self) -> None:
-        self._hand.stand()
+        self._hand.stop()
         self.period_s = PERIOD_S
         self._action = None
         self._path = None
         self._to_turn_rad = 0.0
         self._motion = Motion.STANDING
         self._blocked_since_ns = None
-        self._ramp.stand()
-        self._turn.stand()
+        self._ramp.stop()
+        self._turn.stop()
         if self._arcs is not None:
-            self._arcs.stand()
+            self._arcs.stop()
 
-    def _stand_still(self) -> None:
+    def _stop_moving(self) -> None:
         if self._path is not None or self._motion is not Motion.STANDING:
             self._moc.stop()
         self._forget()
 
     def _end(self, pose: Pose2D) -> None:
         action = self._action
-        self._stand_still()
+        self._stop_moving()
         if action is not None:
             action.done(pose)
 
-    def _tell(self, left: float) -> None:
+    def _report_progress(self, left: float) -> None:
         if self._action is not None and self._length > 0.0:
             self._action.progress(1.0 - left / self._length)
 
@@ -410,7 +410,7 @@ class Driver(OnBase):
         is_driven = self._path is not None or turns_by_arcs or self._hand.holds(self.env.clock.now_ns())
         if bump.directions_rad and is_driven:
             self._moc.stop()
-            self._steering.stand()
+            self._steering.stop()
 
     def _step_by_hand(self, now_ns: int, pose: Pose2D, is_fresh: bool) -> None:
         if not self._hand.is_command_due(now_ns, to_ns(PERIOD_S)) or not self._sees(is_fresh=is_fresh):
@@ -421,7 +421,7 @@ class Driver(OnBase):
         heading_rad = wrap_angle_rad(pose.yaw_rad + math.atan2(left_m_s, wanted.forward_m_s))
         free_m = self._lookout.free_m(pose, heading_rad)
         reason = NEEDS_SPEED if self._arcs is not None and speed_m_s == 0 and wanted.yaw_rad_s else ""
-        self._record(IN_THE_WAY if speed_m_s > 0 and free_m < BLOCKED_M else reason)
+        self._record(PATH_BLOCKED if speed_m_s > 0 and free_m < BLOCKED_M else reason)
         ahead_m = self._ramp.ahead(math.cos(heading_rad), math.sin(heading_rad))
         slow_m_s = min(speed_m_s, limits.speed_m_s, limits.hand_speed_m_s)
         self._steering.go_towards(pose, heading_rad, slow_m_s, free_m, ahead_m, may_reverse=True)
@@ -442,10 +442,10 @@ class Driver(OnBase):
         if is_fresh:
             self._record("")
             self._steering.turn_by(left_rad)
-            self._tell(abs(left_rad))
+            self._report_progress(abs(left_rad))
         else:
             self._record(NO_ODOMETRY)
-            self._turn.stand()
+            self._turn.stop()
         self._moc.drive(Twist2D(0.0, 0.0, self._turn.x))
         self._give_up_if_blocked()
 
@@ -454,14 +454,14 @@ class Driver(OnBase):
             self._steering.slow_down(pose)
             self._steering.turn_by(left_rad)
             self._moc.drive(self._by_arcs(pose, "", math.inf))
-            self._tell(abs(left_rad))
+            self._report_progress(abs(left_rad))
         self._give_up_if_blocked()
 
-    def _by_arcs(self, pose: Pose2D, blocked_why: str, fastest_m_s: float) -> Twist2D:
+    def _by_arcs(self, pose: Pose2D, block_reason: str, fastest_m_s: float) -> Twist2D:
         """Velocity of a base that may have no room to turn."""
         twist = self._steering.twist(pose, fastest_m_s=min(fastest_m_s, self.parameters.speed_m_s))
         has_room = self._arcs is None or self._arcs.has_room
-        self._record(blocked_why if blocked_why or has_room else NO_ROOM)
+        self._record(block_reason if block_reason or has_room else NO_ROOM)
         return twist
 
     def _step_path(self, path: Path, pose: Pose2D, is_fresh: bool) -> None:
@@ -472,7 +472,7 @@ class Driver(OnBase):
             return
         if self._sees(is_fresh=is_fresh):
             self._moc.drive(self._command(path, pose))
-            self._tell(path.remaining_m(pose))
+            self._report_progress(path.remaining_m(pose))
         self._give_up_if_blocked()
 
     def _command(self, path: Path, pose: Pose2D) -> Twist2D:
@@ -486,10 +486,10 @@ class Driver(OnBase):
             return self._squeeze(path, pose, heading_rad, free_m)
         path.forget_progress()
         self._gap_m = None
-        blocked_why = IN_THE_WAY if free_m < BLOCKED_M and not path.is_at_goal(pose) else ""
+        block_reason = PATH_BLOCKED if free_m < BLOCKED_M and not path.is_at_goal(pose) else ""
         turns_by_arcs = self._arcs is not None and not path.is_straight
         if not turns_by_arcs:
-            self._record(blocked_why)
+            self._record(block_reason)
         ahead_m = ramp.ahead(math.cos(heading_rad), math.sin(heading_rad))
         path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
         fastest_m_s = min(limits.speed_m_s, path.fastest_m_s, path_m_s)
@@ -497,7 +497,7 @@ class Driver(OnBase):
         self._steering.go_towards(pose, heading_rad, fastest_m_s, free_m, ahead_m, may_reverse=reverses)
         self._steering.turn_by(path.to_turn_rad(pose, wrap_angle_rad(heading_rad - pose.yaw_rad)))
         if turns_by_arcs:
-            return self._by_arcs(pose, blocked_why, path.fastest_m_s)
+            return self._by_arcs(pose, block_reason, path.fastest_m_s)
         return self._steering.twist(pose, may_reverse=reverses)
 
     def _squeeze(self, path: Path, pose: Pose2D, heading_rad: float, free_m: float) -> Twist2D:
@@ -508,7 +508,7 @@ class Driver(OnBase):
             path.forget_progress()
         is_stuck = not is_there and path.is_stuck(pose, self.env.clock.now_ns())
         self._gap_m = found.gap_m if is_stuck else None
-        self._record("" if not is_stuck else IN_THE_WAY if found.gap_m is None else TOO_NARROW)
+        self._record("" if not is_stuck else PATH_BLOCKED if found.gap_m is None else TOO_NARROW)
         if ramp.speed > SLOW_M_S:
             room_m = self._lookout.passage(pose, math.atan2(ramp.y, ramp.x)).free_m
             if ramp.stopping(DELAY_S) > room_m + SPARE_M:
@@ -535,16 +535,16 @@ class Driver(OnBase):
 
     def _sees(self, *, is_fresh: bool) -> bool:
         """Check the surroundings; a blind robot stops, and reports the reason."""
-        blind_reason = self._lookout.look(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
+        blind_reason = self._lookout.check(self.env.clock.now_ns()) if is_fresh else NO_ODOMETRY
         if blind_reason:
             self._record(blind_reason)
-            self._steering.stand()
+            self._steering.stop()
             self._moc.drive(Twist2D())
         return not blind_reason
 
-    def _record(self, blocked_why: str) -> None:
-        self._reason = blocked_why
-        if not blocked_why:
+    def _record(self, block_reason: str) -> None:
+        self._reason = block_reason
+        if not block_reason:
             self._motion = Motion.DRIVING
             self._blocked_since_ns = None
         elif self._motion is not Motion.BLOCKED:
@@ -555,5 +555,5 @@ class Driver(OnBase):
         action = self._action
         if action is not None and self.blocked_s() > self.parameters.patience_s:
             reason = self._reason
-            self._stand_still()
+            self._stop_moving()
             action.fail(f"{reason} for {self.parameters.patience_s:g} s")

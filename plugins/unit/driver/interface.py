@@ -115,7 +115,7 @@ class OnBase(Unit):
     _actions: ActionDesk
     _blocked_since_ns: int | None
 
-    def _stand_still(self) -> None:
+    def _stop_moving(self) -> None:
         raise NotImplementedError
 
     @external
@@ -123,7 +123,7 @@ class OnBase(Unit):
         """Cancel this action and stop; False if it is not running."""
         if not self._actions.cancel(action):
             return False
-        self._stand_still()
+        self._stop_moving()
         return True
 
     @external
@@ -131,7 +131,7 @@ class OnBase(Unit):
         """Stop the robot."""
         caller = self.env.caller
         self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
-        self._stand_still()
+        self._stop_moving()
 
     def blocked_s(self) -> float:
         """For how long the robot has not been able to continue."""

@@ -124,7 +124,7 @@ class Path:
             return bearing_rad
         return wrap_angle_rad(self.yaw_rad - pose.yaw_rad)
 
-    def take_progress(self, before: "Path", pose: Pose2D) -> None:
+    def copy_progress(self, before: "Path", pose: Pose2D) -> None:
         """Keep the `is_stuck` of the path before if both lead in the same direction from `pose`.
 
         A behavior that replans every two seconds would never learn that the robot is stuck otherwise.
@@ -239,7 +239,7 @@ class Ramp:
         self.x, self.y = speed * direction_x, speed * direction_y
         self._acceleration_x, self._acceleration_y = gain * direction_x, gain * direction_y
 
-    def take_along(self, other: "Ramp", direction_x: float, direction_y: float) -> None:
+    def carry(self, other: "Ramp", direction_x: float, direction_y: float) -> None:
         """Copy, as a speed along a line, another ramp's part along this direction (a unit vector)."""
         self.x, self.y = direction_x * other.x + direction_y * other.y, 0.0
         gain = direction_x * other._acceleration_x + direction_y * other._acceleration_y
@@ -251,7 +251,7 @@ class Ramp:
         gain = line._acceleration_x
         self._acceleration_x, self._acceleration_y = gain * direction_x, gain * direction_y
 
-    def stand(self) -> None:
+    def stop(self) -> None:
         """Reset to rest."""
         self.x = self.y = self._acceleration_x = self._acceleration_y = 0.0
 

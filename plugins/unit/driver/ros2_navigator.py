@@ -49,7 +49,7 @@ class GoalEnd(NamedTuple):
 
     number: int
     state: GoalState
-    why: str = ""
+    reason: str = ""
 
 
 class GoalClient:
@@ -231,7 +231,7 @@ class Ros2Navigator(OnBase):
     def step(self) -> None:
         wanted = self._wanted
         if wanted is not None and wanted.action is not None and not wanted.action.is_running:
-            self._stand_still()  # it ended from elsewhere, as by a halt
+            self._stop_moving()  # it ended from elsewhere, as by a halt
             return
         for end in self._goals.drain() if self._goals is not None else ():
             if wanted is None or end.number != wanted.number:
@@ -239,7 +239,7 @@ class Ros2Navigator(OnBase):
             if end.state is GoalState.ARRIVED:
                 self._arrive(wanted)
                 return
-            self._record(end.why)
+            self._record(end.reason)
             wanted.again_ns = self.env.clock.now_ns() + to_ns(self.parameters.retry_s)
         if wanted is not None:
             self._go_on(wanted)
@@ -261,7 +261,7 @@ class Ros2Navigator(OnBase):
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """Drive to the last of these points; speed and path are Nav2's."""
         if not path:
-            self._stand_still()
+            self._stop_moving()
             return
         check_range("follow", *(number for point in path for number in (point.x_m, point.y_m)))
         before = self._wanted
@@ -363,7 +363,7 @@ class Ros2Navigator(OnBase):
                 action.progress(1.0 - left / wanted.length)
         elif action is not None and self.blocked_s() > self.parameters.patience_s:
             reason = self._reason
-            self._stand_still()
+            self._stop_moving()
             action.fail(f"{reason}, for {self.parameters.patience_s:g} s")
         elif now_ns >= wanted.again_ns:
             self._number += 1
@@ -381,7 +381,7 @@ class Ros2Navigator(OnBase):
         if self._blocked_since_ns is None:
             self._blocked_since_ns = self.env.clock.now_ns()
 
-    def _stand_still(self) -> None:
+    def _stop_moving(self) -> None:
         if self._wanted is not None and self._goals is not None:
             self._goals.cancel()
         self._forget()

@@ -45,9 +45,9 @@ class Arcs:
         self._begin: Pose2D | None = None
         self._leg_m = 0.0
 
-    def stand(self) -> None:
+    def stop(self) -> None:
         """Reset to rest."""
-        self._speed.stand()
+        self._speed.stop()
         self._begin, self.has_room = None, True
 
     def limited(self, speed_m_s: float, rate_rad_s: float) -> Twist2D:
@@ -58,7 +58,7 @@ class Arcs:
     def go_on(self, ramp: Ramp, axis: tuple[float, float]) -> None:
         """Drive on by the driver's ramp, for this period."""
         self.has_room, self._begin = True, None
-        self._speed.take_along(ramp, *axis)
+        self._speed.carry(ramp, *axis)
 
     def turn(self, pose: Pose2D, ramp: Ramp, axis: tuple[float, float], rate_rad_s: float, fastest_m_s: float) -> None:
         """Advance by a period, on an arc if the driver's ramp is too slow for the turn; `ramp` then has the arc's.
@@ -236,12 +236,12 @@ class Steering:
         self._brakes = False
         return self.arcs.limited(cos * ramp.x + sin * ramp.y, rate_rad_s)
 
-    def stand(self) -> None:
+    def stop(self) -> None:
         """Reset to rest."""
-        self._ramp.stand()
-        self._turn.stand()
+        self._ramp.stop()
+        self._turn.stop()
         if self.arcs is not None:
-            self.arcs.stand()
+            self.arcs.stop()
 
     def _share(self, pose: Pose2D, heading_rad: float, *, may_reverse: bool = False) -> float:
         """Share of a speed that it drives while it does not face this direction yet, or faces away from it."""

@@ -64,7 +64,7 @@ class OverHops:
         self._lacking_ns: dict[int, int] = {}
         self._serial = 0
 
-    def hear(self, mote: int, now_ns: int) -> None:
+    def record(self, mote: int, now_ns: int) -> None:
         """A mote was received, and listens: give it the packets to pass on."""
         self._parents[mote] = None, now_ns
         if not self._waiting:
@@ -78,7 +78,7 @@ class OverHops:
             if route and route[0] == mote and given < AT_ONCE:
                 given += 1
                 del self._waiting[target, kind]
-                self._say(route, kind, payload)
+                self._transmit(route, kind, payload)
 
     def received_direct(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
         """A base station that does not ask motes in its reach has received one: request its missing readings.
@@ -87,7 +87,7 @@ class OverHops:
         """
         self._want_duty(record, reading, now_ns)
         self._want_missing(record, now_ns)
-        self.hear(record.number, now_ns)
+        self.record(record.number, now_ns)
 
     def received_forwarded(self, record: MoteRecord, reading: ReadingPayload, parent: int, now_ns: int) -> None:
         """A mote's reading has come over others, and is in its window: decide on the packets to the mote.
@@ -156,7 +156,7 @@ class OverHops:
         self._waiting[at] = payload, now_ns
         return True
 
-    def _say(self, route: tuple[int, ...], kind: int, payload: bytes) -> None:
+    def _transmit(self, route: tuple[int, ...], kind: int, payload: bytes) -> None:
         first, *rest = route
         if not rest:
             self._send(first, kind, payload)
@@ -215,7 +215,7 @@ class Asking:
         if record.asked is None:
             return False
         record.asked_until_ns = now_ns + to_ns(self._parameters.request_patience_s)
-        self._say(record, now_ns)
+        self._transmit(record, now_ns)
         return True
 
     def step(self, now_ns: int) -> None:
@@ -243,9 +243,9 @@ class Asking:
     def _ask_again(self, record: MoteRecord, now_ns: int) -> None:
         record.asked = record.window.request(self._span(record))
         if record.asked is not None:
-            self._say(record, now_ns)
+            self._transmit(record, now_ns)
 
-    def _say(self, record: MoteRecord, now_ns: int) -> None:
+    def _transmit(self, record: MoteRecord, now_ns: int) -> None:
         assert record.asked is not None
         self._owing[record.number] = record
         record.spoke_ns = now_ns

@@ -59,7 +59,7 @@ class ReadingStore:
         """Whether the team's network is there, as of the last step."""
         return bool(self._coordinators.present)
 
-    def tell(self, reading: MoteReading) -> None:
+    def publish(self, reading: MoteReading) -> None:
         """Store a received reading that the team does not know."""
         if self.is_up and reading.mote not in self._stored:
             self._publish_now(reading)

@@ -67,25 +67,25 @@ class BaseLinks:
 
     def __init__(self, robot: str) -> None:
         self._robot = robot
-        self.has_mates = self._has_reported = False
+        self.has_teammates = self._has_reported = False
         self._sequence = 0
         self._links: dict[str, _Link] = {}
 
     def record_robot(self, robot: str) -> None:
         """Record that a robot of this name is in the team."""
-        self.has_mates |= robot != self._robot
+        self.has_teammates |= robot != self._robot
 
     def beacon(self) -> bytes | None:
         """The payload of its next beacon; None for a robot without teammates, or with too long a name.
 
         A robot that has lost all others on the wire continues: the radio matters then.
         """
-        if not self.has_mates or len(self._robot.encode()) > MAX_NAME_BYTES:
+        if not self.has_teammates or len(self._robot.encode()) > MAX_NAME_BYTES:
             return None
         self._sequence = (self._sequence + 1) % SEQUENCES
         return BeaconPayload(self._sequence, self._robot).pack()
 
-    def hear(self, payload: bytes, stamp_ns: int) -> None:
+    def receive(self, payload: bytes, stamp_ns: int) -> None:
         """Handle a received beacon.
 
         Raises:
@@ -321,7 +321,7 @@ class SNwExploration(Unit):
         if message.type == STORED_TYPE:
             record.record_answer(reading.sequence)
         self._answer(record, packet.stamp_ns)
-        self._over_hops.hear(record.number, packet.stamp_ns)
+        self._over_hops.record(record.number, packet.stamp_ns)
 
     def _handle_forwarded(self, payload: bytes, stamp_ns: int) -> None:
         """Handle a reading that came over other motes; its mote is reachable by the same route."""
@@ -350,7 +350,7 @@ class SNwExploration(Unit):
         if self._store is None:
             record.publisher.put(reading)
         else:
-            self._store.tell(reading)
+            self._store.publish(reading)
 
     def _put(self, reading: MoteReading) -> None:
         """Put a reading that was stored on the wire."""
@@ -392,12 +392,12 @@ class SNwExploration(Unit):
 
     def _handle_beacon(self, payload: bytes, stamp_ns: int) -> None:
         try:
-            self._links.hear(payload, stamp_ns)
+            self._links.receive(payload, stamp_ns)
         except BadPacket:
             self._counts.unreadable += 1
 
     def _speak_to_robots(self, now_ns: int) -> None:
-        if not self._links.has_mates:
+        if not self._links.has_teammates:
             for change in self._alive.changes():
                 self._links.record_robot(change.names["robot"])
         beacon = self._links.beacon()

@@ -50,7 +50,7 @@ class BareErrand:
         self.mates: list[Mate] = []
         self.soc, self.charging = 0.5, False
         self.usable_j, self.usual_power_w = 6000.0, 10.0
-        self.ways: list[Point2D] = []
+        self.planned: list[Point2D] = []
         """Goals for which the planner was asked for a path."""
         self.no_way_to: list[Point2D] = []
         self.gone: list[Point2D] = []
@@ -67,7 +67,7 @@ class BareErrand:
             plan=self._plan,
             set_out=self._set_out,
             step=lambda: self.progress.pop(0) if self.progress else TravelState.ARRIVED,
-            stand=self._stand_still,
+            stop=self._stop,
             make_room=self._make_room,
         )
         self.board = SimpleNamespace(T_arena_odom=Pose2D(0.0, 0.0, 0.0), energy=None, battery=None)
@@ -77,7 +77,7 @@ class BareErrand:
         self.budget: Any = SimpleNamespace(
             docks=Docks("r5", self.travel),
             home=SimpleNamespace(chargers=lambda: self.chargers),
-            ways=lambda place, free: [(one, math.dist((place.x_m, place.y_m), (one.x_m, one.y_m))) for one in free],
+            routes=lambda place, free: [(one, math.dist((place.x_m, place.y_m), (one.x_m, one.y_m))) for one in free],
         )
 
     def battery(self) -> Any:
@@ -90,7 +90,7 @@ class BareErrand:
         self.gone.append(goal)
         yield
 
-    def stand(self, _trouble: str) -> Any:
+    def arrive(self, _trouble: str) -> Any:
         yield
 
     def settle(self) -> Any:
@@ -111,14 +111,14 @@ class BareErrand:
         ]
 
     def _plan(self, goal: Point2D) -> list[Point2D] | None:
-        self.ways.append(goal)
+        self.planned.append(goal)
         return None if goal in self.no_way_to else [goal]
 
     def _set_out(self, goal: Point2D, *, priority: int) -> bool:
         self.set_out.append((goal, priority))
         return goal not in self.no_way_to
 
-    def _stand_still(self) -> None:
+    def _stop(self) -> None:
         self.stands += 1
 
     def _make_room(self) -> None:

@@ -42,7 +42,7 @@ class BareRecharge:
             chargers=lambda: self.errand.chargers, start=lambda: start, learn=self.learned.append
         )
         self.errand.travel.lost = ""
-        self.errand.progress = [TravelState.UNDER_WAY] * 50
+        self.errand.progress = [TravelState.MOVING] * 50
         self.errand.travel.forget = lambda: None
         self.it = RechargeBehavior(env, RechargeBehavior.Parameters(reserve_s=RESERVE_S))
         self.it.init()

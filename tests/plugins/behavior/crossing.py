@@ -124,7 +124,7 @@ class Crossing(ArenaBench):
             courier = self.courier(name)
             if courier.progress is TravelState.ARRIVED and self.pose(name).distance_m(self.goals[name]) < 0.5:
                 self.arrived_s.setdefault(name, now_s)
-            elif courier.progress in (TravelState.UNDER_WAY, TravelState.WAITING):
+            elif courier.progress in (TravelState.MOVING, TravelState.WAITING):
                 under_way.append(name)
         moved = any(
             abs(host.board.velocity.forward_m_s) + abs(host.board.velocity.left_m_s) > 0.05 for host in self.hosts

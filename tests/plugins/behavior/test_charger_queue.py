@@ -81,7 +81,7 @@ def test_charger_that_was_given_to_a_mate_counts_as_the_mates_for_its_time():
 @pytest.mark.parametrize(("priority", "told"), [(3.4, 3), (3.6, 4), (1e6, 100)])
 def test_way_to_the_charger_has_the_tasks_priority_and_ends_there(priority, told):
     errand, one = queue(priority=priority)
-    errand.progress = [TravelState.UNDER_WAY, TravelState.WAITING]
+    errand.progress = [TravelState.MOVING, TravelState.WAITING]
     assert run(one.reach(WANTED)) == {"reached": True}
     assert errand.set_out == [(WANTED.place, told)]
     assert errand.stands == 1
@@ -110,7 +110,7 @@ def test_charger_to_which_there_is_no_way_is_left_out():
 @pytest.mark.parametrize("trouble", [TravelState.BLOCKED, TravelState.NO_PATH, TravelState.LOST])
 def test_trouble_on_the_way_leaves_the_charger_out_and_the_robot_stands(trouble):
     errand, one = queue(NEAR)
-    errand.progress = [TravelState.UNDER_WAY, trouble]
+    errand.progress = [TravelState.MOVING, trouble]
     assert run(one.reach(WANTED)) == {}
     assert errand.stands == 1
     assert one.choose() == NEAR
@@ -118,7 +118,7 @@ def test_trouble_on_the_way_leaves_the_charger_out_and_the_robot_stands(trouble)
 
 def test_charger_that_a_mate_takes_meanwhile_is_not_left_out_but_not_driven_to_either():
     errand, one = queue()
-    errand.progress = [TravelState.UNDER_WAY] * 5
+    errand.progress = [TravelState.MOVING] * 5
     errand.mates = [mate("r1", 5.0, 0.0)]
     assert run(one.reach(WANTED)) == {}
     assert errand.stands == 1

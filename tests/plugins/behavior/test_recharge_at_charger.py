@@ -107,7 +107,7 @@ def test_charging_costs_docking_and_its_end_is_not_foreseen():
     robot = BareRecharge(CHARGER)
     assert robot.it.work(TASK, WANTED) == Work(wait_s=DOCK_S)
     assert robot.it.left_s(None) is None
-    assert (robot.it.why_not(None), robot.it.why_go_home(None)) == (None, "")
+    assert (robot.it.refusal(None), robot.it.homing_reason(None)) == (None, "")
 
 
 # -- the whole --------------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ def test_robot_with_just_enough_for_the_way_and_the_reserve_stays_and_with_less_
         priority=HOMEWARD,
         parameters=Recharge(yaw_rad=1.0, until_soc=0.95).json,
     )
-    assert (made.goal, made.way_m) == (CHARGER.place, 4.0)
+    assert (made.goal, made.path_m) == (CHARGER.place, 4.0)
     assert robot.tasks.occupies("recharge")
     refused = robot.tasks.offer(
         TaskOffer(task=Task(id="e", kind="explore", place=Point2D(0.0, 0.0)), epoch=1, lease_s=60.0), 0
@@ -132,10 +132,10 @@ def test_robot_without_a_way_home_tries_again_after_its_time():
     robot.usable_j = 0.0
     robot.guard()
     assert robot.it.run is None
-    planned = len(robot.errand.ways)
+    planned = len(robot.errand.planned)
     robot.errand.wait((RETRY_NS - 1) / 1e9)
     robot.it.step()
-    assert len(robot.errand.ways) == planned
+    assert len(robot.errand.planned) == planned
     robot.errand.wait(1e-9)
     robot.errand.no_way_to = []
     robot.it.step()

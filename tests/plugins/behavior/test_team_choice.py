@@ -38,7 +38,7 @@ def chooser(name: str) -> TeamChoice:
 
 
 def mate(
-    name: str, x_m: float, bound: Point2D | None = None, behavior: str = ALONE, doing: Doing = Doing.UNDER_WAY
+    name: str, x_m: float, bound: Point2D | None = None, behavior: str = ALONE, doing: Doing = Doing.MOVING
 ) -> Mate:
     pose = Pose2D(x_m, 2.7, 0.0)
     track = Track(np.array(((x_m, 2.7),)), 0.6, 0, RADIUS_M, goes_first=False)

@@ -115,7 +115,7 @@ def hearing(*sequences, robot="r2"):
     links = BaseLinks("r1")
     for second, sequence in enumerate(sequences):
         payload = BeaconPayload(sequence % SEQUENCES, robot, -60 - 10 * second).pack()
-        links.hear(payload, second)
+        links.receive(payload, second)
     (heard,) = links.heard()
     return heard
 
@@ -147,8 +147,8 @@ def test_heard_robot_is_told_with_its_last_and_its_mean_strength():
 def test_no_more_robots_are_heard_than_there_is_room_for():
     links = BaseLinks("r1")
     for number in range(MAX_ROBOTS):
-        links.hear(BeaconPayload(1, f"other{number}").pack(), 0)
+        links.receive(BeaconPayload(1, f"other{number}").pack(), 0)
     with pytest.raises(BadPacket, match=f"at most {MAX_ROBOTS} other robots, got 'late'"):
-        links.hear(BeaconPayload(1, "late").pack(), 0)
-    links.hear(BeaconPayload(2, "other0").pack(), 0)
+        links.receive(BeaconPayload(1, "late").pack(), 0)
+    links.receive(BeaconPayload(2, "other0").pack(), 0)
     assert len(links.heard()) == MAX_ROBOTS

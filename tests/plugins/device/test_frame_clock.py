@@ -21,7 +21,7 @@ def sent_ns(number):
 def hear(clock, number, late_ns=0):
     """A frame stamped as it arrives; when it was measured, as far as is known now."""
     arrived_ns = sent_ns(number) + late_ns
-    return clock.note(number & 0xFF, arrived_ns, arrived_ns) + clock.offset_ns
+    return clock.add(number & 0xFF, arrived_ns, arrived_ns) + clock.offset_ns
 
 
 @pytest.mark.parametrize("stamped_at", list(StampedAt))
@@ -47,7 +47,7 @@ def test_lost_frames_take_their_time_too():
 def test_first_frames_that_were_late_are_set_right_by_a_later_one_that_is_not():
     clock = FrameClock(StampedAt.ARRIVAL)
     assert hear(clock, 0, to_ns(0.3)) == sent_ns(0) + to_ns(0.3)
-    early = clock.note(1, sent_ns(1) + to_ns(0.2), sent_ns(1) + to_ns(0.2))
+    early = clock.add(1, sent_ns(1) + to_ns(0.2), sent_ns(1) + to_ns(0.2))
     hear(clock, 2)
     assert early + clock.offset_ns == sent_ns(1)
 
@@ -66,9 +66,9 @@ def test_after_a_silence_longer_than_the_counter_can_tell_the_stamp_counts(count
     clock = FrameClock(StampedAt.ARRIVAL)
     hear(clock, 0)
     now_ns = sent_ns(0) + RESTART_FRAMES * FRAME_PERIOD_NS + 2 * FRAME_PERIOD_NS
-    assert clock.note(counter, now_ns, now_ns) + clock.offset_ns == now_ns
+    assert clock.add(counter, now_ns, now_ns) + clock.offset_ns == now_ns
     now_ns += FRAME_PERIOD_NS
-    assert clock.note(counter + 1, now_ns, now_ns) + clock.offset_ns == now_ns
+    assert clock.add(counter + 1, now_ns, now_ns) + clock.offset_ns == now_ns
 
 
 def test_frame_that_is_sent_twice_was_measured_once():
@@ -83,15 +83,15 @@ def test_controller_that_has_started_anew_counts_from_its_first_stamp():
     hear(clock, 0)
     clock.restart_stamp()
     now_ns = sent_ns(9)
-    assert clock.note(1, now_ns, now_ns) + clock.offset_ns == now_ns
+    assert clock.add(1, now_ns, now_ns) + clock.offset_ns == now_ns
 
 
 def test_stamps_of_sending_stay_however_late_the_frame_is():
     clock = FrameClock(StampedAt.SENDING)
-    clock.note(0, START_NS, START_NS)
+    clock.add(0, START_NS, START_NS)
     for late_s in (0.5, 1.5, 30.0):
         stamp_ns = START_NS + to_ns(0.02 * late_s)
-        assert clock.note(1, stamp_ns, stamp_ns + to_ns(late_s)) == stamp_ns
+        assert clock.add(1, stamp_ns, stamp_ns + to_ns(late_s)) == stamp_ns
 
 
 @pytest.mark.parametrize("stamped_at", list(StampedAt))
@@ -99,4 +99,4 @@ def test_stamps_of_sending_stay_however_late_the_frame_is():
 def test_stamps_of_another_clock_are_replaced_by_the_robots_time(stamped_at, stamp_s):
     clock = FrameClock(stamped_at)
     for number in range(5):
-        assert clock.note(number, to_ns(stamp_s), sent_ns(number)) + clock.offset_ns == sent_ns(number)
+        assert clock.add(number, to_ns(stamp_s), sent_ns(number)) + clock.offset_ns == sent_ns(number)

@@ -25,9 +25,9 @@ def yaw_rad(ticks):
 
 def test_first_counts_are_where_the_robot_stands_if_none_are_known():
     one = fresh(None)
-    assert one.take((500, 600, 700), 0, 0)
+    assert one.follow((500, 600, 700), 0, 0)
     assert (one.pose, one.velocity, one.ticks) == (START, Twist2D(), (500, 600, 700))
-    assert one.take((501, 601, 701), 1, 0)
+    assert one.follow((501, 601, 701), 1, 0)
     assert one.pose.yaw_rad == pytest.approx(yaw_rad(1))
 
 
@@ -36,8 +36,8 @@ def test_wheels_turn_no_farther_than_they_can_in_the_time_that_is_missing(missin
     limit = math.floor((missing + 1) * MOST)
     for over in (0, 1):
         one = fresh()
-        one.take((0, 0, 0), 0, 0)
-        assert one.take((limit + over, limit + over, limit + over), 1, missing) == (over == 0)
+        one.follow((0, 0, 0), 0, 0)
+        assert one.follow((limit + over, limit + over, limit + over), 1, missing) == (over == 0)
         assert one.jumps == (over > 0)
         assert (one.pose != START) == (over == 0)
 
@@ -45,18 +45,18 @@ def test_wheels_turn_no_farther_than_they_can_in_the_time_that_is_missing(missin
 @pytest.mark.parametrize("wheel", [0, 1, 2])
 def test_one_wheel_that_jumps_is_a_jump_and_the_next_counts_go_on_from_there(wheel):
     one = fresh()
-    one.take((0, 0, 0), 0, 0)
+    one.follow((0, 0, 0), 0, 0)
     jumped = [10, 10, 10]
     jumped[wheel] = 20_000
-    assert not one.take(tuple(jumped), 1, 0)
+    assert not one.follow(tuple(jumped), 1, 0)
     assert (one.pose, one.velocity, one.jumps) == (START, Twist2D(), 1)
-    assert one.take(tuple(count + 5 for count in jumped), 2, 0)
+    assert one.follow(tuple(count + 5 for count in jumped), 2, 0)
     assert one.pose.yaw_rad == pytest.approx(yaw_rad(5))
 
 
 def test_after_a_silence_all_motion_is_made_up_for_without_a_velocity():
     one = fresh()
-    assert one.take((10_000, 10_000, 10_000), 0, 0)
+    assert one.follow((10_000, 10_000, 10_000), 0, 0)
     assert one.pose.yaw_rad == pytest.approx(wrap_angle_rad(yaw_rad(10_000)))
     assert one.velocity == Twist2D()
 
@@ -64,24 +64,24 @@ def test_after_a_silence_all_motion_is_made_up_for_without_a_velocity():
 @pytest.mark.parametrize(("before", "after", "turned"), [(65_530, 4, 10), (4, 65_530, -10)])
 def test_counter_that_wraps_goes_the_short_way(before, after, turned):
     one = fresh((before,) * 3)
-    one.take((before,) * 3, 0, 0)
-    one.take((after,) * 3, 1, 0)
+    one.follow((before,) * 3, 0, 0)
+    one.follow((after,) * 3, 1, 0)
     assert one.pose.yaw_rad == pytest.approx(yaw_rad(turned))
 
 
 def test_robot_that_stands_has_no_velocity():
     one = fresh()
-    one.take((0, 0, 0), 0, 0)
-    one.take((5, 5, 5), 1, 0)
+    one.follow((0, 0, 0), 0, 0)
+    one.follow((5, 5, 5), 1, 0)
     assert one.velocity.yaw_rad_s == pytest.approx(yaw_rad(5) / ENCODER_PERIOD_S)
-    one.take((5, 5, 5), 2, 0)
+    one.follow((5, 5, 5), 2, 0)
     assert one.velocity == Twist2D()
 
 
 def test_frames_that_claim_to_be_of_a_later_time_are_forgotten_when_the_clock_was_set_back():
     one = fresh()
     for number, stamp_ns in enumerate((1000, 2000, 3000, 1500)):
-        one.take((number,) * 3, stamp_ns, 0)
+        one.follow((number,) * 3, stamp_ns, 0)
     assert one.until_ns == 1500
     assert one.pose_at(1250).yaw_rad == pytest.approx(yaw_rad(1.5))
 
@@ -90,14 +90,14 @@ def test_five_seconds_of_frames_are_kept_and_no_more():
     assert pytest.approx(5.0, abs=0.2) == HISTORY_FRAMES * ENCODER_PERIOD_S
     one = fresh()
     for number in range(HISTORY_FRAMES + 10):
-        one.take((number,) * 3, number, 0)
+        one.follow((number,) * 3, number, 0)
     assert one.pose_at(0).yaw_rad == pytest.approx(yaw_rad(10))
 
 
 def test_angle_beyond_the_wheels_turns_the_newest_pose_alone():
     one = fresh()
-    one.take((0, 0, 0), to_ns(1.0), 0)
-    one.take((100, 100, 100), to_ns(1.02), 0)
+    one.follow((0, 0, 0), to_ns(1.0), 0)
+    one.follow((100, 100, 100), to_ns(1.02), 0)
     before = one.pose
     assert one.turned_rad == pytest.approx(yaw_rad(100))
     one.turn(0.25, 3.0)
@@ -108,19 +108,19 @@ def test_angle_beyond_the_wheels_turns_the_newest_pose_alone():
     assert one.pose_at(to_ns(1.0)) == START
     one.turn(-0.25, None)
     assert one.velocity.yaw_rad_s == 3.0
-    assert one.take((100, 100, 100), to_ns(1.04), 0)
+    assert one.follow((100, 100, 100), to_ns(1.04), 0)
     assert one.turned_rad == 0.0
 
 
 def test_a_controller_that_has_started_again_as_well_counts_from_0_and_moves_nothing():
     one = fresh((9000, 61536, 60536))  # 9000, -4000, -5000 of 65,536
-    assert not one.take((3, 0, 65_535), 0, 0)
+    assert not one.follow((3, 0, 65_535), 0, 0)
     assert (one.pose, one.jumps) == (START, 1)
-    assert one.take((4, 1, 0), 1, 0)
+    assert one.follow((4, 1, 0), 1, 0)
     assert one.pose.yaw_rad == pytest.approx(yaw_rad(1))
 
 
 def test_counts_that_went_on_while_nobody_listened_are_motion_however_near_to_0():
     one = fresh((100, 100, 100))
-    assert one.take((160, 160, 160), 0, 0)
+    assert one.follow((160, 160, 160), 0, 0)
     assert one.pose.yaw_rad == pytest.approx(yaw_rad(60))

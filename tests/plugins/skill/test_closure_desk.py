@@ -48,7 +48,7 @@ class Scene:
     def look(
         self, true: Pose2D, local: Pose2D, sensor: Pose2D | None = None, covariance: tuple[float, ...] = SURE
     ) -> bool:
-        return self.desk.look(3, local, sensor or local, lambda: ROOM.points(true), covariance)
+        return self.desk.check(3, local, sensor or local, lambda: ROOM.points(true), covariance)
 
     def solved(self) -> Pose2D:
         """T_arena_local of the robot's submap, once the graph is solved."""
@@ -187,7 +187,7 @@ def closure_on(mate: str, number: int = 3, information: tuple[float, ...] = EVEN
 
 def test_a_mates_scan_on_its_own_submap_moves_it() -> None:
     scene = Scene(MATE)
-    scene.desk.hear(closure_on("r1"))
+    scene.desk.receive(closure_on("r1"))
     assert scene.graph.rests_on("r2")
     assert scene.solved().x_m == pytest.approx(-0.1, abs=0.01)
 
@@ -223,7 +223,7 @@ def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() 
 )
 def test_a_mates_submap_that_was_moved_is_news_if_the_robot_goes_by_it(robot: str, cells: bytes, is_news: bool) -> None:
     scene = Scene(MATE)
-    scene.desk.hear(closure_on("r1"))
+    scene.desk.receive(closure_on("r1"))
     scene.solved()
     assert not scene.graph.has_news
     patch = told(7, robot=robot)

@@ -58,13 +58,13 @@ def told(**fields):
     ],
 )
 def test_a_closure_that_no_scan_can_show_is_refused(desk, graph, fields, why):
-    assert why in desk.hear(told(**fields))
+    assert why in desk.receive(told(**fields))
     assert not graph.has_news
 
 
 @pytest.mark.parametrize("fields", [{"other_robot": "r3"}, {"other_submap": 6}])
 def test_a_closure_with_a_submap_that_the_robot_does_not_have_says_nothing(desk, graph, fields):
-    assert desk.hear(told(**fields)) == ""
+    assert desk.receive(told(**fields)) == ""
     assert not graph.has_news
 
 

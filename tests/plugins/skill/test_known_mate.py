@@ -43,7 +43,7 @@ class Watched:
 
 
 @pytest.mark.parametrize(
-    ("left_m", "doing"), [(0.0, Doing.STANDING), (0.2, Doing.STANDING), (0.3, Doing.UNDER_WAY), (1.0, Doing.UNDER_WAY)]
+    ("left_m", "doing"), [(0.0, Doing.STANDING), (0.2, Doing.STANDING), (0.3, Doing.MOVING), (1.0, Doing.MOVING)]
 )
 def test_a_mate_with_two_decimetres_of_way_left_has_arrived(left_m: float, doing: Doing) -> None:
     mate = Watched()
@@ -88,11 +88,11 @@ def test_a_mate_under_way_that_does_not_move_is_an_obstacle_after_four_seconds()
     mate.path(0, (0.0, 0.0), (4.0, 0.0))
     for at_s in (1, 2, 3, 4):
         mate.state(0.0, at_s)
-        assert mate.at(at_s).doing is Doing.UNDER_WAY
+        assert mate.at(at_s).doing is Doing.MOVING
     mate.state(0.1, 4.001)
     assert mate.at(4.001).doing is Doing.OBSTACLE, "a decimetre is no motion"
     mate.state(0.11, 5)
-    assert mate.at(5).doing is Doing.UNDER_WAY
+    assert mate.at(5).doing is Doing.MOVING
 
 
 def test_a_mate_that_has_waited_for_others_is_given_time_to_set_out() -> None:
@@ -100,10 +100,10 @@ def test_a_mate_that_has_waited_for_others_is_given_time_to_set_out() -> None:
     mate.state(0.0, 0)
     mate.path(0, (0.0, 0.0), (4.0, 0.0), held_at_m=0.0)
     mate.state(0.0, 20)
-    assert mate.at(20).doing is Doing.UNDER_WAY
+    assert mate.at(20).doing is Doing.MOVING
     mate.path(20, (0.0, 0.0), (4.0, 0.0))
     mate.state(0.0, 23)
-    assert mate.at(23).doing is Doing.UNDER_WAY
+    assert mate.at(23).doing is Doing.MOVING
     mate.state(0.0, 24.1)
     assert mate.at(24.1).doing is Doing.OBSTACLE
     mate.path(25, (0.0, 0.0), (4.0, 0.0))

@@ -17,20 +17,20 @@ from tests.plugins.unit.frame_scene import MATES, OWN, PLACES, SURE, T_OWN_FLOOR
 
 
 def told(scene: Scene) -> dict[int, tuple[Pose2D, MapFrame]]:
-    return {each.submap: (each.T_arena_local, each.frame) for each in scene.frames.told}
+    return {each.submap: (each.T_arena_local, each.frame) for each in scene.frames.outgoing}
 
 
 def test_a_robot_that_knows_its_place_maps_in_the_arena_frame() -> None:
     scene = Scene()
     scene.frames.begin(20, "")
-    assert (scene.frames.frame, scene.own.why, scene.atlas.frame) == (ARENA, "", ARENA)
+    assert (scene.frames.frame, scene.own.reason, scene.atlas.frame) == (ARENA, "", ARENA)
 
 
 def test_one_that_does_not_begins_a_frame_of_its_own() -> None:
     scene = Scene()
     scene.frames.begin(20, WHY)
-    assert (scene.frames.frame, scene.own.why, scene.atlas.frame) == (OWN, WHY, OWN)
-    assert scene.frames.told == []
+    assert (scene.frames.frame, scene.own.reason, scene.atlas.frame) == (OWN, WHY, OWN)
+    assert scene.frames.outgoing == []
 
 
 @pytest.mark.parametrize("frame", [ARENA, MATES])
@@ -43,7 +43,7 @@ def test_three_answers_that_agree_move_the_robot_into_the_better_frame(frame: Ma
         assert off(scene.own.T_arena_local.compose(T_OWN_FLOOR.compose(place)), place) == pytest.approx(
             (0.0, 0.0, 0.0), abs=0.08
         )
-    assert scene.own.why == ("" if frame == ARENA else WHY), "in the mate's frame it is still lost"
+    assert scene.own.reason == ("" if frame == ARENA else WHY), "in the mate's frame it is still lost"
     assert told(scene) == {20: (scene.own.T_arena_local, frame)}
     assert scene.atlas.place_of(("r1", 20), frame) == scene.own.T_arena_local
     assert scene.graph.own[20].T_arena_local == scene.own.T_arena_local
@@ -213,7 +213,7 @@ def test_a_robot_that_lies_wrong_leaves_with_the_submaps_of_this_trajectory_as_t
     for number in (20, 21):
         scene.map(number, PLACES[1], trajectory=3)
     scene.frames.part("mates contradict it")
-    assert (scene.frames.frame, scene.own.why) == (OWN, "mates contradict it")
+    assert (scene.frames.frame, scene.own.reason) == (OWN, "mates contradict it")
     assert told(scene) == {20: (IDENTITY, OWN), 21: (IDENTITY, OWN)}
     assert scene.atlas.place_of(("r1", 5)) == IDENTITY
     assert scene.atlas.place_of(("r1", 21), OWN) == IDENTITY
@@ -305,12 +305,12 @@ def test_a_robot_follows_a_mate_with_all_that_it_has_mapped_in_the_frame() -> No
     scene.map(21, PLACES[3])
     before = scene.graph.own[21].pose
     scene.frames.follow(FrameMove(MATES, THERE))
-    assert (scene.frames.frame, scene.own.why) == (MATES, WHY)
+    assert (scene.frames.frame, scene.own.reason) == (MATES, WHY)
     assert set(told(scene)) == {20, 21}
     assert off(scene.own.T_arena_local, THERE) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     assert off(scene.graph.own[21].pose, THERE.compose(before)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     scene.frames.follow(FrameMove(ARENA, THERE.inverse()))
-    assert (scene.frames.frame, scene.own.why) == (ARENA, "")
+    assert (scene.frames.frame, scene.own.reason) == (ARENA, "")
     assert off(scene.own.T_arena_local, IDENTITY) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 

@@ -79,7 +79,7 @@ def test_a_mate_with_a_path_is_under_way_along_what_is_left_of_it(stage):
     say_path(one, "r2", PATH, claim=Claim(priority=3), speed_m_s=0.4)
     one.say_state("r2", Pose2D(2.0, 2.0, 0.0))
     (mate,) = mates(host)
-    assert (mate.doing, mate.claim.priority, mate.track.speed_m_s) == (Doing.UNDER_WAY, 3, 0.4)
+    assert (mate.doing, mate.claim.priority, mate.track.speed_m_s) == (Doing.MOVING, 3, 0.4)
     assert tuple(mate.track.positions[0]) == (2.0, 2.0)
     assert abs(mate.track.positions[-1][0] - 4.0) < 0.05
     assert mate.track.positions.shape[0] in (21, 22)

@@ -56,7 +56,7 @@ def test_a_second_plugin_of_the_class_is_not_let_in():
 
 def talk(*received):
     conversation = Conversation(COMMAND.execute)
-    return [answer for part in received for answer in conversation.take(part)] + list(conversation.end())
+    return [answer for part in received for answer in conversation.feed(part)] + list(conversation.end())
 
 
 @pytest.mark.parametrize(

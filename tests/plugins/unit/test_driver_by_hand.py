@@ -65,7 +65,7 @@ def test_nobody_holds_longer_than_the_last_lease(wishes, lease_s):
         assert hand.has_ended(now_ns) == (drove and not hand.holds(now_ns))
         drove = hand.holds(now_ns)
         if takes:
-            lease = hand.take("ann", now_ns).lease
+            lease = hand.lease("ann", now_ns).lease
         try:
             hand.ask(Twist2D(speed_m_s, 0.0, 0.0), lease, now_ns)
         except CallError:

@@ -220,7 +220,7 @@ def refused(robot, lease):
 def test_hand_holds_for_just_its_lease_and_its_end_is_said_once():
     hand = ByHand(0.5)
     assert (hand.holds(0), hand.has_ended(0)) == (False, False)
-    taken = hand.take("ann", 0)
+    taken = hand.lease("ann", 0)
     assert (taken.lease_s, taken.renew_s) == (0.5, 0.125)
     assert not hand.holds(1)
     hand.ask(Twist2D(0.1, 0.2, 0.3), taken.lease, 1000)
@@ -238,13 +238,13 @@ def test_hand_holds_for_just_its_lease_and_its_end_is_said_once():
 def test_hand_is_held_for_some_time_and_not_for_long(lease_s):
     with pytest.raises(ValueError, match="expected"):
         ByHand(lease_s)
-    assert ByHand(LONGEST_LEASE_S).take("ann", 0).lease_s == LONGEST_LEASE_S
+    assert ByHand(LONGEST_LEASE_S).lease("ann", 0).lease_s == LONGEST_LEASE_S
 
 
 @pytest.mark.parametrize("wanted", [Twist2D(0.1), Twist2D(0.0, 0.1), Twist2D(0.0, 0.0, 0.1)])
 def test_wish_to_stand_ends_the_lease_and_any_other_renews_it(wanted):
     hand = ByHand(1.0)
-    lease = hand.take("ann", 0).lease
+    lease = hand.lease("ann", 0).lease
     hand.ask(wanted, lease, 0)
     assert hand.holds(1)
     hand.ask(Twist2D(), lease, 2)

@@ -105,7 +105,7 @@ def test_ramp_that_stands_starts_as_smoothly_as_the_first_time():
     ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
     for _ in range(4):
         ramp.follow(1.0, -1.0)
-    ramp.stand()
+    ramp.stop()
     assert ramp.speed == 0.0
     ramp.follow(1.0, 0.0)
     assert (ramp.x, ramp.y) == pytest.approx((4.0 * PERIOD_S**2, 0.0))

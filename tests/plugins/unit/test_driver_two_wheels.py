@@ -127,7 +127,7 @@ def test_it_slows_down_by_the_square_of_how_much_it_faces_the_way(robot: BareDri
     expected_m_s = 0.4 * math.cos(off_rad) ** 2
     steering.go_towards(Pose2D(0.0, 0.0, 0.7), 0.7 + off_rad, 0.4, 5.0, 0.0)
     assert at_once.speed == pytest.approx(expected_m_s)
-    at_once.stand()
+    at_once.stop()
     heading_rad = steering.go(Pose2D(0.0, 0.0, 0.0), (0.4 * math.cos(off_rad), 0.4 * math.sin(off_rad)))
     assert (at_once.speed, heading_rad) == (pytest.approx(expected_m_s), pytest.approx(off_rad))
 

@@ -31,11 +31,11 @@ class Senses:
         """The lidar hits something in these directions, robot's frame, at these distances."""
         angles_rad, ranges_m = np.array(hits).reshape(-1, 2).T
         self.scan = LaserScan(now_ns, tuple(angles_rad.tolist()), tuple(ranges_m.tolist()), 6.0)
-        return self.lookout.look(now_ns)
+        return self.lookout.check(now_ns)
 
     def hear(self, range_m, angle_rad=0.0, now_ns=1):
         self.ring = RangeRing(now_ns, (angle_rad,), (range_m,), 2.55, RADIUS_M)
-        return self.lookout.look(now_ns)
+        return self.lookout.check(now_ns)
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 1.0, -2.0, math.pi])
@@ -107,8 +107,8 @@ def test_robot_that_stands_at_a_wall_is_pushed_off_although_it_is_touched():
 
 def test_lidar_that_is_frozen_is_doubted_and_one_that_is_silent_blinds():
     senses = Senses()
-    assert senses.lookout.look(1) == "there has been no fresh scan"
+    assert senses.lookout.check(1) == "there has been no fresh scan"
     assert senses.doubts == []
     senses.lookout._obstacles.is_frozen = True
-    assert senses.lookout.look(1) == "the lidar has been frozen"
+    assert senses.lookout.check(1) == "the lidar has been frozen"
     assert senses.doubts == ["the lidar is frozen: its ranges stay equal to the millimetre while the robot moves"]

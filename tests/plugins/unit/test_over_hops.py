@@ -37,7 +37,7 @@ class Base:
         )  # fmt: skip
         self.over.received_forwarded(MoteRecord("m2", 2, 64), reading, 1, self.now_ns)
         self.over.received_forwarded(self.record, reading, parent, self.now_ns)
-        self.over.hear(1, self.now_ns)
+        self.over.record(1, self.now_ns)
         routed = [RoutedPayload.unpack(payload) for to, kind, payload in self.packets if (to, kind) == (1, ROUTED_TYPE)]
         return [one for one in routed if one.route == (2, 3)]
 

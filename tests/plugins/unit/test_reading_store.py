@@ -70,7 +70,7 @@ class Net:
 
     def hear(self, mote: str, *sequences: int) -> None:
         for sequence in sequences:
-            self.store.tell(
+            self.store.publish(
                 MoteReading(mote=mote, place=None, quantity="temperature_c", value=20.0, voltage_v=2.9, rssi_dbm=-70.0,
                             via="m1", sequence=sequence)
             )  # fmt: skip

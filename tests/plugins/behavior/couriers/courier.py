@@ -24,13 +24,13 @@ class Courier(Behavior):
     @external
     def go(self, x_m: float, y_m: float, priority: int = 0) -> bool:
         """Set out; false if there is no way."""
-        self.progress = TravelState.UNDER_WAY
+        self.progress = TravelState.MOVING
         return self.travel.set_out(Point2D(x_m, y_m), priority=priority)
 
     def step(self) -> None:
-        if self.progress in (TravelState.UNDER_WAY, TravelState.WAITING):
+        if self.progress in (TravelState.MOVING, TravelState.WAITING):
             self.progress = self.travel.step()
-            if self.progress not in (TravelState.UNDER_WAY, TravelState.WAITING):
-                self.travel.stand()
+            if self.progress not in (TravelState.MOVING, TravelState.WAITING):
+                self.travel.stop()
         else:
             self.travel.make_room()

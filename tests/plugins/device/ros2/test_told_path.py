@@ -15,7 +15,7 @@ def a_path(pose=ORIGIN, before=None):
 
 
 def tell(path, pose, at_s, number=0):
-    return path.take(OdometryReading(pose, DRIVING), to_ns(at_s), number)
+    return path.follow(OdometryReading(pose, DRIVING), to_ns(at_s), number)
 
 
 def test_odom_begins_where_the_robot_is_first_heard():
