@@ -161,12 +161,12 @@ def test_a_robot_that_keeps_its_task_after_the_lease_is_found(monkeypatch: pytes
 def test_an_end_that_is_told_twice_as_two_changes_and_a_meter_of_energy_that_falls_are_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    take = TaskBook._take
+    take = TaskBook._keep_change
 
     def tells_twice(book: TaskBook, record: TaskRecord) -> TaskRecord:
         taken = take(book, record)
         if taken.state is TaskState.DONE:
-            book._tell(msgspec.structs.replace(taken, change=taken.change + 1).event)
+            book._publish(msgspec.structs.replace(taken, change=taken.change + 1).event)
         return taken
 
     step = SimulatedBattery.step
@@ -176,7 +176,7 @@ def test_an_end_that_is_told_twice_as_two_changes_and_a_meter_of_energy_that_fal
         if battery.delivered_j > 50.0:
             battery.delivered_j -= 20.0
 
-    monkeypatch.setattr(TaskBook, "_take", tells_twice)
+    monkeypatch.setattr(TaskBook, "_keep_change", tells_twice)
     monkeypatch.setattr(SimulatedBattery, "step", leaks)
     told = found(judged(visits))
     assert {one["code"] for one in told} == {"done_again", "delivered_fell"}
