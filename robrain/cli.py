@@ -128,8 +128,7 @@ def run(
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
     from robrain.deploy.command_line.options import new_recording
-    from robrain.deploy.processes.run_options import RunOptions
-    from robrain.deploy.processes.starting import start_run
+    from robrain.deploy.processes.starting import RunOptions, start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.command_line.scenario_choice import choose_scenario
@@ -162,8 +161,7 @@ def demo(
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
     from robrain.deploy.command_line.options import next_file
-    from robrain.deploy.processes.run_options import RunOptions
-    from robrain.deploy.processes.starting import start_run
+    from robrain.deploy.processes.starting import RunOptions, start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.command_line.scenario_choice import choose_scenario
@@ -238,7 +236,7 @@ def coordinator(
     from robrain.deploy.processes.live_process import place_of
 
     where, team = place_of(connect, listen), check_name("team", team)
-    elect = read_witnesses(witnesses, stands_by=stand_by)
+    elect = read_witnesses(witnesses, is_candidate=stand_by)
     coordinator_command(where, team, journal, objective, planning, rules, elect)
 
 

@@ -28,7 +28,7 @@ NOTHING: Mapping[str, object] = MappingProxyType({})
 class CallVerdict(StrEnum):
     """Outcome of a call, for the audit log and for programs."""
 
-    LOOKED = "looked"
+    READ = "looked"
     REHEARSED = "rehearsed"
     BEGUN = "begun"
     """A confirmed order, before it is carried out."""

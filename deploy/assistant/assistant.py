@@ -6,7 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import msgspec
 
@@ -30,26 +30,25 @@ from robrain.deploy.assistant.arguments import (
     order_text,
 )
 from robrain.deploy.assistant.audit_log import AuditLog, AuditRecord
-from robrain.deploy.assistant.looking import Looking
 from robrain.deploy.assistant.ordering import Ordering, Rehearsal
 from robrain.deploy.assistant.policy import AuditError, Ban, CallRefused, Order, order_refusal, tool_refusal
+from robrain.deploy.assistant.team_reader import TeamReader
 from robrain.protocol.access.member import Member
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, RobrainError
 
 LIFE_S = 120.0
 """Chosen: long enough for a person to read or listen to the expected effect, too short for the team to change."""
 CAPACITY = 32
-T = TypeVar("T")
 
 
-class _Waiting(NamedTuple, Generic[T]):
+class _Waiting(NamedTuple):
     who: str
     order: bytes
-    plan: T
+    plan: Any
     until_s: float
 
 
-class Confirmations(Generic[T]):
+class Confirmations:
     """Orders that were rehearsed and wait to be confirmed.
 
     Args:
@@ -74,12 +73,12 @@ class Confirmations(Generic[T]):
         self._now_s = now_s
         self._new_token = new_token
         self._capacity = capacity
-        self._waiting: OrderedDict[str, _Waiting[T]] = OrderedDict()
+        self._waiting: OrderedDict[str, _Waiting] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def keep(self, who: str, order: bytes, plan: T) -> str:
+    def keep(self, who: str, order: bytes, plan: Any) -> str:
         """Keep an order until it is confirmed.
 
         Args:
@@ -101,7 +100,7 @@ class Confirmations(Generic[T]):
         self._waiting[token] = _Waiting(who, order, plan, now_s + self.life_s)
         return token
 
-    def take(self, token: str, who: str, order: bytes) -> T | Ban:
+    def redeem(self, token: str, who: str, order: bytes) -> Any:
         """The plan of an order that is confirmed, or why it is not. The token is void afterwards in any case."""
         one = self._waiting.pop(token, None)
         if one is None:
@@ -124,7 +123,7 @@ class Tool(NamedTuple, Generic[A]):
     name: str
     doc: str
     arguments: type[A]
-    look: Callable[[A], ToolAnswer] | None = None
+    read: Callable[[A], ToolAnswer] | None = None
     """Of a tool that changes nothing."""
     rehearse: Callable[[A], Rehearsal] | None = None
     """Of an order that is confirmed before it is carried out. Of neither: the halt."""
@@ -151,7 +150,7 @@ class Assistant:
         new_id: see `Ordering`.
         now: the time of day, for the log.
         elapsed_s: a clock that never goes back, seconds.
-        note: prints a line for the person at this process.
+        warn: prints a line for the person at this process.
 
     """
 
@@ -161,12 +160,12 @@ class Assistant:
         halting: Team,
         member: Member | None,
         log: AuditLog,
-        confirmations: Confirmations[Rehearsal],
+        confirmations: Confirmations,
         *,
         new_id: Callable[[], str],
         now: Callable[[], datetime],
         elapsed_s: Callable[[], float],
-        note: Callable[[str], None],
+        warn: Callable[[str], None],
     ) -> None:
         self._halting = halting
         self._member = member
@@ -174,7 +173,7 @@ class Assistant:
         self._confirmations = confirmations
         self._now = now
         self._elapsed_s = elapsed_s
-        self._record = note
+        self._warn = warn
         self._by = team.by
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
@@ -191,12 +190,8 @@ class Assistant:
         number = next(self._numbers)
         try:
             found = self._answer(call, number)
-        except CallRefused as error:
-            found = _refused(error)
-        except NobodyThere as error:
-            found = _refused(CallRefused(Ban.NOBODY, str(error)))
         except RobrainError as error:
-            found = _refused(CallRefused(Ban.TEAM, str(error)))
+            found = _refused(error)
         except BaseException as error:  # a bug, or the end of the process: logged as well
             self._log_end(call, number, answer(CallVerdict.FAILED, [f"{type(error).__name__}: {error}"]), began_s)
             raise
@@ -207,7 +202,7 @@ class Assistant:
         try:
             self._write(call, number, found, 1000.0 * (self._elapsed_s() - began_s))
         except AuditError as error:  # the action is done; `_carry_out` had logged it before
-            self._record(f"assistant: {error}")
+            self._warn(f"assistant: {error}")
 
     def _answer(self, call: ToolCall, number: int) -> ToolAnswer:
         tool = self.tools.get(call.tool)
@@ -219,16 +214,16 @@ class Assistant:
             return ordering.halt(self._halting, halt_arguments(call.arguments))
         asked = arguments_of(call.arguments, tool.arguments)
         with self._lock:
-            if tool.look is not None:
-                return tool.look(asked)
+            if tool.read is not None:
+                return tool.read(asked)
             assert tool.rehearse is not None
             order = order_text(tool.name, asked)
             if asked.confirm:
                 return self._carry_out(call, number, asked.confirm, order)
-            return self._rehearsed(tool.rehearse(asked), self._confirmations, call.client, order)
+            return self._rehearsed(tool.rehearse(asked), call.client, order)
 
     def _carry_out(self, call: ToolCall, number: int, token: str, order: bytes) -> ToolAnswer:
-        found = self._confirmations.take(token, call.client, order)
+        found = self._confirmations.redeem(token, call.client, order)
         if isinstance(found, Ban):
             raise CallRefused(found)
         try:
@@ -236,17 +231,14 @@ class Assistant:
         except AuditError as error:
             raise CallRefused(Ban.NOT_LOGGED, str(error)) from error
         try:
-            return found.carry_out()
-        except NobodyThere as error:
-            return _unsure(error)
-        except CallError as error:
-            if error.code in NOT_SURE:
-                return _unsure(error)
-            raise
+            return cast(Rehearsal, found).carry_out()
+        except (NobodyThere, CallError) as error:
+            if isinstance(error, CallError) and error.code not in NOT_SURE:
+                raise
+            return answer(CallVerdict.FAILED, [f"failed, and it may have been done: {error}"])
 
-    @staticmethod
-    def _rehearsed(found: Rehearsal, confirmations: Confirmations[Rehearsal], client: str, order: bytes) -> ToolAnswer:
-        token, valid_s = confirmations.keep(client, order, found), confirmations.life_s
+    def _rehearsed(self, found: Rehearsal, client: str, order: bytes) -> ToolAnswer:
+        token, valid_s = self._confirmations.keep(client, order, found), self._confirmations.life_s
         lines = [
             f"nothing has been done yet; to have it done, repeat the call within {valid_s:.0f} s, and add",
             f"confirm={token}",
@@ -276,35 +268,32 @@ class Assistant:
             self._log.write(record)
 
 
-def _refused(error: CallRefused) -> ToolAnswer:
+def _refused(error: RobrainError) -> ToolAnswer:
+    if not isinstance(error, CallRefused):
+        error = CallRefused(Ban.NOBODY if isinstance(error, NobodyThere) else Ban.TEAM, str(error))
     return answer(CallVerdict.REFUSED, [str(error)], code=str(error.ban))
 
 
-def _unsure(error: RobrainError) -> ToolAnswer:
-    """An order that the team may have carried out, and did not answer."""
-    return answer(CallVerdict.FAILED, [f"failed, and it may have been done: {error}"])
-
-
 def _tools(team: Team, new_id: Callable[[], str]) -> list[Tool[Any]]:
-    look = Looking(team)
-    order = Ordering(team, look, new_id)
+    reader = TeamReader(team)
+    order = Ordering(team, reader, new_id)
 
-    def looks(run: Callable[[A], ToolAnswer], arguments: type[A]) -> Tool[A]:
-        return Tool(run.__name__, run.__doc__ or "", arguments, look=run)
+    def reads(run: Callable[[A], ToolAnswer], arguments: type[A]) -> Tool[A]:
+        return Tool(run.__name__, run.__doc__ or "", arguments, read=run)
 
     def orders(name: Order, run: Callable[[A], Rehearsal], arguments: type[A]) -> Tool[A]:
         return Tool(name, run.__doc__ or "", arguments, rehearse=run)
 
     return [
-        looks(look.list_robots, Arguments),
-        looks(look.robot_state, OfRobot),
-        looks(look.team_state, Arguments),
-        looks(look.list_plugins, OfRobot),
-        looks(look.list_kinds, Arguments),
-        looks(look.list_tasks, ListTasks),
-        looks(look.why_task, OfTask),
-        looks(look.show_map, Arguments),
-        looks(look.dry_run, NewTask),
+        reads(reader.list_robots, Arguments),
+        reads(reader.robot_state, OfRobot),
+        reads(reader.team_state, Arguments),
+        reads(reader.list_plugins, OfRobot),
+        reads(reader.list_kinds, Arguments),
+        reads(reader.list_tasks, ListTasks),
+        reads(reader.why_task, OfTask),
+        reads(reader.show_map, Arguments),
+        reads(reader.dry_run, NewTask),
         orders(Order.SUBMIT, order.submit_task, SubmitTask),
         orders(Order.CANCEL, order.cancel_task, CancelTask),
         orders(Order.CALL, order.call_plugin, CallPlugin),

@@ -33,8 +33,7 @@ def assistant(
         typer.Option(help="Whom it assists; default: $USER. In a secured team the certificate says who asks."),
     ] = None,
     log: Annotated[
-        Path | None,
-        typer.Option(help="Audit log, JSON lines; default: ~/.local/state/robrain/assistant.jsonl."),
+        Path | None, typer.Option(help="Audit log, JSON lines; default: ~/.local/state/robrain/assistant.jsonl.")
     ] = None,
     port: Annotated[
         int | None,
@@ -65,7 +64,6 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     from robrain.deploy.assistant.assistant import Assistant, Confirmations
     from robrain.deploy.assistant.audit_log import AuditLog
     from robrain.deploy.assistant.mcp_server import HOST, McpServer
-    from robrain.deploy.assistant.ordering import Rehearsal
     from robrain.deploy.command_line.output import print_note
     from robrain.protocol.access.identity import member_on
 
@@ -75,7 +73,7 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
         audit = closing_all.enter_context(closing(AuditLog(log or default_log())))
         client = closing_all.enter_context(Team.connect(connect, team=team, by=who))
         halting = closing_all.enter_context(Team.connect(connect, team=team, by=who))
-        confirmations = Confirmations[Rehearsal](time.monotonic, lambda: secrets.token_urlsafe(TOKEN_BYTES))
+        confirmations = Confirmations(time.monotonic, lambda: secrets.token_urlsafe(TOKEN_BYTES))
         served = McpServer(
             Assistant(
                 client,
@@ -86,7 +84,7 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
                 new_id=lambda: secrets.token_hex(ID_BYTES),
                 now=lambda: datetime.now(UTC),
                 elapsed_s=time.monotonic,
-                note=print_note,
+                warn=print_note,
             )
         )
         where = "stdin and stdout" if listening is None else f"http://{HOST}:{listening.getsockname()[1]}/mcp"

@@ -103,8 +103,8 @@ def _described(tool: Tool[Any]) -> types.Tool:
     name = schema.pop("$ref", "").rpartition("/")[2]
     shape = {**definitions.pop(name, schema), **({"$defs": definitions} if definitions else {})}
     hints = types.ToolAnnotations(
-        read_only_hint=tool.look is not None,
-        destructive_hint=tool.look is None,
+        read_only_hint=tool.read is not None,
+        destructive_hint=tool.read is None,
         idempotent_hint=tool.name == Order.HALT,
         open_world_hint=False,
     )

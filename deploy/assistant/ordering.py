@@ -15,8 +15,8 @@ from robrain.deploy.assistant.arguments import (
     ToolAnswer,
     answer,
 )
-from robrain.deploy.assistant.looking import OPEN, Looking, task_line
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, Ban, CallRefused, call_refusal, cancel_refusal
+from robrain.deploy.assistant.team_reader import OPEN, TeamReader, task_line
 from robrain.deploy.tasks.task_files import dry_run_lines
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
@@ -41,21 +41,21 @@ class Ordering:
 
     Args:
         team: a connection, used by one thread at a time.
-        looking: for the coordinator's dry runs.
+        reader: for the coordinator's dry runs.
         new_id: a suffix for the id of a task, which no other task has.
 
     """
 
-    def __init__(self, team: Team, looking: Looking, new_id: Callable[[], str]) -> None:
+    def __init__(self, team: Team, reader: TeamReader, new_id: Callable[[], str]) -> None:
         self._team = team
-        self._looking = looking
+        self._reader = reader
         self._new_id = new_id
 
     def submit_task(self, asked: SubmitTask) -> Rehearsal:
         """Submit a task to the team, which decides which robot does it."""
         self._check_open_tasks()
         task_id = f"{asked.kind}-{self._new_id()}"
-        found = self._looking.foresee(asked, task_id)
+        found = self._reader.foresee(asked, task_id)
         if found.refused:
             raise CallRefused(Ban.TEAM, found.refused)
 
@@ -72,8 +72,8 @@ class Ordering:
 
     def cancel_task(self, asked: CancelTask) -> Rehearsal:
         """Cancel a task that this assistant has submitted; its robot stops it."""
-        why = self._team.why(asked.task)
-        record = why.record
+        explained = self._team.why(asked.task)
+        record = explained.record
         if (ban := cancel_refusal(record, self._team.by)) is not None:
             whose = f"{asked.task} is {record.state}, by {record.by or 'nobody'}"
             raise CallRefused(ban, whose)
@@ -85,7 +85,7 @@ class Ordering:
                 CallVerdict.DONE, [f"cancelled {task_line(ended)}"], {"task": asked.task, "state": ended.state}
             )
 
-        words = [f"{asked.task} would end unfinished: {why.now}", stops]
+        words = [f"{asked.task} would end unfinished: {explained.now}", stops]
         return Rehearsal(words, {"task": asked.task, "state": record.state, "robot": record.robot}, carry_out)
 
     def _check_open_tasks(self) -> None:
@@ -129,7 +129,7 @@ def halt(team: Team, asked: HaltRobots) -> ToolAnswer:
     except NobodyThere as error:  # a halt of the team was sent all the same
         return answer(CallVerdict.FAILED, [str(error)])
     lines = [f"{name}: halted" for name in report.confirmed]
-    lines += [f"{name}: NOT halted: {why}" for name, why in report.unconfirmed.items()]
+    lines += [f"{name}: NOT halted: {reason}" for name, reason in report.unconfirmed.items()]
     lines.append("a person ends this with `robrain resume`")
     verdict = CallVerdict.FAILED if report.unconfirmed else CallVerdict.DONE
     return answer(verdict, lines, {"confirmed": report.confirmed, "unconfirmed": report.unconfirmed})
@@ -138,15 +138,15 @@ def halt(team: Team, asked: HaltRobots) -> ToolAnswer:
 def _fitting(plugin: PluginInfo, asked: CallPlugin) -> FunctionInfo:
     """The signature that accepts the arguments (Refused if none does)."""
     functions = [one for one in plugin.functions if one.name == asked.function]
-    why = ""
+    mismatch = ""
     for one in functions:
         try:
             check_announced(asked.function, asked.arguments, [one.parameters])
         except BadParameters as error:
-            why = why or f"{asked.function}{one.signature}: {error.field}: {error.why or 'is missing'}"
+            mismatch = mismatch or f"{asked.function}{one.signature}: {error.field}: {error.why or 'is missing'}"
         else:
             return one
-    raise CallRefused(Ban.BAD_ARGUMENTS, why)
+    raise CallRefused(Ban.BAD_ARGUMENTS, mismatch)
 
 
 def _json(value: object) -> str:

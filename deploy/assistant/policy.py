@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
+from typing import Self
 
 from robrain.protocol.access.member import Member
 from robrain.protocol.access.permissions import AccessAction, roles
@@ -23,43 +24,58 @@ OUTSIDE = "command"
 
 
 class Ban(StrEnum):
-    """Reason of a refusal."""
+    """Reason of a refusal, and the reason in words."""
 
-    RESUME = "resume"
-    """Only a person ends a halt."""
-    PLUGINS = "plugins"
-    """Only a person changes the software of a robot."""
-    LEAD = "lead"
-    HOLD = "hold"
-    DRIVE = "drive"
-    """Robots are moved by tasks alone."""
-    PLANNING = "planning"
-    KEYS = "keys"
-    TEXT_FORM = "text_form"
-    """Text that a robot executes hides its calls."""
-    UNKNOWN_TOOL = "unknown_tool"
-    NO_PLUGIN = "no_plugin"
-    NO_FUNCTION = "no_function"
-    NOT_OPEN = "not_open"
-    """The plugin's manifest does not let anybody outside call it."""
-    NOT_YOURS = "not_yours"
-    """A task of another person or program."""
-    HAS_ENDED = "has_ended"
-    TOO_MANY_TASKS = "too_many_tasks"
-    ROLE = "role"
-    """The certificate does not allow it."""
-    BAD_ARGUMENTS = "bad_arguments"
-    BUSY = "busy"
-    NOT_LOGGED = "not_logged"
-    """An order that cannot be logged is not carried out."""
-    NO_TOKEN = "no_token"
-    EXPIRED = "expired"
-    ANOTHER_ORDER = "another_order"
-    """The token is for other arguments, or for another client."""
-    TEAM = "team"
-    """The team refuses it; its text gives the reason."""
-    NOBODY = "nobody"
-    """The robot or the coordinator that is asked does not answer."""
+    words: str
+
+    def __new__(cls, value: str, words: str) -> Self:
+        """A member with its words."""
+        member = str.__new__(cls, value)
+        member._value_, member.words = value, words
+        return member
+
+    RESUME = "resume", "an assistant never ends a halt: a person does, with `robrain resume`"
+    PLUGINS = "plugins", "an assistant never loads, unloads or reloads plugins: a person does, with `robrain plugin`"
+    LEAD = "lead", "an assistant never decides who leads a team: a person does, with `robrain lead`"
+    HOLD = "hold", "an assistant never holds plugins"
+    DRIVE = (
+        "drive",
+        "an assistant never moves a robot itself: submit a task, and the team decides who does it and how",
+    )
+    PLANNING = "planning", "an assistant never changes how the team plans: a person does, with `robrain task objective`"
+    KEYS = "keys", "an assistant never makes or revokes certificates: a person does, with `robrain pki`"
+    TEXT_FORM = (
+        "text_form",
+        "an assistant sends no text that a robot executes: use call_plugin, which names what is called",
+    )
+    UNKNOWN_TOOL = "unknown_tool", "there is no such tool"
+    NO_PLUGIN = "no_plugin", "the robot has no such plugin: see list_plugins"
+    NO_FUNCTION = "no_function", "the plugin has no such function: see list_plugins"
+    NOT_OPEN = (
+        "not_open",
+        "the plugin's manifest does not open it to callers outside the robot (visibility `command`)",
+    )
+    NOT_YOURS = "not_yours", "an assistant only cancels tasks that it has submitted itself"
+    HAS_ENDED = "has_ended", "the task has ended already"
+    TOO_MANY_TASKS = (
+        "too_many_tasks",
+        f"{OPEN_TASKS_MAX} tasks of this assistant have not ended yet: wait, or cancel one of them",
+    )
+    ROLE = "role", "this assistant's certificate does not allow it"
+    BAD_ARGUMENTS = "bad_arguments", "the arguments are not valid"
+    BUSY = "busy", "too many calls are being answered: wait for their answers"
+    NOT_LOGGED = "not_logged", "the audit log cannot be written, and an order that is not logged is not carried out"
+    NO_TOKEN = (
+        "no_token",
+        "there is no order with this token: it was used already, or never given; call again without `confirm`",
+    )
+    EXPIRED = "expired", "the time to confirm this order is over: call again without `confirm`"
+    ANOTHER_ORDER = (
+        "another_order",
+        "this token confirms other arguments; it is void now: call again without `confirm`",
+    )
+    TEAM = "team", "the team refuses"
+    NOBODY = "nobody", "nobody answers"
 
 
 class Order(StrEnum):
@@ -94,12 +110,7 @@ BANNED_WORDS: Mapping[str, Ban] = MappingProxyType(
 )
 """Why a tool, or a verb of a robot's host, that is called by such a word does not exist here."""
 HOST_NAMES: Mapping[str, Ban] = MappingProxyType(
-    {
-        "host": Ban.PLUGINS,
-        "command": Ban.TEXT_FORM,
-        "tcp_socket": Ban.TEXT_FORM,
-        "interactive_shell": Ban.TEXT_FORM,
-    }
+    {"host": Ban.PLUGINS, "command": Ban.TEXT_FORM, "tcp_socket": Ban.TEXT_FORM, "interactive_shell": Ban.TEXT_FORM}
 )
 """Names of plugins behind which the host itself is."""
 MOVERS = frozenset({"driver", "mocdevice", "wander", "idle", "home"})
@@ -192,40 +203,9 @@ def _required(plugin: str, by_name: Mapping[str, PluginInfo]) -> set[str]:
     return found
 
 
-WORDS = MappingProxyType(
-    {
-        Ban.RESUME: "an assistant never ends a halt: a person does, with `robrain resume`",
-        Ban.PLUGINS: "an assistant never loads, unloads or reloads plugins: a person does, with `robrain plugin`",
-        Ban.LEAD: "an assistant never decides who leads a team: a person does, with `robrain lead`",
-        Ban.HOLD: "an assistant never holds plugins",
-        Ban.DRIVE: "an assistant never moves a robot itself: submit a task, and the team decides who does it and how",
-        Ban.PLANNING: "an assistant never changes how the team plans: a person does, with `robrain task objective`",
-        Ban.KEYS: "an assistant never makes or revokes certificates: a person does, with `robrain pki`",
-        Ban.TEXT_FORM: "an assistant sends no text that a robot executes: use call_plugin, which names what is called",
-        Ban.UNKNOWN_TOOL: "there is no such tool",
-        Ban.NO_PLUGIN: "the robot has no such plugin: see list_plugins",
-        Ban.NO_FUNCTION: "the plugin has no such function: see list_plugins",
-        Ban.NOT_OPEN: "the plugin's manifest does not open it to callers outside the robot (visibility `command`)",
-        Ban.NOT_YOURS: "an assistant only cancels tasks that it has submitted itself",
-        Ban.HAS_ENDED: "the task has ended already",
-        Ban.TOO_MANY_TASKS: f"{OPEN_TASKS_MAX} tasks of this assistant have not ended yet: wait, or cancel one of them",
-        Ban.ROLE: "this assistant's certificate does not allow it",
-        Ban.BAD_ARGUMENTS: "the arguments are not valid",
-        Ban.BUSY: "too many calls are being answered: wait for their answers",
-        Ban.NOT_LOGGED: "the audit log cannot be written, and an order that is not logged is not carried out",
-        Ban.NO_TOKEN: "there is no order with this token: it was used already, or never given; "
-        "call again without `confirm`",
-        Ban.EXPIRED: "the time to confirm this order is over: call again without `confirm`",
-        Ban.ANOTHER_ORDER: "this token confirms other arguments; it is void now: call again without `confirm`",
-        Ban.TEAM: "the team refuses",
-        Ban.NOBODY: "nobody answers",
-    }
-)
-
-
 def refusal(ban: Ban, detail: str = "") -> str:
     """A refusal in words, with its subject."""
-    return f"refused: {WORDS[ban]}{f': {detail}' if detail else ''}"
+    return f"refused: {ban.words}{f': {detail}' if detail else ''}"
 
 
 class AuditError(RobrainError):

@@ -104,10 +104,8 @@ BASE, LIDAR, BATTERY, IMU, DRIVER = "mocdevice", "scan", "bm2", "imu", "driver"
 HALTED_BY = "bringup"
 HALTED_S = 1.0
 """A halted host's plugins do nothing; the encoder counts of that time are read afterwards."""
-LIDAR_START_S, LOOK_S = 8.0, 0.1
-"""Timeout of a lidar's first turn: some begin to spin on request."""
-START_S = 3.0
-"""Timeout of the devices' start."""
+START_S, LIDAR_START_S, POLL_S = 3.0, 8.0, 0.1
+"""Timeouts of the devices' start and of a lidar's first turn: some begin to spin on request."""
 
 
 STEP_S = 0.02
@@ -183,14 +181,14 @@ class MotionRunner(Unit):
         """Observations during the last motion."""
         return Record(tuple(self._samples), tuple(self._scans), tuple(self._imu_samples))
 
-    def look(self) -> None:
+    def sample(self) -> None:
         """Add the current encoder counts to the record of a motion that has ended."""
-        self._look(self.env.clock.now_ns())
+        self._sample(self.env.clock.now_ns())
 
-    def abort(self, why: str) -> None:
+    def abort(self, reason: str) -> None:
         """Stop the wheels at the next step, if there is a motion."""
         if self._wanted is not None or self._motion is not None:
-            self.failed = why
+            self.failed = reason
 
     def step(self) -> None:
         wanted, self._wanted = self._wanted, None
@@ -200,16 +198,16 @@ class MotionRunner(Unit):
         if motion is None:
             return
         now_ns = self.env.clock.now_ns()
-        self._look(now_ns)
+        self._sample(now_ns)
         if self._ended_ns is not None:
             if now_ns - self._ended_ns >= SETTLE_NS:
                 if isinstance(motion, TurnWheels):  # after a silence they may turn still
                     self._moc.stop()
                 self._motion = None
             return
-        why = self.failed or self._why_not(motion, now_ns)
-        if why:
-            self.failed = why
+        reason = self.failed or self._abort_reason(motion, now_ns)
+        if reason:
+            self.failed = reason
             self._end(now_ns)
         elif isinstance(motion, Rest):
             if self._elapsed_s(now_ns) >= motion.seconds:
@@ -245,8 +243,8 @@ class MotionRunner(Unit):
     def _read_counts(self) -> WheelCounts | None:
         return self._wheels.wheel_counts() if self._wheels is not None else None
 
-    def _look(self, now_ns: int) -> None:
-        """Take a sample, and the scan if there is a new one."""
+    def _sample(self, now_ns: int) -> None:
+        """Record the encoders, and the scan and the turn rate if there are new ones."""
         counts, before = self._read_counts(), self._counts
         if counts is not None and before is not None:
             half = counts.modulus // 2
@@ -269,22 +267,10 @@ class MotionRunner(Unit):
                     is_commanded=self._ended_ns is None and not isinstance(self._motion, Rest | None),
                 )
             )
-        scan = self._latest_scan()
-        is_new = scan is not None and (not self._scans or scan.stamp_ns > self._scans[-1].stamp_ns)
-        if scan is not None and is_new and len(self._scans) < SAMPLES_MAX:
-            self._scans.append(scan)
-        self._read_imu()
+        _append_newer(self._scans, self._scan.latest() if self._scan is not None else None)
+        _append_newer(self._imu_samples, self._imu.latest() if self._imu is not None else None)
 
-    def _read_imu(self) -> None:
-        sample = self._imu.latest() if self._imu is not None else None
-        known = self._imu_samples
-        if sample is not None and (not known or sample.stamp_ns > known[-1].stamp_ns) and len(known) < SAMPLES_MAX:
-            known.append(sample)
-
-    def _latest_scan(self) -> LaserScan | None:
-        return self._scan.latest() if self._scan is not None else None
-
-    def _why_not(self, motion: Motion, now_ns: int) -> str:
+    def _abort_reason(self, motion: Motion, now_ns: int) -> str:
         if isinstance(motion, Rest):
             return ""
         if abs(now_ns - self._asked_ns) > LEASE_NS:  # it may have asked since this step began
@@ -298,7 +284,7 @@ class MotionRunner(Unit):
         return ""
 
     def _nearest_obstacle(self, now_ns: int) -> str:
-        scan, radius_m = self._latest_scan(), self._moc.radius_m()
+        scan, radius_m = self._scan.latest() if self._scan is not None else None, self._moc.radius_m()
         if scan is None or now_ns - scan.stamp_ns > SCAN_FRESH_NS:
             return "no turn of the lidar for 1 s"
         # An echo from within the hull is a part of the robot.
@@ -365,6 +351,11 @@ class ImuRunner(FloorRunner):
         self._imu = self.env.use("imu", ImuInterface)
 
 
+def _append_newer(samples: list[Any], newest: LaserScan | ImuSample | None) -> None:
+    if newest is not None and (not samples or newest.stamp_ns > samples[-1].stamp_ns) and len(samples) < SAMPLES_MAX:
+        samples.append(newest)
+
+
 def _towards(left: float, ramp: float, fastest: float, braking: float, creep: float) -> float:
     speed = min(ramp * fastest, max(math.sqrt(2.0 * braking * abs(left)), creep))
     return math.copysign(speed, left)
@@ -372,8 +363,8 @@ def _towards(left: float, ramp: float, fastest: float, braking: float, creep: fl
 
 def _time_limit_s(motion: Motion) -> float:
     match motion:
-        case Straight(distance_m=way):
-            needed_s = abs(way) / SPEED_M_S
+        case Straight(distance_m=distance_m):
+            needed_s = abs(distance_m) / SPEED_M_S
         case TurnOnSpot(angle_rad=angle):
             needed_s = abs(angle) / TURN_RATE_RAD_S
         case TurnWheels(seconds=seconds) | Rest(seconds=seconds):
@@ -437,7 +428,7 @@ class Bench(abc.ABC):
                     self.host.halting.resume(HALTED_BY)
                     self.pass_time(0.2)
                     self._check_runs()
-                    runner.look()
+                    runner.sample()
                     break
         except BaseException:
             runner.abort("bring-up was interrupted")
@@ -484,7 +475,7 @@ class Bench(abc.ABC):
         except (PluginError, CallError) as error:
             raise DeviceAbsent(f"{plugin}: {error}") from error
 
-    def why_not(self, plugin: str) -> str:
+    def fault_of(self, plugin: str) -> str:
         """Reason why a device does not run; empty if it does."""
         try:
             managed = self.host.manager.get(plugin)
@@ -496,39 +487,34 @@ class Bench(abc.ABC):
         """Leave the odometry to the wheels, which a unit that is mounted wrongly would turn."""
         self.host.board.yaw_rates = deque(maxlen=0)
 
-    def wait_for_counts(self) -> None:
-        """Wait until the wheels' encoders send; the steps handle silent ones."""
-        for _ in range(round(START_S / LOOK_S)):
-            if self.why_not(DRIVER) or self._runner().is_fresh:
-                return
-            self.pass_time(LOOK_S)
+    def wait_for_data(self, plugin: str, timeout_s: float) -> str:
+        """Wait for the first data of the wheels (`DRIVER`), the lidar or the inertial unit.
 
-    def wait_for_scan(self) -> None:
-        """Wait for the lidar's first scan; a lidar that does not send one is left to the steps."""
-        for _ in range(round(LIDAR_START_S / LOOK_S)):
-            if not self.why_not(LIDAR) and cast(Any, self.host.manager.get(LIDAR).live_plugin()).latest() is not None:
-                return
-            self.pass_time(LOOK_S)
+        Returns:
+            The reason why there are none; empty if there are. Silent devices are left to the steps.
 
-    def wait_for_imu(self) -> str:
-        """Wait for the first measurement of the inertial unit; why there is none, empty if there is one."""
-        why = "it is silent"
-        for _ in range(round((START_S + 1.0) / LOOK_S)):
-            if absent := self.why_not(IMU):
-                why = absent
-            elif cast(Any, self.host.manager.get(IMU).live_plugin()).latest() is not None:
+        """
+        reason = "it is silent"
+        for _ in range(round(timeout_s / POLL_S)):
+            if fault := self.fault_of(plugin):
+                reason = fault
+            elif self._has_data(cast(Any, self.host.manager.get(plugin).live_plugin())):
                 return ""
-            self.pass_time(LOOK_S)
-        return why
+            self.pass_time(POLL_S)
+        return reason
+
+    @staticmethod
+    def _has_data(device: Any) -> bool:
+        return device.is_fresh if isinstance(device, MotionRunner) else device.latest() is not None
 
     def _runner(self) -> MotionRunner:
         self._check_runs()
         return cast(MotionRunner, self.host.manager.get(DRIVER).live_plugin())
 
     def _check_runs(self) -> None:
-        why = self.why_not(DRIVER)
-        if why and not self.host.manager.halted:
-            raise DeviceAbsent(self.why_not(BASE) or why)
+        fault = self.fault_of(DRIVER)
+        if fault and not self.host.manager.halted:
+            raise DeviceAbsent(self.fault_of(BASE) or fault)
 
 
 def has_imu(robot_file: RobotFile) -> bool:

@@ -7,34 +7,48 @@ import tempfile
 from collections.abc import Callable, Mapping, MutableMapping, MutableSequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from robrain.agent.host.robot_file import RobotFile, read_robot_file
-from robrain.algorithms.localization.wheel_calibration import (
-    SquareEnd,
-    SquareErrors,
-    followed,
-    odometry_errors,
-    scan_motion,
+from robrain.algorithms.localization.wheel_calibration import SquareEnd, SquareErrors, odometry_errors, scan_motion
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Omni, OmniBase, WheelBase
+from robrain.deploy.bringup.bench import (
+    DRIVER,
+    IMU,
+    LIDAR,
+    LIDAR_START_S,
+    START_S,
+    Bench,
+    DeviceAbsent,
+    MotionFailed,
+    Straight,
+    TurnOnSpot,
+    has_imu,
 )
-from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Omni, OmniBase
-from robrain.deploy.bringup.bench import IMU, Bench, DeviceAbsent, MotionFailed, Straight, TurnOnSpot, has_imu
-from robrain.deploy.bringup.findings import Attendant, BringUpReport, CheckFinding, CheckStep, FindingKind, Patch
+from robrain.deploy.bringup.findings import (
+    BringUpReport,
+    CheckFinding,
+    CheckStep,
+    FindingKind,
+    Operator,
+    Patch,
+    conclude,
+)
 from robrain.deploy.bringup.floor_checks import (
     MORE_WALLS,
-    NO_SIGHT,
     STILL_S,
-    View,
+    NoSight,
+    ScanView,
     check_distance,
     check_orientation,
     check_scan,
     check_turn,
-    look,
-    points_of,
+    scan_around,
+    seen_motion,
 )
 from robrain.deploy.bringup.wheel_checks import (
     base_patch,
@@ -61,14 +75,7 @@ TRACK_TOLERANCE, RATIO_TOLERANCE = 0.006, 0.004
 """Precision of one square of 1 m in each direction, with the ends measured to 5 mm and 0.2°."""
 
 
-class SquareMeasurement(NamedTuple):
-    """Ends of the squares, real ones less those by odometry."""
-
-    clockwise: list[SquareEnd]
-    counter_clockwise: list[SquareEnd]
-
-
-def side_m(view: View, radius_m: float) -> float:
+def side_m(view: ScanView, radius_m: float) -> float:
     """Side of the largest square, to the left and to the right of the robot, that is free; 0 if none is."""
     x_m, y_m = view.points[:, 0], view.points[:, 1]
     is_other = x_m * x_m + y_m * y_m > radius_m * radius_m
@@ -82,66 +89,55 @@ def side_m(view: View, radius_m: float) -> float:
     return 0.0
 
 
-def check_square(
-    bench: Bench, view: View, base: WheelDevice.Parameters | None, operator: Attendant, *, rounds: int, measured: bool
-) -> tuple[list[CheckFinding], View]:
+def check_square(bench: Bench, operator: Operator, *, rounds: int, measured: bool) -> list[CheckFinding]:
     """Drive squares to the left and to the right.
 
     Args:
         bench: with the robot's file as it is known by now.
-        view: the lidar's measurements where the squares begin.
-        base: parameters of the base; None if they are not known.
         operator: measures the ends if `measured`.
         rounds: squares of each kind.
         measured: have a person measure the ends instead of the lidar.
 
     """
+    base, view = bench.base(), scan_around(bench)[0]
     radius_m = base.radius_m if base is not None else 0.2
     side = side_m(view, radius_m)
     if side == 0.0:
         sentence = f"there is no room for a square of {SIDE_MIN_M:g} m to the left and to the right"
         remedy = f"put the robot where it has {SIDE_MIN_M + radius_m + FREE_M:.1f} m ahead and at both sides"
-        return [CheckFinding(CheckStep.SQUARE, FindingKind.NOT_DONE, None, sentence, remedy=remedy)], view
-    ends = SquareMeasurement([], [])
+        return [conclude(CheckStep.SQUARE, FindingKind.NOT_DONE, sentence, remedy)]
+    clockwise: list[SquareEnd] = []
+    counter_clockwise: list[SquareEnd] = []
     for _ in range(rounds):
-        for list_of, corner_rad in ((ends.counter_clockwise, 0.5 * math.pi), (ends.clockwise, -0.5 * math.pi)):
-            end, view = _drive(bench, view, side, corner_rad, operator if measured else None)
-            if end is None:
-                finding = CheckFinding(CheckStep.SQUARE, FindingKind.FAILED, False, NO_SIGHT, remedy=MORE_WALLS)
-                return [finding], view
-            list_of.append(end)
-    return _judge(ends, side, base), view
+        for ends, corner_rad in ((counter_clockwise, 0.5 * math.pi), (clockwise, -0.5 * math.pi)):
+            end, view = _drive_square(bench, view, side, corner_rad, operator if measured else None)
+            ends.append(end)
+    wheels = base.base if base is not None else None
+    track_m = wheels.track_m if isinstance(wheels, Differential) else side
+    return _judge_squares(odometry_errors(clockwise, counter_clockwise, side, track_m), side, wheels)
 
 
-def _drive(
-    bench: Bench, before: View, side: float, corner_rad: float, operator: Attendant | None
-) -> tuple[SquareEnd | None, View]:
-    """One square; where it really ended less where it did by odometry, in the frame of its start."""
+def _drive_square(
+    bench: Bench, before: ScanView, side: float, corner_rad: float, operator: Operator | None
+) -> tuple[SquareEnd, ScanView]:
+    """One square; where it really ended less where it did by odometry, in the frame of its start (NoSight)."""
     scans: list[LaserScan] = []
     for _ in range(CORNERS):
         scans += bench.perform(Straight(side)).scans
         scans += bench.perform(TurnOnSpot(corner_rad)).scans
-    after, _ = look(bench)
+    after, _ = scan_around(bench)
     by_odometry = before.odometry.inverse().compose(after.odometry)
     if operator is not None:
         x_m = operator.number("How far ahead of its start is the robot's centre, along the start's heading, in metres")
         y_m = operator.number("How far to the left of its start is it, in metres")
         return SquareEnd(x_m - by_odometry.x_m, y_m - by_odometry.y_m), after
     found = scan_motion(before.points, after.points, by_odometry)
-    true = found.pose if found is not None and found.is_held else None
-    if true is None:
-        way = followed(before.points, map(points_of, scans), after.points)
-        true = None if way is None else way[0]
-    if true is None:
-        return None, after
+    true = found.pose if found is not None and found.is_held else seen_motion(before, scans, after)[0]
     yaw_rad = math.remainder(true.yaw_rad - by_odometry.yaw_rad, math.tau)
     return SquareEnd(true.x_m - by_odometry.x_m, true.y_m - by_odometry.y_m, yaw_rad), after
 
 
-def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | None) -> list[CheckFinding]:
-    wheels = base.base if base is not None else None
-    track_m = wheels.track_m if isinstance(wheels, Differential) else side
-    errors = odometry_errors(ends.clockwise, ends.counter_clockwise, side, track_m)
+def _judge_squares(errors: SquareErrors, side: float, wheels: WheelBase | None) -> list[CheckFinding]:
     values = {
         "side_m": side,
         "largest_m": errors.largest_m,
@@ -153,29 +149,21 @@ def _judge(ends: SquareMeasurement, side: float, base: WheelDevice.Parameters | 
     sentence = f"squares of {side:g} m end {1000 * errors.largest_m:.0f} mm from where the odometry has them"
     found = []
     if abs(errors.track_factor - 1.0) > TRACK_TOLERANCE:
-        found.append(_wrong_track(errors, base, values, sentence))
+        found.append(_wrong_track(errors, wheels, values, sentence))
     if isinstance(wheels, Differential) and abs(errors.wheel_ratio - 1.0) > RATIO_TOLERANCE:
         ratio = wheels.wheel_radius_ratio * errors.wheel_ratio
         patch = base_patch(wheels, wheel_radius_ratio=ratio)
         if found:  # one table for both
             patch["mocdevice"]["base"] |= {"track_m": found[0].patch["mocdevice"]["base"]["track_m"]}
-        found.append(
-            CheckFinding(
-                CheckStep.SQUARE,
-                FindingKind.UNEQUAL_WHEELS,
-                False,
-                f"{sentence}: the right wheel is {ratio:.4g} times as large as the left one",
-                values={**values, "wheel_radius_ratio": ratio},
-                patch=patch,
-            )
-        )
-    return found or [CheckFinding(CheckStep.SQUARE, FindingKind.RIGHT, True, sentence, values=values)]
+        text = f"{sentence}: the right wheel is {ratio:.4g} times as large as the left one"
+        values = {**values, "wheel_radius_ratio": ratio}
+        found.append(conclude(CheckStep.SQUARE, FindingKind.UNEQUAL_WHEELS, text, values=values, patch=patch))
+    return found or [conclude(CheckStep.SQUARE, FindingKind.RIGHT, sentence, values=values)]
 
 
 def _wrong_track(
-    errors: SquareErrors, base: WheelDevice.Parameters | None, values: dict[str, float], sentence: str
+    errors: SquareErrors, wheels: WheelBase | None, values: dict[str, float], sentence: str
 ) -> CheckFinding:
-    wheels = base.base if base is not None else None
     patch, what = {}, f"corners of 90° were turned by {90 + math.degrees(errors.corner_rad):.1f}°"
     if isinstance(wheels, Differential):
         track_m = wheels.track_m * errors.track_factor
@@ -185,9 +173,7 @@ def _wrong_track(
         distance_m = wheels.wheel_distance_m * errors.track_factor
         values, what = {**values, "wheel_distance_m": distance_m}, f"the wheels are {distance_m:.4g} m from the centre"
         patch = base_patch(wheels, wheel_distance_m=distance_m)
-    return CheckFinding(
-        CheckStep.SQUARE, FindingKind.WRONG_TRACK, False, f"{sentence}: {what}", values=values, patch=patch
-    )
+    return conclude(CheckStep.SQUARE, FindingKind.WRONG_TRACK, f"{sentence}: {what}", values=values, patch=patch)
 
 
 def patched(parameters: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
@@ -290,19 +276,17 @@ DEGREES = math.degrees(1.0)
 
 def check_imu(bench: Bench) -> list[CheckFinding]:
     """Turn to the left and back; compare the unit's turning with the lidar's. The bench runs the unit as well."""
-    if why := bench.wait_for_imu():
-        return [_absent(f"no measurement from the unit: {why}")]
-    view, rest = look(bench)
+    if reason := bench.wait_for_data(IMU, START_S + 1.0):
+        return [_absent(f"no measurement from the unit: {reason}")]
+    view, rest = scan_around(bench)
     if len(rest.imu) < SAMPLES_MIN:
         return [_absent(f"the unit has sent {len(rest.imu)} measurements in {STILL_S:g} s")]
     record = bench.perform(TurnOnSpot(TURN_RAD))
-    after, _ = look(bench)
+    after, _ = scan_around(bench)
     bench.perform(TurnOnSpot(-TURN_RAD))
-    seen = followed(view.points, [points_of(scan) for scan in record.scans], after.points)
-    if seen is None:
-        return [CheckFinding(CheckStep.IMU, FindingKind.FAILED, False, NO_SIGHT, remedy=MORE_WALLS)]
     bias_rad_s = sum(sample.yaw_rate_rad_s for sample in rest.imu) / len(rest.imu)
-    return _findings(bench, turned_rad(record.imu, bias_rad_s), seen[1], bias_rad_s)
+    by_scan_rad = seen_motion(view, record.scans, after)[1]
+    return _imu_findings(bench, turned_rad(record.imu, bias_rad_s), by_scan_rad, bias_rad_s)
 
 
 def turned_rad(samples: tuple[ImuSample, ...], bias_rad_s: float) -> float:
@@ -319,36 +303,27 @@ def turned_rad(samples: tuple[ImuSample, ...], bias_rad_s: float) -> float:
 
 def _absent(sentence: str) -> CheckFinding:
     remedy = "check its power, port, baud and protocol in [parameters.imu]; [robot.roles] imu says what reads it"
-    return CheckFinding(CheckStep.IMU, FindingKind.NO_IMU, False, sentence, remedy=remedy)
+    return conclude(CheckStep.IMU, FindingKind.NO_IMU, sentence, remedy)
 
 
-def _findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[CheckFinding]:
+def _imu_findings(bench: Bench, by_imu_rad: float, by_scan_rad: float, bias_rad_s: float) -> list[CheckFinding]:
     ratio = by_imu_rad / by_scan_rad
     values = {"by_imu_rad": by_imu_rad, "by_scan_rad": by_scan_rad, "bias_rad_s": bias_rad_s}
     sentence = f"{math.degrees(by_imu_rad):.1f}° by the unit are {math.degrees(by_scan_rad):.1f}° by the lidar"
     parameters = bench.parameters(IMU)
     found = []
-
-    def say(kind: FindingKind, sentence: str, patch: Patch, remedy: str) -> None:
-        found.append(CheckFinding(CheckStep.IMU, kind, False, sentence, values=values, patch=patch, remedy=remedy))
-
     if ratio < 0 and abs(ratio) > SCALE_TOLERANCE:
         upside_down = getattr(parameters, "upside_down", None)
         patch: Patch = {} if upside_down is None else {IMU: {"upside_down": not upside_down}}
+        text = f"{sentence}: it is upside down, or counts to the right"
         remedy = "" if patch else "turn it over, or say so to what publishes its measurements"
-        say(FindingKind.IMU_INVERTED, f"{sentence}: it is upside down, or counts to the right", patch, remedy)
+        found.append(conclude(CheckStep.IMU, FindingKind.IMU_INVERTED, text, remedy, values=values, patch=patch))
     if abs(abs(ratio) - 1.0) > SCALE_TOLERANCE:
         patch = _unit_patch(parameters, abs(ratio))
+        text = f"{sentence}: its turn rate is {abs(ratio):.3g} times what it should be"
         remedy = "" if patch else "see in its data sheet, and in what prints its lines, in which unit it measures"
-        say(
-            FindingKind.WRONG_IMU_SCALE,
-            f"{sentence}: its turn rate is {abs(ratio):.3g} times what it should be",
-            patch,
-            remedy,
-        )
-    if not found:
-        found.append(CheckFinding(CheckStep.IMU, FindingKind.RIGHT, True, sentence, values=values))
-    return found
+        found.append(conclude(CheckStep.IMU, FindingKind.WRONG_IMU_SCALE, text, remedy, values=values, patch=patch))
+    return found or [conclude(CheckStep.IMU, FindingKind.RIGHT, sentence, values=values)]
 
 
 def _unit_patch(parameters: object, ratio: float) -> Patch:
@@ -393,7 +368,7 @@ class BringUp:
         path: the robot's file.
         bench: closed by its owner.
         operator: the person beside the robot.
-        tell: called with each finding.
+        on_finding: called with each finding.
         robot_file: values of the file, where they differ from the given ones (endpoints, team).
 
     """
@@ -402,11 +377,11 @@ class BringUp:
         self,
         path: Path,
         bench: Bench,
-        operator: Attendant,
-        tell: Callable[[CheckFinding], None],
+        operator: Operator,
+        on_finding: Callable[[CheckFinding], None],
         robot_file: RobotFile | None = None,
     ) -> None:
-        self._path, self._bench, self._operator, self._tell = path, bench, operator, tell
+        self._path, self._bench, self._operator, self._on_finding = path, bench, operator, on_finding
         self._file = read_robot_file(path) if robot_file is None else robot_file
         self._findings: list[CheckFinding] = []
         self._backup: Path | None = None
@@ -434,7 +409,8 @@ class BringUp:
         except _Ended:
             pass
         except (MotionFailed, DeviceAbsent) as error:
-            self._record([CheckFinding(self._step, FindingKind.FAILED, False, str(error))])
+            remedy = MORE_WALLS if isinstance(error, NoSight) else ""
+            self._record([conclude(self._step, FindingKind.FAILED, str(error), remedy)])
         return BringUpReport(
             robot=self._file.robot.name,
             file=str(self._path),
@@ -444,60 +420,39 @@ class BringUp:
 
     def _air(self, *, moves: bool) -> None:
         bench = self._bench
-        self._do(CheckStep.BUS, check_bus(bench))
+        self._do(CheckStep.BUS, lambda: check_bus(bench))
         base = bench.base()
         if not moves:
             return
         if base is None or not bench.has_wheels or isinstance(base.base, Ackermann):
-            sentence = "this base is not commanded wheel by wheel"
-            self._do(
-                CheckStep.WHEELS,
-                [CheckFinding(CheckStep.WHEELS, FindingKind.NOT_DONE, None, sentence)],
-            )
+            self._skip(CheckStep.WHEELS, "this base is not commanded wheel by wheel")
         else:
-            self._step = CheckStep.WHEELS
-            self._do(CheckStep.WHEELS, check_wheels(bench, self._operator, base))
-            self._step = CheckStep.HALT
-            self._do(CheckStep.HALT, [check_halt(bench, self._base())])
-            self._step = CheckStep.WATCHDOG
-            self._do(CheckStep.WATCHDOG, [check_watchdog(bench, self._base())])
-        self._step = CheckStep.BATTERY
-        self._do(CheckStep.BATTERY, [check_battery(bench)])
+            self._do(CheckStep.WHEELS, lambda: check_wheels(bench, self._operator, base))
+            self._do(CheckStep.HALT, lambda: [check_halt(bench, self._base())])
+            self._do(CheckStep.WATCHDOG, lambda: [check_watchdog(bench, self._base())])
+        self._do(CheckStep.BATTERY, lambda: [check_battery(bench)])
 
     def _floor(self) -> None:
-        bench, base = self._bench, self._bench.base()
-        self._step = CheckStep.SCAN
-        finding, view = check_scan(bench)
-        self._do(CheckStep.SCAN, [finding])
+        bench, base, wanted = self._bench, self._bench.base(), self._wanted
+        self._do(CheckStep.SCAN, lambda: [check_scan(bench)])
         if base is not None and isinstance(base.base, Ackermann):
             sentence = "this base cannot turn on the spot: measure the lidar's mounting and the track by hand"
-            self._do(
-                CheckStep.ORIENTATION,
-                [CheckFinding(CheckStep.ORIENTATION, FindingKind.NOT_DONE, None, sentence)],
-            )
+            self._skip(CheckStep.ORIENTATION, sentence)
             return
-        self._step = CheckStep.ORIENTATION
-        found, view = check_orientation(bench, view)
-        view = self._check_again(CheckStep.ORIENTATION, found, view)
-        self._step = CheckStep.DISTANCE
-        found, view = check_distance(bench, view, bench.base())
-        view = self._check_again(CheckStep.DISTANCE, found, view)
-        self._step = CheckStep.TURN
-        found, view = check_turn(bench, view, bench.base())
-        view = self._check_again(CheckStep.TURN, found, view)
+        self._do(CheckStep.ORIENTATION, lambda: check_orientation(bench))
+        self._do(CheckStep.DISTANCE, lambda: check_distance(bench))
+        self._do(CheckStep.TURN, lambda: check_turn(bench))
         if has_imu(self._file):
             self._step = CheckStep.IMU
             self._start(with_lidar=True, with_imu=True)
             bench.keep_gyro_out()
-            if not self._do(CheckStep.IMU, check_imu(bench)):
+            if not any(one.patch for one in self._do(CheckStep.IMU, lambda: check_imu(bench))):
                 self._start(with_lidar=True)  # the squares are the wheels' alone
-            view, _ = look(bench)
-        self._step = CheckStep.SQUARE
-        for _ in range(2 if self._wanted.rounds else 0):  # again with the corrections of the first ones
-            found, view = check_square(
-                bench, view, bench.base(), self._operator, rounds=self._wanted.rounds, measured=self._wanted.measured
+        for _ in range(2 if wanted.rounds else 0):  # again with the corrections of the first ones
+            found = self._do(
+                CheckStep.SQUARE,
+                lambda: check_square(bench, self._operator, rounds=wanted.rounds, measured=wanted.measured),
             )
-            view = self._check_again(CheckStep.SQUARE, found, view)
             if not any(one.patch for one in found):
                 break
 
@@ -509,32 +464,31 @@ class BringUp:
     def _start(self, *, with_lidar: bool, with_imu: bool = False) -> None:
         self._with_lidar = with_lidar
         self._bench.start(self._file, with_lidar=with_lidar, with_imu=with_imu)
-        self._bench.wait_for_counts()
+        self._bench.wait_for_data(DRIVER, START_S)
         if with_lidar:
-            self._bench.wait_for_scan()
+            self._bench.wait_for_data(LIDAR, LIDAR_START_S)
 
-    def _do(self, step: CheckStep, found: list[CheckFinding]) -> bool:
-        """Record the result of a step, and continue with it; whether the devices were restarted for it."""
+    def _skip(self, step: CheckStep, sentence: str) -> None:
+        self._record([conclude(step, FindingKind.NOT_DONE, sentence)])
+
+    def _do(self, step: CheckStep, check: Callable[[], list[CheckFinding]]) -> list[CheckFinding]:
+        """Do a step, record its findings, and start the devices again if they have changed the file."""
         self._step = step
+        found = check()
         self._record(found)
         if any(one.stops for one in found):
             raise _Ended
-        if not any(one.patch for one in found):
-            return False
-        self._start(with_lidar=self._with_lidar)
-        return True
-
-    def _check_again(self, step: CheckStep, found: list[CheckFinding], view: View) -> View:
-        """As `_do`; returns the lidar's measurements afterwards."""
-        return look(self._bench)[0] if self._do(step, found) else view
+        if any(one.patch for one in found):
+            self._start(with_lidar=self._with_lidar)
+        return found
 
     def _record(self, found: list[CheckFinding]) -> None:
-        for finding in found:
-            self._findings.append(finding)
-            self._tell(finding)
-            if not finding.patch:
+        for one in found:
+            self._findings.append(one)
+            self._on_finding(one)
+            if not one.patch:
                 continue
-            parameters = patched(self._file.parameters, finding.patch)
+            parameters = patched(self._file.parameters, one.patch)
             self._file = msgspec.structs.replace(self._file, parameters=parameters)
             if self._wanted.write:
-                self._backup = write_patch(self._path, finding.patch, self._backup)
+                self._backup = write_patch(self._path, one.patch, self._backup)

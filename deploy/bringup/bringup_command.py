@@ -16,7 +16,7 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_robot_file
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
-from robrain.deploy.bringup.findings import Attendant, CheckFinding, TerminalOperator, YesOperator
+from robrain.deploy.bringup.findings import CheckFinding, Operator, TerminalOperator
 from robrain.deploy.command_line.output import print_json, print_note
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
@@ -30,7 +30,7 @@ from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import may_answer, open_lockstep_session, open_session
 
 CLOSE_S = 5.0
-LOOK_S = 0.01
+POLL_S = 0.01
 
 
 class LiveBench(Bench):
@@ -59,7 +59,7 @@ class LiveBench(Bench):
         self._thread = threading.Thread(target=self._run, args=(self.host, self._stop, ready), name="bringup-host")
         self._thread.start()
         began_s = time.monotonic()
-        while not ready.wait(LOOK_S):
+        while not ready.wait(POLL_S):
             self._check()
             if time.monotonic() - began_s > 10 * START_S:
                 raise DeviceAbsent("the devices do not start")
@@ -114,34 +114,27 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
     robot_file = read_robot_file(robot)
     if not yes and not sys.stdin.isatty():
         raise UsageError("bringup asks a person beside the robot: run it at a terminal, or with --yes")
-    operator: Attendant = YesOperator() if yes else TerminalOperator()
+    operator = Operator() if yes else TerminalOperator()
     signal.signal(signal.SIGTERM, _interrupt)
     with ExitStack() as stack:
         session = stack.enter_context(closing(_open(robot_file, robot.parent, connect)))
         claim = stack.enter_context(claim_robot(session, robot_file.robot.team, robot_file.robot.name))
-        claim.take(lambda text: print_note(f"bringup: {text}"), lambda: False)
+        claim.acquire(lambda text: print_note(f"bringup: {text}"), lambda: False)
         bench = LiveBench(session, robot.parent)
         stack.callback(bench.close)
-        said = print_note if as_json else print_line
+        print_text = print_note if as_json else print_line
 
-        def tell(finding: CheckFinding) -> None:
-            for line in lines_of(finding):
-                said(line)
+        def show(finding: CheckFinding) -> None:
+            print_text(f"{MARKS[finding.ok]:<8}{finding.step.value}: {finding.sentence}")
+            if finding.remedy:
+                print_text(f"{'':<8}  {finding.remedy}")
 
-        report = BringUp(robot, bench, operator, tell, robot_file).run(wanted)
+        report = BringUp(robot, bench, operator, show, robot_file).run(wanted)
     if as_json:
         print_json(report)
     elif report.backup:
         print_line(f"{report.file} has what was found; {report.backup} is the file as it was")
     return report.is_good
-
-
-def lines_of(finding: CheckFinding) -> list[str]:
-    """A finding in words; a remedy has its own line."""
-    lines = [f"{MARKS[finding.ok]:<8}{finding.step.value}: {finding.sentence}"]
-    if finding.remedy:
-        lines.append(f"{'':<8}  {finding.remedy}")
-    return lines
 
 
 def _open(robot_file: RobotFile, base: Path, connect: str | None) -> zenoh.Session:

@@ -4,15 +4,16 @@ import math
 import sys
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Any
 
 import msgspec
 
 from robrain.deploy.command_line.output import print_note
 
 
-class Attendant(Protocol):
-    """The person beside the robot."""
+class Operator:
+    """The person beside the robot; this one gives the default answers, and wheels turn as they are commanded."""
 
     def prepare(self, what: str) -> None:
         """Give an instruction; returns when the person has done it."""
@@ -26,35 +27,22 @@ class Attendant(Protocol):
             default: the answer if the person just presses Enter.
 
         """
-
-    def number(self, question: str) -> float:
-        """Ask for a finite number."""
-
-
-class YesOperator:
-    """Gives the default answers: all instructions are done, and wheels turn as they are commanded."""
-
-    def prepare(self, what: str) -> None:
-        """As Attendant."""
-
-    def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
-        """As Attendant."""
         return default
 
     def number(self, question: str) -> float:
-        """As Attendant; there is no measurement."""
+        """Ask for a finite number; without a person there is no measurement."""
         return 0.0
 
 
-class TerminalOperator:
+class TerminalOperator(Operator):
     """Asks on stderr, and reads lines of stdin; raises EOFError at its end."""
 
     def prepare(self, what: str) -> None:
-        """As Attendant."""
+        """As Operator."""
         self._read(f"{what}, then press Enter (Ctrl-C ends) ")
 
     def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
-        """As Attendant."""
+        """As Operator."""
         print_note(question)
         for key, meaning in choices.items():
             print_note(f"  {key:<3} {meaning}{'  (Enter)' if key == default else ''}")
@@ -65,7 +53,7 @@ class TerminalOperator:
             print_note(f"expected one of {', '.join(choices)}")
 
     def number(self, question: str) -> float:
-        """As Attendant."""
+        """As Operator."""
         while True:
             answer = self._read(f"{question}: ").strip()
             try:
@@ -85,6 +73,7 @@ class TerminalOperator:
         return line
 
 
+NOTHING: Mapping[str, float] = MappingProxyType({})
 Patch = dict[str, dict[str, Any]]
 """New values for a robot's file: by plugin, the keys of its `[parameters.PLUGIN]`."""
 
@@ -159,6 +148,21 @@ class CheckFinding(msgspec.Struct, frozen=True):
     def stops(self) -> bool:
         """Whether it would be unsafe, or of no use, to continue."""
         return self.found in _STOPS
+
+
+def conclude(
+    step: CheckStep,
+    kind: FindingKind,
+    sentence: str,
+    remedy: str = "",
+    *,
+    values: Mapping[str, float] = NOTHING,
+    patch: Patch | None = None,
+    ok: bool | None = False,
+) -> CheckFinding:
+    """One thing that was found; `right` is ok, and `not_done` neither ok nor wrong."""
+    is_ok = {FindingKind.RIGHT: True, FindingKind.NOT_DONE: None}.get(kind, ok)
+    return CheckFinding(step, kind, is_ok, sentence, dict(values), patch or {}, remedy)
 
 
 class BringUpReport(msgspec.Struct, frozen=True, kw_only=True):

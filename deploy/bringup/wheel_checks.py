@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ from robrain.deploy.bringup.bench import (
     StopMode,
     TurnWheels,
 )
-from robrain.deploy.bringup.findings import Attendant, CheckFinding, CheckStep, FindingKind, Patch
+from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Operator, Patch, conclude
 from robrain.plugins.device.mocdevice.frame_map import Counted, FrameMap, FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.serial_base import LineWords
@@ -68,7 +69,7 @@ def wheel_names(base: WheelBase) -> tuple[str, ...]:
             return (*(f"left {number}" for number in sides), *(f"right {number}" for number in sides))
 
 
-def positive_way(base: WheelBase) -> str:
+def positive_direction(base: WheelBase) -> str:
     """Motion of a wheel that turns in its positive direction."""
     if isinstance(base, OmniBase | Omni):
         return "driving the robot counter-clockwise, seen from above"
@@ -129,7 +130,8 @@ def _rounded(value: float) -> float:
     return value if isinstance(value, int) else float(f"{value:.4g}")
 
 
-LOOK_S = 2.0
+BUS_S = 2.0
+"""Time in which frames are counted."""
 TURN_S = 1.6
 STEADY_S = 0.5
 """After this time wheels turn as fast as they are commanded."""
@@ -152,236 +154,200 @@ STOP_MAX_S, WATCHDOG_MAX_S = 0.3, 0.5
 def check_bus(bench: Bench) -> list[CheckFinding]:
     """Whether the controller sends, at which rate, and whether all its frames are accepted."""
     before = bench.counters()
-    record = bench.perform(Rest(LOOK_S))
+    record = bench.perform(Rest(BUS_S))
     after = bench.counters()
     believed, rejected = after.believed - before.believed, after.rejected - before.rejected
     foreign, lost, errors = after.foreign - before.foreign, after.lost - before.lost, after.errors - before.errors
-    rate_hz = believed / LOOK_S
+    rate_hz = believed / BUS_S
     values = {"rate_hz": rate_hz, "rejected": rejected, "foreign": foreign, "lost": lost, "errors": errors}
-
-    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None = False) -> CheckFinding:
-        return CheckFinding(CheckStep.BUS, found, ok, sentence, values=values, remedy=remedy)
-
+    bus = partial(conclude, CheckStep.BUS, values=values)
     if not believed and rejected:
-        return [
-            say(
-                FindingKind.NO_FRAMES,
-                f"all {rejected} frames of the encoders were refused",
-                "check frames.checksum and dbc",
-            )
-        ]
+        sentence = f"all {rejected} frames of the encoders were refused"
+        return [bus(FindingKind.NO_FRAMES, sentence, "check frames.checksum and dbc")]
     if not believed:
-        what = f"; {foreign} other frames came" if foreign else ""
+        others = f"; {foreign} other frames came" if foreign else ""
         remedy = "check power, wiring, bit rate, channel, and the names and identifiers of the frames in the DBC file"
-        return [say(FindingKind.NO_FRAMES, f"no frame of the encoders in {LOOK_S:g} s{what}", remedy)]
+        return [bus(FindingKind.NO_FRAMES, f"no frame of the encoders in {BUS_S:g} s{others}", remedy)]
     found = []
     if rate_hz < RATE_MIN_HZ:
-        found.append(
-            say(FindingKind.FEW_FRAMES, f"counts come {rate_hz:.1f} times a second", "20 to 50 times is usual")
-        )
+        sentence = f"counts come {rate_hz:.1f} times a second"
+        found.append(bus(FindingKind.FEW_FRAMES, sentence, "20 to 50 times is usual"))
     if rejected or errors:
-        sentence = f"{rejected} frames were refused and {errors} error frames came in {LOOK_S:g} s"
-        found.append(say(FindingKind.BAD_FRAMES, sentence, "check termination and shielding, and frames.checksum"))
+        sentence = f"{rejected} frames were refused and {errors} error frames came in {BUS_S:g} s"
+        found.append(bus(FindingKind.BAD_FRAMES, sentence, "check termination and shielding, and frames.checksum"))
     if foreign:
         sentence = f"{foreign} frames are in no file, or commands of another program"
-        found.append(say(FindingKind.FOREIGN_FRAMES, sentence, "see that nothing else drives this base", ok=None))
-    turned_rad = _turned_rad(record)
+        found.append(bus(FindingKind.FOREIGN_FRAMES, sentence, "see that nothing else drives this base", ok=None))
+    turned_rad = record.samples[-1].turns_rad if record.samples else ()
     if turned_rad and max(map(abs, turned_rad)) > STILL_RAD:
         sentence = "wheels turn without a command of bring-up"
-        found.append(say(FindingKind.MOVES_BY_ITSELF, sentence, "end what else drives this base, or hold the wheels"))
-    return found or [say(FindingKind.RIGHT, f"counts of all wheels come {rate_hz:.0f} times a second", ok=True)]
+        found.append(bus(FindingKind.MOVES_BY_ITSELF, sentence, "end what else drives this base, or hold the wheels"))
+    return found or [bus(FindingKind.RIGHT, f"counts of all wheels come {rate_hz:.0f} times a second")]
 
 
-def check_wheels(bench: Bench, operator: Attendant, base: WheelDevice.Parameters) -> list[CheckFinding]:
+class WheelEffect(NamedTuple):
+    """Effect of one command."""
+
+    command: int
+    """Its number."""
+    wheel: int
+    """The wheel that turned, by the person."""
+    direction: int
+    """1 if that turned in its positive direction, else -1."""
+    encoder: int
+    """The one that counted."""
+    ratio: float
+    """Counted turn, relative to the commanded turn of the wheel."""
+
+    @property
+    def sign(self) -> int:
+        """Of the encoder, by the wheel's direction."""
+        return self.direction if self.ratio > 0 else -self.direction
+
+
+def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[CheckFinding]:
     """Turn each wheel a little, to find its encoder, its direction, and its turn."""
     names, speed = wheel_names(base.base), WHEEL_SPEED_RAD_S
-    seen: list[Seen] = []
+    effects: list[WheelEffect] = []
     for index, name in enumerate(names):
         speeds = tuple([speed if other == index else 0.0 for other in range(len(names))])
         answer = AGAIN
         while answer == AGAIN:
             there = bench.perform(TurnWheels(speeds, TURN_S))
-            answer = _turned_wheel(operator, names, index, positive_way(base.base))
+            answer = _turned_wheel(operator, names, index, positive_direction(base.base))
             back = bench.perform(TurnWheels(tuple([-each for each in speeds]), TURN_S))
         turned_rad_s = [0.5 * (a - b) for a, b in zip(_speeds_rad_s(there), _speeds_rad_s(back), strict=True)]
         encoder = max(range(len(names)), key=lambda other: abs(turned_rad_s[other]))
         others = [abs(each) for other, each in enumerate(turned_rad_s) if other != encoder]
         if abs(turned_rad_s[encoder]) < SILENT_RAD_S or answer == NONE:
-            why = "no wheel turns" if answer == NONE else "no encoder counts"
-            return [
-                CheckFinding(
-                    CheckStep.WHEELS,
-                    FindingKind.WHEEL_SILENT,
-                    False,
-                    f"{name}: {why} while it is commanded to turn",
-                    values={"turned_rad_s": turned_rad_s[encoder], "expected_rad_s": speed},
-                    remedy="check motor, power stage, encoder and its cable, and the signals in frames",
-                )
-            ]
+            fault = "no wheel turns" if answer == NONE else "no encoder counts"
+            sentence = f"{name}: {fault} while it is commanded to turn"
+            remedy = "check motor, power stage, encoder and its cable, and the signals in frames"
+            values = {"turned_rad_s": turned_rad_s[encoder], "expected_rad_s": speed}
+            return [conclude(CheckStep.WHEELS, FindingKind.WHEEL_SILENT, sentence, remedy, values=values)]
         if max(others, default=0.0) > COUPLED * abs(turned_rad_s[encoder]):
-            return [
-                CheckFinding(
-                    CheckStep.WHEELS,
-                    FindingKind.WHEELS_UNCLEAR,
-                    False,
-                    f"{name}: the encoders of several wheels count while it alone is commanded to turn",
-                    remedy="put the wheels in the air, so that none turns another",
-                )
-            ]
+            sentence = f"{name}: the encoders of several wheels count while it alone is commanded to turn"
+            remedy = "put the wheels in the air, so that none turns another"
+            return [conclude(CheckStep.WHEELS, FindingKind.WHEELS_UNCLEAR, sentence, remedy)]
         wheel = index if answer in (YES, BACKWARDS) else int(answer.rstrip(BACKWARDS)) - 1
-        way = -1 if answer.endswith(BACKWARDS) else 1
-        seen.append(Seen(index, wheel, way, encoder, turned_rad_s[encoder] / speed))
-    return [*_assign(seen, base, names), *_scale(seen, base)]
-
-
-class Seen:
-    """Effect of one command.
-
-    Args:
-        command: its number.
-        wheel: the wheel that turned, by the person.
-        way: 1 if that turned in its positive direction, else -1.
-        encoder: the one that counted.
-        ratio: counted turn, relative to the commanded turn of the wheel.
-
-    """
-
-    def __init__(self, command: int, wheel: int, way: int, encoder: int, ratio: float) -> None:
-        self.command, self.wheel, self.way, self.encoder, self.ratio = command, wheel, way, encoder, ratio
-        self.sign = way if ratio > 0 else -way
-        """Of the encoder, by the wheel's direction."""
+        direction = -1 if answer.endswith(BACKWARDS) else 1
+        effects.append(WheelEffect(index, wheel, direction, encoder, turned_rad_s[encoder] / speed))
+    return [*_assign(effects, base, names), *_scale(effects, base)]
 
 
 def check_halt(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
     """Halt the host while all wheels turn."""
-    speed = WHEEL_SPEED_RAD_S
-    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, StopMode.HOST))
-    bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
+    record = _turn_all(bench, base, StopMode.HOST)
     driven = [sample for sample in record.samples if sample.is_commanded]
     ran_on_rad = _farthest_rad(record.samples[-1], driven[-1].turns_rad)
     after_s = ran_on_rad / max(0.1, *map(abs, _speeds_rad_s(record)))
     is_right = after_s <= STOP_MAX_S
-    return CheckFinding(
+    return conclude(
         CheckStep.HALT,
         FindingKind.RIGHT if is_right else FindingKind.SLOW_HALT,
-        is_right,
         f"after a halt the wheels turned on by {ran_on_rad:.2f} rad, as far as in {1000 * after_s:.0f} ms",
+        "" if is_right else "check the frame in frames.stop; without one the commands are 0",
         values={"ran_on_rad": ran_on_rad, "stopped_after_s": after_s},
-        remedy="" if is_right else "check the frame in frames.stop; without one the commands are 0",
     )
 
 
 def check_watchdog(bench: Bench, base: WheelDevice.Parameters) -> CheckFinding:
     """Send no more commands while all wheels turn, as if this computer died."""
-    speed = WHEEL_SPEED_RAD_S
-    record = bench.perform(TurnWheels((speed,) * base.base.wheels, TURN_S, StopMode.SILENCE))
-    bench.perform(TurnWheels((-speed,) * base.base.wheels, TURN_S))
+    record = _turn_all(bench, base, StopMode.SILENCE)
     driven = [sample for sample in record.samples if sample.is_commanded]
     last = record.samples[-1].turns_rad
     moving = [sample for sample in record.samples if _farthest_rad(sample, last) > STILL_RAD]
     stopped_ns = moving[-1].stamp_ns if moving else driven[-1].stamp_ns
     after_s = max(0.0, to_seconds(stopped_ns - driven[-1].stamp_ns))
     is_right = after_s <= WATCHDOG_MAX_S
-    return CheckFinding(
+    remedy = "set the controller's watchdog to 200 ms: without it a robot drives on if this computer dies"
+    return conclude(
         CheckStep.WATCHDOG,
         FindingKind.RIGHT if is_right else FindingKind.NO_WATCHDOG,
-        is_right,
-        f"{1000 * after_s:.0f} ms after the last command the wheels stood"
-        if is_right
-        else f"{1000 * after_s:.0f} ms after the last command the wheels still turned",
+        f"{1000 * after_s:.0f} ms after the last command the wheels {'stood' if is_right else 'still turned'}",
+        "" if is_right else remedy,
         values={"stopped_after_s": after_s},
-        remedy=""
-        if is_right
-        else "set the controller's watchdog to 200 ms: without it a robot drives on if this computer dies",
     )
+
+
+def _turn_all(bench: Bench, base: WheelDevice.Parameters, ending: StopMode) -> Record:
+    """Turn all wheels, and back afterwards."""
+    record = bench.perform(TurnWheels((WHEEL_SPEED_RAD_S,) * base.base.wheels, TURN_S, ending))
+    bench.perform(TurnWheels((-WHEEL_SPEED_RAD_S,) * base.base.wheels, TURN_S))
+    return record
 
 
 def check_battery(bench: Bench) -> CheckFinding:
     """Whether the battery's measurements are there and make sense."""
-
-    def say(found: FindingKind, sentence: str, remedy: str = "", *, ok: bool | None, **values: float) -> CheckFinding:
-        return CheckFinding(CheckStep.BATTERY, found, ok, sentence, values=values, remedy=remedy)
-
-    why = bench.why_not(BATTERY)
-    if why:
-        return say(FindingKind.NOT_DONE, f"the battery's device does not run: {why}", ok=None)
+    battery = partial(conclude, CheckStep.BATTERY)
+    if fault := bench.fault_of(BATTERY):
+        return battery(FindingKind.NOT_DONE, f"the battery's device does not run: {fault}")
     try:
         latest = bench.call(BATTERY, "latest")
     except DeviceAbsent as error:
-        return say(FindingKind.NOT_DONE, str(error), ok=None)
+        return battery(FindingKind.NOT_DONE, str(error))
     if latest is None:
         remedy = "check [parameters.bm2], or choose another battery in [robot.roles]"
-        return say(FindingKind.NOT_DONE, "the battery has reported nothing", remedy, ok=None)
-    voltage_v, current_a = latest["voltage_v"], latest["current_a"]
-    values = {"voltage_v": voltage_v, "current_a": current_a, "temperature_c": latest["temperature_c"]}
+        return battery(FindingKind.NOT_DONE, "the battery has reported nothing", remedy)
+    values = {name: latest[name] for name in ("voltage_v", "current_a", "temperature_c")}
+    voltage_v, current_a, _ = values.values()
     if not (3.0 <= voltage_v <= 100.0 and math.isfinite(current_a) and abs(current_a) < 500.0):
         sentence = f"{voltage_v:.1f} V and {current_a:.1f} A cannot be a robot's battery"
-        return say(
-            FindingKind.BATTERY_IMPLAUSIBLE, sentence, "check scale and signals of its frame", ok=False, **values
-        )
+        remedy = "check scale and signals of its frame"
+        return battery(FindingKind.BATTERY_IMPLAUSIBLE, sentence, remedy, values=values)
     if current_a < -0.05:
         sentence = f"{voltage_v:.1f} V, and {-current_a:.2f} A flow into the battery"
         remedy = "if the robot does not charge, the sign of the current is wrong: it is positive while discharging"
-        return say(FindingKind.BATTERY_IMPLAUSIBLE, sentence, remedy, ok=None, **values)
-    return say(FindingKind.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", ok=True, **values)
+        return battery(FindingKind.BATTERY_IMPLAUSIBLE, sentence, remedy, values=values, ok=None)
+    return battery(FindingKind.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", values=values)
 
 
-def _turned_wheel(operator: Attendant, names: tuple[str, ...], index: int, way: str) -> str:
+def _turned_wheel(operator: Operator, names: tuple[str, ...], index: int, direction: str) -> str:
     """Answer of the person: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
-    choices = {YES: f"{names[index]}, {way}", BACKWARDS: f"{names[index]}, the other way round"}
+    choices = {YES: f"{names[index]}, {direction}", BACKWARDS: f"{names[index]}, the other way round"}
     for other, name in enumerate(names):
         if other != index:
-            choices[f"{other + 1}"] = f"{name}, {way}"
+            choices[f"{other + 1}"] = f"{name}, {direction}"
             choices[f"{other + 1}{BACKWARDS}"] = f"{name}, the other way round"
     choices |= {NONE: "none", AGAIN: "turn it again"}
-    return operator.choose(f"{names[index]} was commanded to turn, {way}. Which wheel turned?", choices, YES)
+    return operator.choose(f"{names[index]} was commanded to turn, {direction}. Which wheel turned?", choices, YES)
 
 
-def _assign(seen: list[Seen], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[CheckFinding]:
+def _assign(effects: list[WheelEffect], base: WheelDevice.Parameters, names: tuple[str, ...]) -> list[CheckFinding]:
     """Name swapped or inverted signals, with their corrections."""
-
-    def say(found: FindingKind, sentence: str, patch: Patch | None = None, remedy: str = "") -> CheckFinding:
-        return CheckFinding(
-            CheckStep.WHEELS, found, found is FindingKind.RIGHT, sentence, patch=patch or {}, remedy=remedy
-        )
-
+    wheels = partial(conclude, CheckStep.WHEELS)
     numbers = list(range(len(names)))
-    if sorted(one.wheel for one in seen) != numbers or sorted(one.encoder for one in seen) != numbers:
-        return [
-            say(FindingKind.WHEELS_UNCLEAR, "two commands turn one wheel, or count on one encoder", remedy="try again")
-        ]
-    found = []
-    swapped = [one for one in seen if one.wheel != one.command]
-    if swapped:
-        what = ", ".join(f"{names[one.command]} turns {names[one.wheel]}" for one in swapped)
-        found.append(say(FindingKind.MOTORS_SWAPPED, f"commands of wheels are swapped: that of {what}"))
-    crossed = [one for one in seen if one.encoder != one.wheel]
-    if crossed:
-        what = ", ".join(f"that of {names[one.encoder]} counts {names[one.wheel]}" for one in crossed)
-        found.append(say(FindingKind.ENCODERS_SWAPPED, f"encoders of wheels are swapped: {what}"))
-    for one in seen:
-        if one.way < 0:
-            found.append(say(FindingKind.MOTOR_INVERTED, f"{names[one.wheel]}: the motor turns the wrong way"))
+    if sorted(one.wheel for one in effects) != numbers or sorted(one.encoder for one in effects) != numbers:
+        return [wheels(FindingKind.WHEELS_UNCLEAR, "two commands turn one wheel, or count on one encoder", "try again")]
+    found: list[tuple[FindingKind, str]] = []
+    if swapped := [one for one in effects if one.wheel != one.command]:
+        pairs = ", ".join(f"{names[one.command]} turns {names[one.wheel]}" for one in swapped)
+        found.append((FindingKind.MOTORS_SWAPPED, f"commands of wheels are swapped: that of {pairs}"))
+    if crossed := [one for one in effects if one.encoder != one.wheel]:
+        pairs = ", ".join(f"that of {names[one.encoder]} counts {names[one.wheel]}" for one in crossed)
+        found.append((FindingKind.ENCODERS_SWAPPED, f"encoders of wheels are swapped: {pairs}"))
+    for one in effects:
+        if one.direction < 0:
+            found.append((FindingKind.MOTOR_INVERTED, f"{names[one.wheel]}: the motor turns the wrong way"))
         if one.sign < 0:
-            found.append(say(FindingKind.ENCODER_INVERTED, f"{names[one.wheel]}: the encoder counts the wrong way"))
+            found.append((FindingKind.ENCODER_INVERTED, f"{names[one.wheel]}: the encoder counts the wrong way"))
     if not found:
-        return [
-            say(FindingKind.RIGHT, f"each of {', '.join(names)} turns as it is commanded, and its own encoder counts")
-        ]
-    patch = _wheels_patch(seen, base)
+        sentence = f"each of {', '.join(names)} turns as it is commanded, and its own encoder counts"
+        return [wheels(FindingKind.RIGHT, sentence)]
+    patch = _wheels_patch(effects, base)
     remedy = "" if patch else "its file cannot say that: change the wiring, or the parameters of its base"
-    return [CheckFinding(each.step, each.found, False, each.sentence, patch=patch, remedy=remedy) for each in found]
+    return [wheels(kind, sentence, remedy, patch=patch) for kind, sentence in found]
 
 
-def _wheels_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
+def _wheels_patch(effects: list[WheelEffect], base: WheelDevice.Parameters) -> Patch:
     frames = frame_map(base)
     if frames is None:
-        return _signs_patch(seen, base)
+        return _signs_patch(effects, base)
     commands, encoders = slots_of(frames.commands), slots_of(frames.encoders)
     new_commands: list[Slot] = list(commands)
     new_encoders: list[Slot] = list(encoders)
-    for one in seen:
-        new_commands[one.wheel] = commands[one.command].turned(one.way)
+    for one in effects:
+        new_commands[one.wheel] = commands[one.command].turned(one.direction)
         new_encoders[one.wheel] = encoders[one.encoder].turned(one.sign)
     changed = {}
     for key, old, new in (("commands", commands, new_commands), ("encoders", encoders, new_encoders)):
@@ -393,72 +359,54 @@ def _wheels_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
     return {BASE: {"frames": changed}}
 
 
-def _signs_patch(seen: list[Seen], base: WheelDevice.Parameters) -> Patch:
+def _signs_patch(effects: list[WheelEffect], base: WheelDevice.Parameters) -> Patch:
     """Signs for a base that speaks lines of text; empty if wheels are swapped, or for another protocol."""
     lines, codec = getattr(base, "lines", None), getattr(base, "codec", None)
     if not isinstance(lines, LineWords) or codec:
         return {}
-    if any(not one.command == one.wheel == one.encoder for one in seen):
+    if any(not one.command == one.wheel == one.encoder for one in effects):
         return {}
-    signs, command_signs = list(_each(lines.signs, seen)), list(_each(lines.command_signs or lines.signs, seen))
-    for one in seen:
+    signs, command_signs = list(_each(lines.signs, effects)), list(_each(lines.command_signs or lines.signs, effects))
+    for one in effects:
         signs[one.wheel] *= one.sign
-        command_signs[one.wheel] *= one.way
+        command_signs[one.wheel] *= one.direction
     # Whole, as a table of the file replaces the manifest's.
     return {BASE: {"lines": {**msgspec.to_builtins(lines), "signs": signs, "command_signs": command_signs}}}
 
 
-def _each(signs: Sequence[int], seen: list[Seen]) -> Sequence[int]:
-    return signs if len(signs) == len(seen) else tuple(signs) * len(seen)
+def _each(signs: Sequence[int], effects: list[WheelEffect]) -> Sequence[int]:
+    return signs if len(signs) == len(effects) else tuple(signs) * len(effects)
 
 
-def _scale(seen: list[Seen], base: WheelDevice.Parameters) -> list[CheckFinding]:
+def _scale(effects: list[WheelEffect], base: WheelDevice.Parameters) -> list[CheckFinding]:
     """Whether the encoders count as many ticks a turn as the file states, by the commanded speed."""
-    ratios = [abs(one.ratio) for one in seen]
+    ratios = [abs(one.ratio) for one in effects]
     ratio = median(ratios)
-    values = {f"wheel_{one.encoder + 1}_by_command": abs(one.ratio) for one in seen}
+    values = {f"wheel_{one.encoder + 1}_by_command": abs(one.ratio) for one in effects}
+    scale = partial(conclude, CheckStep.SCALE)
     if max(abs(each / ratio - 1.0) for each in ratios) > 2 * SCALE_TOLERANCE:
-        return [
-            CheckFinding(
-                CheckStep.SCALE,
-                FindingKind.WRONG_SCALE,
-                False,
-                "wheels with the same command turn differently far: "
-                + ", ".join(f"{100 * each:.0f} %" for each in ratios),
-                values=values,
-                remedy="check that all encoders are alike, and that no wheel is blocked",
-            )
-        ]
+        shares = ", ".join(f"{100 * each:.0f} %" for each in ratios)
+        sentence = f"wheels with the same command turn differently far: {shares}"
+        remedy = "check that all encoders are alike, and that no wheel is blocked"
+        return [scale(FindingKind.WRONG_SCALE, sentence, remedy, values=values)]
     if abs(ratio - 1.0) <= SCALE_TOLERANCE:
-        return [
-            CheckFinding(
-                CheckStep.SCALE,
-                FindingKind.RIGHT,
-                True,
-                f"wheels turn {100 * ratio:.1f} % as far as they are commanded",
-                values=values,
-            )
-        ]
+        sentence = f"wheels turn {100 * ratio:.1f} % as far as they are commanded"
+        return [scale(FindingKind.RIGHT, sentence, values=values)]
     frames = frame_map(base)
     counts = frames is None or frames.measure is Counted.COUNTS
     plain = next((one for one in QUADRATURE if abs(ratio / one - 1.0) < NEARLY), ratio)
-    ticks = max(1, round(base.base.encoder_ticks_per_turn * plain))
+    before = base.base.encoder_ticks_per_turn
+    ticks = max(1, round(before * plain))
+    advice = f"a turn has {ticks} counts, not {before}" if counts else "check units"
     return [
-        CheckFinding(
-            CheckStep.SCALE,
+        scale(
             FindingKind.WRONG_SCALE,
-            False,
-            f"encoders report {ratio:.2f} times the turns that wheels were commanded: "
-            + (f"a turn has {ticks} counts, not {base.base.encoder_ticks_per_turn}" if counts else "check units"),
+            f"encoders report {ratio:.2f} times the turns that wheels were commanded: {advice}",
+            "if the wheels turned at another speed than 2 rad/s, the unit of the commands is wrong instead",
             values={**values, "encoder_ticks_per_turn": float(ticks)},
-            patch=base_patch(base.base, encoder_ticks_per_turn=ticks) if counts else {},
-            remedy="if the wheels turned at another speed than 2 rad/s, the unit of the commands is wrong instead",
+            patch=base_patch(base.base, encoder_ticks_per_turn=ticks) if counts else None,
         )
     ]
-
-
-def _turned_rad(record: Record) -> tuple[float, ...]:
-    return record.samples[-1].turns_rad if record.samples else ()
 
 
 def _speeds_rad_s(record: Record) -> list[float]:

@@ -82,9 +82,8 @@ def up(
     Exit status 1 if a part failed too often and was given up.
     """
     from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY
-    from robrain.deploy.supervision.site import witnesses_among
     from robrain.deploy.supervision.team_file import is_team_file
-    from robrain.deploy.supervision.up import UpPlan
+    from robrain.deploy.supervision.up import UpPlan, witnesses_among
     from robrain.deploy.supervision.up_command import new_journal, plan_of_host, up_command
 
     target, limit_s = until_explored(until), above_zero("--time-limit", time_limit)

@@ -1,13 +1,13 @@
 """One check, as a value."""
 
 import errno
-import importlib.metadata
 import logging
 import os
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,11 +29,14 @@ from robrain.deploy.machine.team_checks import (
     check_clock,
     check_key_space,
     check_name_free,
-    check_robots,
+    check_robot,
     check_versions,
+    good,
     holders,
     members,
     stamp_skews_s,
+    unknown,
+    wrong,
 )
 from robrain.deploy.pki.folder import PkiError
 from robrain.deploy.processes.live_process import live_endpoint
@@ -73,9 +76,8 @@ def check_router(endpoints: Sequence[str]) -> Check:
     """Whether a Zenoh router answers at one of the endpoints."""
     where = ", ".join(endpoints)
     if not any(map(may_answer, endpoints)):
-        return Check(
+        return wrong(
             CheckName.ROUTER,
-            False,
             f"nobody listens at {where}",
             "start `robrain up` or a Zenoh router there, and look at address, port and firewall; "
             "--connect or [zenoh] connect names another",
@@ -83,13 +85,12 @@ def check_router(endpoints: Sequence[str]) -> Check:
     try:
         open_session(connect=endpoints).close()
     except (NobodyThere, WireError):
-        return Check(
+        return wrong(
             CheckName.ROUTER,
-            False,
             f"something listens at {where}, but admits no client: it is no Zenoh router, or refuses the certificate",
             "look at what listens there, and at the certificates of both",
         )
-    return Check(CheckName.ROUTER, True, f"a router answers at {where}")
+    return good(CheckName.ROUTER, f"a router answers at {where}")
 
 
 def check_port(what: str, endpoint: str) -> Check:
@@ -104,16 +105,15 @@ def check_port(what: str, endpoint: str) -> Check:
         check_port_free(endpoint)
     except PortTaken:
         if check_router([endpoint]).ok:
-            return Check(CheckName.PORT, True, f"{what} is at {endpoint} already")
-        return Check(
+            return good(CheckName.PORT, f"{what} is at {endpoint} already")
+        return wrong(
             CheckName.PORT,
-            False,
             f"{what} cannot listen at {endpoint}: the port is taken",
             "end the process that listens there (`ss -ltnp` names it), or choose another port",
         )
     except WireError as error:
-        return Check(CheckName.PORT, False, f"{what} cannot listen: {error}", "choose an address of this machine")
-    return Check(CheckName.PORT, True, f"{what} can listen at {endpoint}")
+        return wrong(CheckName.PORT, f"{what} cannot listen: {error}", "choose an address of this machine")
+    return good(CheckName.PORT, f"{what} can listen at {endpoint}")
 
 
 def check_address(host: str, address: str) -> Check:
@@ -121,23 +121,25 @@ def check_address(host: str, address: str) -> Check:
     try:
         infos = socket.getaddrinfo(address, 0, type=socket.SOCK_STREAM)
     except OSError as error:
-        return Check(
-            CheckName.ADDRESS, False, f"the address {address} of host {host} is unknown here: {error.strerror}",
+        return wrong(
+            CheckName.ADDRESS,
+            f"the address {address} of host {host} is unknown here: {error.strerror}",
             "give an IP address, or make the name known to this machine",
-        )  # fmt: skip
+        )
     for family, kind, _, _, place in infos:
         with closing(socket.socket(family, kind)) as probe:
             try:
                 probe.bind(place)
             except OSError as error:
                 if error.errno != errno.EADDRNOTAVAIL:
-                    return Check(CheckName.ADDRESS, None, f"the address {address} cannot be tried: {error.strerror}")
+                    return unknown(CheckName.ADDRESS, f"the address {address} cannot be tried: {error.strerror}")
             else:
-                return Check(CheckName.ADDRESS, True, f"this machine has the address {address} of host {host}")
-    return Check(
-        CheckName.ADDRESS, False, f"this machine does not have the address {address} of host {host}",
+                return good(CheckName.ADDRESS, f"this machine has the address {address} of host {host}")
+    return wrong(
+        CheckName.ADDRESS,
+        f"this machine does not have the address {address} of host {host}",
         f"run this on the machine of host {host}, or correct its address in the team file",
-    )  # fmt: skip
+    )
 
 
 class RobotFound(NamedTuple):
@@ -158,9 +160,9 @@ def check_robot_file(path: Path) -> tuple[RobotFound | None, Check]:
         robot_file = read_robot_file(path)
         manifests = _manifests(robot_file, path.parent)
     except (RobotFileError, ManifestError, PluginMissing) as error:
-        return None, Check(CheckName.FILE, False, str(error), "correct the file")
+        return None, wrong(CheckName.FILE, str(error), "correct the file")
     name = robot_file.robot.name
-    return RobotFound(robot_file, manifests), Check(CheckName.FILE, True, f"{path} is a robot's file, of {name}")
+    return RobotFound(robot_file, manifests), good(CheckName.FILE, f"{path} is a robot's file, of {name}")
 
 
 def check_can(found: RobotFound, network: Path = NETWORK) -> list[Check]:
@@ -194,12 +196,12 @@ def check_extras(found: RobotFound, import_plugin: Callable[[Manifest], object] 
         except PackageMissing as error:
             lacking.setdefault(error.needed, []).append(manifest.name)
         except ManifestError as error:
-            return Check(CheckName.EXTRA, False, str(error), f"correct the plugin {manifest.name}")
+            return wrong(CheckName.EXTRA, str(error), f"correct the plugin {manifest.name}")
     if not lacking:
-        return Check(CheckName.EXTRA, True, f"the {len(found.manifests)} plugins have the packages that they need")
-    said = "; ".join(f"{', '.join(names)} need {needed}" for needed, names in sorted(lacking.items()))
+        return good(CheckName.EXTRA, f"the {len(found.manifests)} plugins have the packages that they need")
+    needs = "; ".join(f"{', '.join(names)} need {needed}" for needed, names in sorted(lacking.items()))
     installs = " ".join(f"'{needed}'" for needed in sorted(lacking))
-    return Check(CheckName.EXTRA, False, f"packages are missing: {said}", f"pip install {installs}")
+    return wrong(CheckName.EXTRA, f"packages are missing: {needs}", f"pip install {installs}")
 
 
 def check_devices(found: RobotFound, base: Path) -> list[Check]:
@@ -223,20 +225,18 @@ def check_devices(found: RobotFound, base: Path) -> list[Check]:
             try:
                 host.start()
                 plugins = host.manager.plugins.values()
-                out = {each.name: each.state_reason for each in plugins if not each.state.is_running}
-                needing = {each.name for each in host.manager.plugins.values() if each.needs}
+                faults = {each.name: each.state_reason for each in plugins if not each.state.is_running}
+                needing = {each.name for each in plugins if each.needs}
             finally:
                 host.close()
     finally:
         logging.disable(logging.NOTSET)
-    for name, why in out.items():
+    for name, fault in faults.items():
         if name not in needing:
             remedy = f"correct [parameters.{name}], or connect the device and give this user the right to open it"
-            checks.append(Check(CheckName.DEVICE, False, f"{name} cannot start: {why}", remedy))
-    if opened := [name for name in names if name not in out]:
-        checks.append(
-            Check(CheckName.DEVICE, True, f"devices that open what their parameters name: {', '.join(opened)}")
-        )
+            checks.append(wrong(CheckName.DEVICE, f"{name} cannot start: {fault}", remedy))
+    if opened := [name for name in names if name not in faults]:
+        checks.append(good(CheckName.DEVICE, f"devices that open what their parameters name: {', '.join(opened)}"))
     return checks
 
 
@@ -244,19 +244,18 @@ def check_grid(found: RobotFound) -> Check:
     """Whether the robot's file has the team's grid of the map: patches on another grid are refused."""
     mapper = next((manifest for manifest in found.manifests if manifest.name == MAPPER), None)
     if mapper is None:
-        return Check(CheckName.MAP, True, "the robot makes no map")
+        return good(CheckName.MAP, "the robot makes no map")
     parameters = found.parameters(mapper)
     missing = [key for key in GRID if key not in found.robot_file.parameters.get(MAPPER, {})]
     size = f"{parameters['width_m']:g} × {parameters['height_m']:g} m"
     corner = f"({parameters['origin_x_m']:g}, {parameters['origin_y_m']:g})"
     if missing:
-        return Check(
+        return unknown(
             CheckName.MAP,
-            None,
             f"the file does not say on which map the robot works, so it is {size} from {corner}",
             f"every robot of a team needs the same map: give {', '.join(missing)} in [parameters.mapper]",
         )
-    return Check(CheckName.MAP, True, f"the robot maps {size} from {corner}")
+    return good(CheckName.MAP, f"the robot maps {size} from {corner}")
 
 
 def check_robot_ports(found: RobotFound) -> list[Check]:
@@ -267,11 +266,6 @@ def check_robot_ports(found: RobotFound) -> list[Check]:
         if parameters.get("enabled") and parameters.get("port") and manifest.name == "tcp_socket":
             listens.append((manifest.name, f"tcp/{parameters.get('host', '127.0.0.1')}:{parameters['port']}"))
     return [check_port(what, endpoint) for what, endpoint in listens]
-
-
-def own_version() -> str:
-    """Version of this robrain."""
-    return importlib.metadata.version("robrain")
 
 
 def _manifests(robot_file: RobotFile, base: Path) -> list[Manifest]:
@@ -306,21 +300,19 @@ def _check_interface(channel: str, plugins: list[str], network: Path) -> Check:
     try:
         flags = int((network / channel / "flags").read_text(), 16)
     except (OSError, ValueError):
-        return Check(
+        return wrong(
             CheckName.CAN,
-            False,
             f"there is no CAN interface {channel}, which {users} needs",
             f"plug in the adapter and load its driver (`ip link show type can`), or name another channel in "
             f"[parameters.{plugins[0]}]",
         )
     if not flags & IFF_UP:
-        return Check(
+        return wrong(
             CheckName.CAN,
-            False,
             f"the CAN interface {channel}, which {users} needs, is down",
             f"ip link set {channel} up type can bitrate 500000",
         )
-    return Check(CheckName.CAN, True, f"the CAN interface {channel} of {users} is up")
+    return good(CheckName.CAN, f"the CAN interface {channel} of {users} is up")
 
 
 class OwnCertificate(NamedTuple):
@@ -346,29 +338,24 @@ def check_certificate(wanted: OwnCertificate, now: datetime) -> Check:
     member, folder = wanted
     issue = f"`robrain pki issue {member.role} {member.name}`" if member else "`robrain pki issue`"
     if folder is None:
-        return Check(
+        return wrong(
             CheckName.CERTIFICATE,
-            False,
             "the router asks for a certificate, and none is given",
             f"give `robrain --tls FOLDER`, {TLS_VARIABLE} or folder in [zenoh.tls]; {issue} makes such a folder",
         )
     try:
         shown = read_identity(folder, now)
     except WireError as error:
-        return Check(
-            CheckName.CERTIFICATE, False, str(error), f"copy the folder that {issue} or `robrain pki renew` made"
-        )
+        return wrong(CheckName.CERTIFICATE, str(error), f"copy the folder that {issue} or `robrain pki renew` made")
     if member is not None and shown.member != member:
-        return Check(
+        return wrong(
             CheckName.CERTIFICATE,
-            False,
             f"{folder}: expected the certificate of {member.common_name}, got that of {shown.member.common_name}",
             f"copy the folder that {issue} made",
         )
     warning = shown.warning(now)
-    return Check(
+    return good(
         CheckName.CERTIFICATE,
-        True,
         warning or f"{folder} has the certificate of {shown.member.common_name}",
         "copy the renewed folder over it; the next connection uses it" if warning else "",
     )
@@ -400,11 +387,11 @@ def examine_robot(path: Path, connect: str | None, team: str | None) -> list[Che
         team: None uses the file's.
 
     """
-    found, said = check_robot_file(path)
+    found, of_file = check_robot_file(path)
     if found is None:
-        return [said]
+        return [of_file]
     table, settings = found.robot_file.robot, found.robot_file.zenoh
-    here = [said, check_extras(found), *check_can(found), check_grid(found), *check_robot_ports(found)]
+    here = [of_file, check_extras(found), *check_can(found), check_grid(found), *check_robot_ports(found)]
     where = given_endpoints(connect) or settings.connect
     if not where and settings.listen:  # the robot is its own router
         return [*here, *check_devices(found, path.parent)] if is_good(here) else here
@@ -415,7 +402,7 @@ def examine_robot(path: Path, connect: str | None, team: str | None) -> list[Che
     where = where or team_endpoints(None)
     team_checks = examine_team(JoinRequest(where, name, [table.name], shown))
     if _is_running(where, name, table.name):
-        devices = [Check(CheckName.DEVICE, None, f"the devices are not opened: {table.name} runs and has them open")]
+        devices = [unknown(CheckName.DEVICE, f"the devices are not opened: {table.name} runs and has them open")]
     else:
         devices = check_devices(found, path.parent)
     return [*here, *devices, *team_checks]
@@ -435,15 +422,15 @@ def examine_host(path: Path, host_name: str | None) -> list[Check]:
         team_file = read_team_file(path)
         host = team_file.host(path, host_name)
     except UsageError as error:
-        return [Check(CheckName.FILE, False, str(error), "correct the file, or give --host")]
-    checks = [Check(CheckName.FILE, True, f"{path} is a team file; host {host.name} has {', '.join(host.parts)}")]
+        return [wrong(CheckName.FILE, str(error), "correct the file, or give --host")]
+    checks = [good(CheckName.FILE, f"{path} is a team file; host {host.name} has {', '.join(host.parts)}")]
     checks.append(check_address(host.name, host.address))
     if team_file.team.scenario:
         checks.append(_check_scenario(path, team_file, host))
     for name in host.robots:
         if name in team_file.robots:
-            found, said = check_robot_file(path.parent / team_file.robots[name])
-            checks.append(said)
+            found, of_file = check_robot_file(path.parent / team_file.robots[name])
+            checks.append(of_file)
             if found is not None:
                 checks += [check_extras(found), *check_can(found), check_grid(found), *check_robot_ports(found)]
     shown, as_member = _certificates_of(path, team_file, host)
@@ -487,12 +474,12 @@ def examine_team(joining: JoinRequest) -> list[Check]:
         checks += [check_key_space(joining.endpoints, joining.team, robot) for robot in names]
         with closing(open_session(connect=joining.endpoints)) as session:
             with live_endpoint(session, joining.team) as wire:
-                checks += check_robots(status_by(wire))
+                checks += [check_robot(robot) for robot in status_by(wire).standing]
             checks.append(check_clock(stamp_skews_s(session, joining.team)))
-            checks.append(check_versions(own_version(), members(session, joining.team)))
+            checks.append(check_versions(version("robrain"), members(session, joining.team)))
             checks += [check_name_free(robot, holders(session, joining.team, robot)) for robot in joining.robots]
     except RobrainError as error:  # the router has gone meanwhile
-        checks.append(Check(CheckName.ROUTER, False, str(error), "look at the router"))
+        checks.append(wrong(CheckName.ROUTER, str(error), "look at the router"))
     return checks
 
 
@@ -509,22 +496,22 @@ def _check_scenario(path: Path, team_file: TeamFile, host: HostTable) -> Check:
         if missing is None:
             raise
         needed = f"'{missing.needed}'" if missing.extra else missing.package
-        return Check(
-            CheckName.EXTRA, False, f"the scenario {name} needs {missing.package}, which is not installed",
+        return wrong(
+            CheckName.EXTRA,
+            f"the scenario {name} needs {missing.package}, which is not installed",
             f"pip install {needed}",
-        )  # fmt: skip
+        )
     except RobrainError as error:
-        return Check(CheckName.MAP, False, str(error), f"correct the scenario {name}, or copy its map here")
+        return wrong(CheckName.MAP, str(error), f"correct the scenario {name}, or copy its map here")
     unknown = [robot for robot in host.robots if robot not in known and robot not in team_file.robots]
     if unknown:
-        return Check(
+        return wrong(
             CheckName.FILE,
-            False,
             f"the scenario {name} has no robot {unknown[0]}; it has {', '.join(known)}",
             f"name one of these in the parts of host {host.name}, or give its file in [robots]",
         )
     what = "simulates it" if ARENA in host.parts else "knows it"
-    return Check(CheckName.MAP, True, f"the scenario {name} and its map are there; host {host.name} {what}")
+    return good(CheckName.MAP, f"the scenario {name} and its map are there; host {host.name} {what}")
 
 
 MARKS = {True: "ok", False: "WRONG", None: "unknown"}
@@ -557,16 +544,8 @@ def doctor_command(
     if as_json:
         print_json(checks)
     else:
-        for line in lines_of(checks):
-            print_line(line)
+        for check in checks:
+            print_line(f"{MARKS[check.ok]:<8}{check.name.value}: {check.sentence}")
+            if check.remedy:
+                print_line(f"{'':<8}  {check.remedy}")
     return is_good(checks)
-
-
-def lines_of(checks: list[Check]) -> list[str]:
-    """Results in words; the remedy of a failed check has its own line."""
-    lines = []
-    for check in checks:
-        lines.append(f"{MARKS[check.ok]:<8}{check.name.value}: {check.sentence}")
-        if check.remedy:
-            lines.append(f"{'':<8}  {check.remedy}")
-    return lines

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import zenoh
 
-from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, reasons_of
+from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, reasons_of
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.message import Message
@@ -59,6 +59,21 @@ class Check(msgspec.Struct, frozen=True):
     """Remedy; empty if nothing is wrong."""
 
 
+def good(name: CheckName, sentence: str, remedy: str = "") -> Check:
+    """A check of something that is right."""
+    return Check(name, True, sentence, remedy)
+
+
+def wrong(name: CheckName, sentence: str, remedy: str) -> Check:
+    """A check of something that is wrong."""
+    return Check(name, False, sentence, remedy)
+
+
+def unknown(name: CheckName, sentence: str, remedy: str = "") -> Check:
+    """A check that was impossible."""
+    return Check(name, None, sentence, remedy)
+
+
 SKEW_OK_S = 0.5
 """Chosen: Zenoh replaces stamps that differ by more."""
 LISTEN_S = 2.0
@@ -74,36 +89,28 @@ def check_key_space(endpoints: Sequence[str], team: str, robot: str) -> Check:
     """Whether a robot's declarations under its own keys reach other clients of the router."""
     process = f"{os.getpid():x}"
     key = ROBOT_CLAIM.key(team, robot=robot, stage=STAGE, process=process)
-    with (
-        closing(open_session(connect=endpoints)) as says,
-        closing(open_session(connect=endpoints)) as hears,
-    ):
-        token = says.liveliness().declare_token(key)
+    with closing(open_session(connect=endpoints)) as sender, closing(open_session(connect=endpoints)) as receiver:
+        token = sender.liveliness().declare_token(key)
         until_s = time.monotonic() + ASK_S
         found = False
         while not found and time.monotonic() < until_s:
-            found = any(reply.ok is not None for reply in hears.liveliness().get(key, timeout=ASK_S))
+            found = any(reply.ok is not None for reply in receiver.liveliness().get(key, timeout=ASK_S))
             time.sleep(0.0 if found else 0.02)
         token.undeclare()
     if found:
-        return Check(CheckName.KEY_SPACE, True, f"the router passes on what {robot} of team {team} says")
-    return Check(
+        return good(CheckName.KEY_SPACE, f"the router passes on what {robot} of team {team} says")
+    return wrong(
         CheckName.KEY_SPACE,
-        False,
         f"the router does not pass on what {robot} of team {team} says: its access rules do not allow these keys",
         f"the certificate must be that of robot {robot} of team {team}; look at the router's access rules",
     )
 
 
-def check_robots(status: TeamStatus) -> list[Check]:
-    """Whether each robot of a team is well, by its state."""
-    return [_check_robot(robot) for robot in status.standing]
-
-
-def _check_robot(robot: RobotStanding) -> Check:
+def check_robot(robot: RobotStanding) -> Check:
+    """Whether a robot of a team is well, by its state."""
     name = robot.robot
     if robot.condition is RobotCondition.GONE:
-        return Check(CheckName.ROBOT, False, f"{name} has gone", f"start its agent, or `robrain remove {name}`")
+        return wrong(CheckName.ROBOT, f"{name} has gone", f"start its agent, or `robrain remove {name}`")
     is_well = robot.condition in (RobotCondition.UP, RobotCondition.HALTED) and not robot.plugins_out
     sentence = f"{name}: {'; '.join(reasons_of(robot)) or robot.condition}"
     return Check(CheckName.ROBOT, is_well, sentence, "" if is_well else f"look at `robrain plugin list {name}`")
@@ -118,13 +125,12 @@ def check_clock(skews_s: Sequence[float]) -> Check:
 
     """
     if not skews_s:
-        return Check(CheckName.CLOCK, None, "the clock could not be compared: no coordinator and no robot is heard")
+        return unknown(CheckName.CLOCK, "the clock could not be compared: no coordinator and no robot is heard")
     skew_s = max(skews_s)
     if abs(skew_s) <= SKEW_OK_S:
-        return Check(CheckName.CLOCK, True, f"the clock agrees with the team's within {SKEW_OK_S:g} s")
-    return Check(
+        return good(CheckName.CLOCK, f"the clock agrees with the team's within {SKEW_OK_S:g} s")
+    return wrong(
         CheckName.CLOCK,
-        False,
         f"this machine's clock is {abs(skew_s):.1f} s {'behind' if skew_s > 0 else 'ahead of'} the team's",
         "synchronise the clocks of all machines: `timedatectl set-ntp true`, or chrony",
     )
@@ -142,7 +148,7 @@ def _skews_s(session: zenoh.Session, selector: str) -> list[float]:
     skews_s: list[float] = []
     now_ns = LiveClock().now_ns
 
-    def hear(sample: zenoh.Sample) -> None:
+    def receive(sample: zenoh.Sample) -> None:
         if len(skews_s) >= ENOUGH_STAMPS:
             return
         try:
@@ -152,7 +158,7 @@ def _skews_s(session: zenoh.Session, selector: str) -> list[float]:
         if stamp_ns:
             skews_s.append((stamp_ns - now_ns()) / NS_PER_S)
 
-    subscriber = session.declare_subscriber(selector, hear)
+    subscriber = session.declare_subscriber(selector, receive)
     until_s = time.monotonic() + LISTEN_S
     while len(skews_s) < ENOUGH_STAMPS and time.monotonic() < until_s:
         time.sleep(0.02)
@@ -169,16 +175,13 @@ def check_versions(own: str, others: dict[str, ProcessInfo]) -> Check:
 
     """
     if not others:
-        return Check(CheckName.VERSION, None, f"robrain {own} is here; nobody in the team says which one it has")
+        return unknown(CheckName.VERSION, f"robrain {own} is here; nobody in the team says which one it has")
     differing = {name: info.version or "an older one" for name, info in others.items() if info.version != own}
     if not differing:
-        return Check(CheckName.VERSION, True, f"all members have robrain {own}, as this machine")
-    said = ", ".join(f"{name} has {version}" for name, version in sorted(differing.items()))
-    return Check(
-        CheckName.VERSION,
-        False,
-        f"this machine has robrain {own}; {said}",
-        "install the same version on all machines",
+        return good(CheckName.VERSION, f"all members have robrain {own}, as this machine")
+    others_text = ", ".join(f"{name} has {version}" for name, version in sorted(differing.items()))
+    return wrong(
+        CheckName.VERSION, f"this machine has robrain {own}; {others_text}", "install the same version on all machines"
     )
 
 
@@ -212,22 +215,20 @@ def check_name_free(robot: str, found: Sequence[ProcessInfo], host: str = "", pr
     """
     host = host or socket.gethostname()
     if not found:
-        return Check(CheckName.NAME, True, f"the name {robot} is free")
-    told = "; ".join(map(str, found))
+        return good(CheckName.NAME, f"the name {robot} is free")
+    holders_text = "; ".join(map(str, found))
     if len(found) > 1:
-        return Check(
+        return wrong(
             CheckName.NAME,
-            False,
-            f"{len(found)} processes say that they are {robot}: {told}",
+            f"{len(found)} processes say that they are {robot}: {holders_text}",
             "end all but one, and give each robot a name of its own",
         )
     info = found[0]
     if info.host == host and (proc / str(info.pid)).exists():
-        return Check(CheckName.NAME, True, f"{robot} has joined: {told}, on this machine")
-    return Check(
+        return good(CheckName.NAME, f"{robot} has joined: {holders_text}, on this machine")
+    return wrong(
         CheckName.NAME,
-        False,
-        f"another machine has the name {robot}: {told}",
+        f"another machine has the name {robot}: {holders_text}",
         "end that process first, or give this robot another name in its file",
     )
 

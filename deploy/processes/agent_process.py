@@ -25,7 +25,7 @@ from robrain.deploy.processes.live_process import (
     open_when_there,
     warn_of_listening,
 )
-from robrain.deploy.processes.name_claim import NameWatch, claim_robot
+from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
 from robrain.deploy.processes.process_setup import CONTEXT, limit_zenoh_threads
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.access.member import MemberRole
@@ -114,7 +114,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
     if identity is not None:
         check_rights("agent", print_note, session, where, identity)
     with closing(session), claim_robot(session, table.team, table.name) as claim:
-        if not claim.take(lambda text: print_note(f"agent: {text}"), should_stop):
+        if not claim.acquire(lambda text: print_note(f"agent: {text}"), should_stop):
             return
         # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))
@@ -138,7 +138,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
             for needed, names in uninstalled.items():
                 print_result(f"agent: {host.name} without {', '.join(dict.fromkeys(names))}: pip install '{needed}'")
 
-        watch, compiler, began_s = NameWatch(claim, should_stop), CompilerPages(), time.monotonic()
+        watch, compiler, began_s = NameWatcher(claim, should_stop), CompilerPages(), time.monotonic()
 
         def watch_and_tidy() -> bool:
             compiler.give_back(time.monotonic() - began_s)

@@ -16,7 +16,7 @@ from robrain.deploy.command_line.options import make_folder
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.command_line.terminal import own_command, say
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.children import said
+from robrain.deploy.processes.children import forwarder_line
 from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.deploy.processes.live_process import LiveStop, Place, live_endpoint, open_hub, open_when_there
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
@@ -235,7 +235,7 @@ def arena_command(
         try:
             names = ", ".join(robot.name for robot in world.robots)
             for robot, address in listening.items():
-                print_result(said(robot, address))
+                print_result(forwarder_line(robot, address))
             print_result(f"arena: {scenario.name} at {', '.join(where)}, robots {names}; Ctrl-C ends it")
             should_stop.ready()
             run_arena(arena, should_stop, [*forwarders, *lines])

@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Self
 from urllib.parse import urlsplit
 
@@ -156,16 +155,14 @@ class Children:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
 
 DASHBOARD_READY = "dashboard: "
 START_TIMEOUT_S = 120.0
 """Limit for a process that hangs; an end is detected at once, and imports may be slow on a busy machine."""
-LOOK_S = 0.05
+POLL_S = 0.05
 
 
 class StartingPage:
@@ -209,35 +206,6 @@ class StartingPage:
                 self._on_served(self._url)
 
 
-def begin_dashboard(
-    children: Children, endpoint: str, team: str, port: int | None, on_served: Callable[[str], None] | None = None
-) -> StartingPage:
-    """Start the process; the arguments are those of `start_dashboard` and of `StartingPage`."""
-    arguments = ["dashboard", "--connect", endpoint, "--team", team]
-    if port is not None:
-        arguments += ["--port", str(port)]
-    return StartingPage(children, arguments, on_served)
-
-
-def start_dashboard(children: Children, endpoint: str, team: str, port: int | None) -> str:
-    """Start it and wait until its page is served.
-
-    Args:
-        children: owns the process.
-        endpoint: endpoint of the team.
-        team: which team to show.
-        port: port to serve on; None uses 8080, or a free one if that is in use.
-
-    Returns:
-        The page's address.
-
-    Raises:
-        ChildFailed: it did not start; the text gives the reason.
-
-    """
-    return _served(begin_dashboard(children, endpoint, team, port))
-
-
 def continue_with_recording(children: Children, url: str, recording: Path) -> None:
     """Show a recording on a dashboard's page after its team has ended; open browsers reconnect by themselves.
 
@@ -252,25 +220,20 @@ def continue_with_recording(children: Children, url: str, recording: Path) -> No
     """
     children.stop()
     page = StartingPage(children, ["dashboard", "--replay", str(recording), "--port", str(urlsplit(url).port)])
-    _served(page)
+    while not page.url:
+        time.sleep(POLL_S)
 
 
-def _served(page: StartingPage) -> str:
-    while not (url := page.url):
-        time.sleep(LOOK_S)
-    return url
+_FORWARDER = "serial forwarder of "
 
 
-_SAID = "serial forwarder of "
-
-
-def said(robot: str, address: str) -> str:
+def forwarder_line(robot: str, address: str) -> str:
     """The line of output that reports one forwarder.
 
-    >>> said("r1", "127.0.0.1:9002")
+    >>> forwarder_line("r1", "127.0.0.1:9002")
     'serial forwarder of r1: 127.0.0.1:9002'
     """
-    return f"{_SAID}{robot}: {address}"
+    return f"{_FORWARDER}{robot}: {address}"
 
 
 def read_addresses(lines: Iterable[str]) -> dict[str, str]:
@@ -279,5 +242,5 @@ def read_addresses(lines: Iterable[str]) -> dict[str, str]:
     >>> read_addresses(["arena: depot", "serial forwarder of r1: 127.0.0.1:9002"])
     {'r1': '127.0.0.1:9002'}
     """
-    told = (line.removeprefix(_SAID).partition(": ") for line in lines if line.startswith(_SAID))
-    return {robot: address for robot, _, address in told}
+    found = (line.removeprefix(_FORWARDER).partition(": ") for line in lines if line.startswith(_FORWARDER))
+    return {robot: address for robot, _, address in found}

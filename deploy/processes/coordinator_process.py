@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import zenoh
@@ -27,7 +28,7 @@ from robrain.deploy.processes.live_process import (
     open_when_there,
     steps,
 )
-from robrain.deploy.processes.name_claim import NameClaim, NameWatch, claim_coordinator
+from robrain.deploy.processes.name_claim import NameClaim, NameWatcher, claim_coordinator
 from robrain.protocol.access.member import MemberRole
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
@@ -43,19 +44,19 @@ WORDS = {
 }
 
 
-def read_witnesses(text: str | None, *, stands_by: bool = False) -> tuple[str, ...]:
+def read_witnesses(text: str | None, *, is_candidate: bool = False) -> tuple[str, ...]:
     """Names of the robots that elect, from `r1,r2,r3`; none for a coordinator that is alone.
 
     Args:
         text: of the option.
-        stands_by: whether the coordinator must be a candidate.
+        is_candidate: whether the coordinator must be a candidate.
 
     Raises:
         UsageError: the text has another form, or a candidate has no witnesses.
 
     """
     if text is None:
-        if stands_by:
+        if is_candidate:
             raise UsageError("--stand-by: expected the robots that elect as well, such as --witnesses r1,r2,r3")
         return ()
     names = [check_name("robot", name) for name in text.split(",")]
@@ -67,81 +68,73 @@ def read_witnesses(text: str | None, *, stands_by: bool = False) -> tuple[str, .
     return tuple(names)
 
 
-WHY_PERIOD_S = 5.0
-"""Minimum time from the start, and between two notes, before a note gives the reason why the process is not elected."""
+REASON_PERIOD_S = 5.0
+"""Minimum time from the start, and between two messages, before the reason is printed why it is not elected."""
 AGAIN_S = 1.0
 """Pause after an election that was won in vain, because the journal cannot be written."""
 
 ShouldStop = Callable[[], bool]
 
 
-class ElectedCoordinator:
-    """Leads a team while more than half of its witnesses want that, and is a candidate otherwise.
+class LiveCoordination(NamedTuple):
+    """Leads a team: alone, or while more than half of its witnesses want that."""
 
-    Args:
-        session: the process's Zenoh session.
-        team: the team's name.
-        path: file of this coordinator's journal.
-        witnesses: names of the robots that elect.
-        policy: see `Coordinator`.
-        rules: see `Coordinator`.
-        on_ready: called each time that it begins to lead.
-        note: prints a line of progress.
+    session: zenoh.Session
+    team: str
+    path: Path
+    """File of this coordinator's journal."""
+    policy: PlanningPolicy
+    rules: Sequence[Rule]
+    on_ready: Callable[[], None]
+    """Called each time that it begins to lead."""
 
-    """
+    def lead_alone(self, should_stop: ShouldStop) -> None:
+        """Lead until `should_stop()` (NameTaken if another coordinator does)."""
+        with claim_coordinator(self.session, self.team) as claim:
+            if not claim.acquire(_print, should_stop):
+                return  # before the journal is opened: only one process at a time may write it
+            watch = NameWatcher(claim, should_stop)
+            with closing(Journal(self.path)) as journal:
+                self._lead(journal, claim, watch)
+            watch.check()
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        team: str,
-        path: Path,
-        witnesses: Sequence[str],
-        policy: PlanningPolicy,
-        rules: Sequence[Rule],
-        on_ready: Callable[[], None],
-        note: Callable[[str], None],
-    ) -> None:
-        self._session, self._team, self._path = session, team, path
-        self._witnesses = witnesses
-        self._policy, self._rules = policy, rules
-        self._on_ready, self._record = on_ready, note
-
-    def run(self, should_stop: ShouldStop) -> None:
+    def lead_elected(self, witnesses: Sequence[str], should_stop: ShouldStop) -> None:
         """Be a candidate and lead by turns until `should_stop()` (JournalError if the file cannot be used)."""
         while not should_stop():
-            with claim_coordinator(self._session, self._team) as claim:
-                elected = self._await_election(claim, should_stop)
+            with claim_coordinator(self.session, self.team) as claim:
+                elected = self._await_election(witnesses, claim, should_stop)
                 if elected is None:
                     return
-                self._record(f"elected, by election {elected.won.election}")
+                _print(f"elected, by election {elected.won.election}")
                 try:
-                    end_reason = self._lead(elected, claim, should_stop)
+                    claim.take_over()
+                    with closing(Journal(self.path)) as journal:
+                        end_reason = "the journal was damaged, and may lack what was acknowledged"
+                        if journal.name == elected.journal:
+                            end_reason = self._lead(journal, claim, should_stop, elected)
                 except JournalUnwritable as error:
                     end_reason = str(error)
                     time.sleep(AGAIN_S)
             if end_reason:
-                self._record(f"{end_reason}: this one stands by")
+                _print(f"{end_reason}: this one stands by")
 
-    def _lead(self, elected: Elected, claim: NameClaim, should_stop: ShouldStop) -> str:
+    def _lead(self, journal: Journal, claim: NameClaim, should_stop: ShouldStop, elected: Elected | None = None) -> str:
         """Lead until `should_stop()`; returns the reason for an earlier end, in words."""
-        claim.take_over()
-        with closing(Journal(self._path)) as journal, live_endpoint(self._session, self._team) as wire:
-            if journal.name != elected.journal:
-                return "the journal was damaged, and may lack what was acknowledged"
-            journal.own()
+        journal.own()
 
-            def ready() -> None:
-                claim.settle()
-                self._on_ready()
+        def ready() -> None:
+            claim.settle()
+            self.on_ready()
 
-            return run_coordinator(wire, should_stop, ready, journal, self._policy, self._rules, elected)
+        with live_endpoint(self.session, self.team) as wire:
+            return run_coordinator(wire, should_stop, ready, journal, self.policy, self.rules, elected)
 
-    def _await_election(self, claim: NameClaim, should_stop: ShouldStop) -> Elected | None:
+    def _await_election(self, witnesses: Sequence[str], claim: NameClaim, should_stop: ShouldStop) -> Elected | None:
         """Follow or stand for election until it is elected; None if `should_stop` came first."""
-        with closing(Journal(self._path)) as journal, live_endpoint(self._session, self._team) as wire:
-            election = Election(wire, self._witnesses, journal.name)
+        with closing(Journal(self.path)) as journal, live_endpoint(self.session, self.team) as wire:
+            election = Election(wire, witnesses, journal.name)
             candidate = Candidate(wire, journal, cut(f"{claim.info.host}-{claim.info.pid}", NAME_MAX), election)
-            progress = _Progress(self._record)
+            progress = _Progress()
             for _ in steps(lambda: candidate.elected is not None or should_stop(), PERIOD_S):
                 candidate.step()
                 progress.record(candidate)
@@ -151,25 +144,24 @@ class ElectedCoordinator:
 class _Progress:
     """Prints the changes for a candidate."""
 
-    def __init__(self, note: Callable[[str], None]) -> None:
-        self._record = note
+    def __init__(self) -> None:
         self._following: Following | None = None
         self._unlike = ""
         self._lost: Lost | None = None
-        self._lost_due_s = time.monotonic() + WHY_PERIOD_S
+        self._lost_due_s = time.monotonic() + REASON_PERIOD_S
 
     def record(self, candidate: Candidate) -> None:
         """Print the changes since the last call."""
         following, lost = candidate.following, candidate.election.lost
         if following is not self._following and following in WORDS:
-            self._record(WORDS[following])
+            _print(WORDS[following])
         self._following = following
         if candidate.unlike != self._unlike:
             self._unlike = candidate.unlike
-            self._record(f"it does not stand by: {self._unlike}" if self._unlike else "it stands by")
+            _print(f"it does not stand by: {self._unlike}" if self._unlike else "it stands by")
         if lost is not None and lost != self._lost and time.monotonic() > self._lost_due_s:
-            self._lost, self._lost_due_s = lost, time.monotonic() + WHY_PERIOD_S
-            self._record(f"not elected: {lost.words}")
+            self._lost, self._lost_due_s = lost, time.monotonic() + REASON_PERIOD_S
+            _print(f"not elected: {lost.words}")
 
 
 def coordinator_command(
@@ -196,18 +188,14 @@ def coordinator_command(
         RobrainError: in one sentence.
 
     """
-    policy = PlanningPolicy()
-    if planning is not None:
-        from robrain.deploy.processes.table_files import read_planning  # most coordinators need none and start sooner
+    policy, kept_rules = PlanningPolicy(), tuple[Rule, ...]()
+    if planning is not None or rules is not None:
+        from robrain.deploy.processes.table_files import read_planning, read_rules  # most need none and start sooner
 
-        policy = read_planning(planning)
+        policy = policy if planning is None else read_planning(planning)
+        kept_rules = kept_rules if rules is None else read_rules(rules)
     if objective is not None:
         policy = msgspec.structs.replace(policy, objective=objective)
-    kept_rules: tuple[Rule, ...] = ()
-    if rules is not None:
-        from robrain.deploy.processes.table_files import read_rules
-
-        kept_rules = read_rules(rules)
     should_stop = LiveStop()
     where = place.connect or team_endpoints()
     identity = check_certificate("coordinator", print_note, [] if place.listen else where, team, MemberRole.COORDINATOR)
@@ -220,44 +208,19 @@ def coordinator_command(
     if identity is not None:
         check_rights("coordinator", print_note, session, where, identity)
 
-    path = journal if journal is not None else Path(f"{team}.journal")
-
     def ready() -> None:
         should_stop.ready()
         print_result(f"coordinator: of team {team}; Ctrl-C ends it")
 
     with closing(session):
+        path = journal if journal is not None else Path(f"{team}.journal")
+        coordination = LiveCoordination(session, team, path, policy, kept_rules, ready)
         if witnesses:
             should_stop.ready()
-            ElectedCoordinator(session, team, path, witnesses, policy, kept_rules, ready, _record).run(should_stop)
+            coordination.lead_elected(witnesses, should_stop)
         else:
-            _lead_alone(session, team, path, policy, kept_rules, should_stop, ready)
+            coordination.lead_alone(should_stop)
 
 
-def _lead_alone(
-    session: zenoh.Session,
-    team: str,
-    path: Path,
-    policy: PlanningPolicy,
-    rules: Sequence[Rule],
-    should_stop: Callable[[], bool],
-    on_ready: Callable[[], None],
-) -> None:
-    """Lead until `should_stop()` (NameTaken if another coordinator does)."""
-    with claim_coordinator(session, team) as claim, live_endpoint(session, team) as wire:
-        if not claim.take(_record, should_stop):
-            return  # before the journal is opened: only one process at a time may write it
-        watch = NameWatch(claim, should_stop)
-
-        def ready() -> None:
-            claim.settle()
-            on_ready()
-
-        with closing(Journal(path)) as journal:
-            journal.own()
-            run_coordinator(wire, watch, ready, journal, policy, rules)
-        watch.check()
-
-
-def _record(text: str) -> None:
+def _print(text: str) -> None:
     print_note(f"coordinator: {text}")

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -104,12 +103,12 @@ class LifelineEnd:
 
     def pulse(self) -> Pulse:
         """Signals that have arrived since the last call."""
-        said = b""
+        received = b""
         if self._read >= 0:
             with suppress(BlockingIOError):
                 while got := os.read(self._read, READ_BYTES):
-                    said += got
-        return Pulse(said.count(BEAT), READY in said)
+                    received += got
+        return Pulse(received.count(BEAT), READY in received)
 
     def close(self) -> None:
         """Cut it."""
@@ -119,21 +118,21 @@ class LifelineEnd:
             self._read = -1
 
 
-Note = Callable[[str], None]
+PrintText = Callable[[str], None]
 
 
-def warn_of_listening(who: str, listen: Sequence[str], note: Note) -> None:
+def warn_of_listening(who: str, listen: Sequence[str], print_text: PrintText) -> None:
     """Warn of endpoints without certificates that other machines can reach."""
     for endpoint in listen:
         if not is_secured(endpoint) and not is_loopback(endpoint):
-            note(
+            print_text(
                 f"{who}: warning: other machines can reach {endpoint}, and there is no log-in: anyone there can drive, "
                 "halt and resume the robots; `robrain router` asks for certificates"
             )
 
 
 def check_certificate(
-    who: str, note: Note, connect: Sequence[str], team: str, role: MemberRole, name: str | None = None
+    who: str, print_text: PrintText, connect: Sequence[str], team: str, role: MemberRole, name: str | None = None
 ) -> Identity | None:
     """Check the certificate that a process is to show; None if its endpoints ask for none.
 
@@ -141,7 +140,7 @@ def check_certificate(
 
     Args:
         who: name of the process, for messages.
-        note: prints a line.
+        print_text: prints a line.
         connect: the endpoints that it connects to.
         team: its team.
         role: role that its certificate must have.
@@ -160,11 +159,13 @@ def check_certificate(
         raise WireError(f"{identity.folder}: expected the certificate of {wanted}, got that of {shown.common_name}")
     warning = identity.warning()
     if warning:
-        note(f"{who}: {warning}")
+        print_text(f"{who}: {warning}")
     return identity
 
 
-def check_rights(who: str, note: Note, session: zenoh.Session, connect: Sequence[str], identity: Identity) -> None:
+def check_rights(
+    who: str, print_text: PrintText, session: zenoh.Session, connect: Sequence[str], identity: Identity
+) -> None:
     """Try the accesses that the process needs, as the router drops forbidden ones silently.
 
     Raises:
@@ -180,12 +181,12 @@ def check_rights(who: str, note: Note, session: zenoh.Session, connect: Sequence
         raise WireError(
             f"{text}: the certificate is revoked, or the router's members.json is older than the certificate"
         )
-    note(f"{who}: warning: {text}: its rules are not those of this version of robrain")
+    print_text(f"{who}: warning: {text}: its rules are not those of this version of robrain")
 
 
 PARENT_VARIABLE = "ROBRAIN_PARENT"
 """Process id of the parent that started a process, which ends when its parent has changed."""
-LOOK_AGAIN_S = 0.2
+POLL_S = 0.2
 ANY_PORT = "tcp/127.0.0.1:0"
 
 
@@ -270,20 +271,20 @@ def open_when_there(
         WireError: an endpoint is invalid, or cannot be listened on.
 
     """
-    has_said = False
+    is_reported = False
     while not should_stop():
         if not connect or any(map(may_answer, connect)):
             try:
                 return open_session(mode=mode, connect=connect, listen=listen)
             except NobodyThere as error:  # the hub may start later: try again
-                if any(map(is_secured, connect)) and not has_said:
-                    has_said = True
+                if any(map(is_secured, connect)) and not is_reported:
+                    is_reported = True
                     print_note(f"{who}: {error} Trying again until it answers")
-        if not has_said:
-            has_said = True
+        if not is_reported:
+            is_reported = True
             where = ", ".join(connect)
-            sys.stderr.write(f"{who}: nobody answers at {where} yet: waiting for `robrain up` or a router\n")
-        time.sleep(LOOK_AGAIN_S)
+            print_note(f"{who}: nobody answers at {where} yet: waiting for `robrain up` or a router")
+        time.sleep(POLL_S)
     return None
 
 
@@ -326,7 +327,7 @@ class LiveStop:
 
     def wait(self) -> None:
         """Wait until the process must end."""
-        for _ in steps(self, LOOK_AGAIN_S):
+        for _ in steps(self, POLL_S):
             pass
 
     def ready(self) -> None:

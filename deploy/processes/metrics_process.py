@@ -41,7 +41,7 @@ ROBOTS_MAX = 1000
 TASKS_MAX = 100_000
 """Tasks whose state is kept; further ended ones are forgotten, oldest first, and stay counted."""
 ASK_TIMEOUT_S = 1.0
-HEARD = (ROBOT_STATE, COORDINATOR_STATE, RECORDER_STATE, TASK_EVENT, ROBOT_EVENT)
+RECEIVED = (ROBOT_STATE, COORDINATOR_STATE, RECORDER_STATE, TASK_EVENT, ROBOT_EVENT)
 METRICS = {
     "robrain_messages": "Messages heard, by topic",
     "robrain_refused": "Messages refused or lost, by component, topic and code",
@@ -62,14 +62,8 @@ METRICS = {
 }
 """All metrics by name, as they are defined; counters are exposed with `_total` behind it."""
 COUNTERS = frozenset(
-    {
-        "robrain_messages",
-        "robrain_refused",
-        "robrain_robot_left_out",
-        "robrain_plugin_restarts",
-        "robrain_plugin_overruns",
-        "robrain_recorder_lost",
-    }
+    f"robrain_{name}"
+    for name in ("messages", "refused", "robot_left_out", "plugin_restarts", "plugin_overruns", "recorder_lost")
 )
 
 
@@ -85,7 +79,7 @@ class TeamMetrics(Collector):
         self._wire = wire
         self._lock = threading.Lock()
         self._inbox = Inbox(16_384, every=True)
-        for topic in HEARD:
+        for topic in RECEIVED:
             wire.subscribe(self._inbox, topic)
         self._robots = wire.watch(ROBOT_ALIVE)
         self._coordinators = wire.watch(COORDINATOR_ALIVE)
@@ -99,14 +93,14 @@ class TeamMetrics(Collector):
         self._lost: dict[str, int] = {}
         self._plugins: dict[str, list[PluginInfo]] = {}
 
-    def hear(self) -> None:
+    def update(self) -> None:
         """Process arrived messages; called several times a second."""
         with self._lock:
             self._robots.changes()
             self._coordinators.changes()
             for received in self._inbox.drain():
                 self._messages[received.topic.name] += 1
-                self._take(received.topic.name, received.message)
+                self._handle(received.topic.name, received.message)
 
     def ask_plugins(self) -> None:
         """Ask the robots how their plugins do; called every few seconds, as it waits for them."""
@@ -122,13 +116,13 @@ class TeamMetrics(Collector):
 
     def collect(self) -> Iterable[Metric]:
         """The metrics now."""
-        self.hear()
+        self.update()
         with self._lock:
             found = list(self._families())
             self._periods_s.clear()
         return found
 
-    def _take(self, topic: str, message: object) -> None:
+    def _handle(self, topic: str, message: object) -> None:
         if topic == ROBOT_STATE.name:
             assert isinstance(message, RobotState)
             before = self._states.get(message.robot)
@@ -159,10 +153,11 @@ class TeamMetrics(Collector):
 
     def _families(self) -> Iterator[Metric]:
         yield _family("robrain_messages", ("topic",), (((name,), count) for name, count in self._messages.items()))
-        refused = [
-            ((who, one.topic, one.code), float(one.count)) for who, each in self._refused.items() for one in each
-        ]
-        yield _family("robrain_refused", ("component", "topic", "code"), _summed(refused))
+        refused: Counter[tuple[str, ...]] = Counter()
+        for component, each in self._refused.items():
+            for one in each:
+                refused[component, one.topic, one.code] += one.count
+        yield _family("robrain_refused", ("component", "topic", "code"), refused.items())
         yield _family("robrain_coordinator_up", (), [((), float(bool(self._coordinators.present)))])
         there = {each["robot"] for each in self._robots.present.values()}
         states, now_ns = self._states, self._wire.clock.now_ns()
@@ -203,13 +198,6 @@ class TeamMetrics(Collector):
 _ROBOT = ("robot",)
 
 
-def _summed(values: Iterable[tuple[tuple[str, ...], float]]) -> list[tuple[tuple[str, ...], float]]:
-    found: dict[tuple[str, ...], float] = {}
-    for labels, value in values:
-        found[labels] = found.get(labels, 0.0) + value
-    return list(found.items())
-
-
 def _of_robots(name: str, values: Iterable[tuple[str, float]]) -> Metric:
     return _family(name, _ROBOT, (((robot,), value) for robot, value in values))
 
@@ -223,7 +211,7 @@ def _family(name: str, labels: tuple[str, ...], values: Iterable[tuple[tuple[str
 
 
 HOST = "127.0.0.1"
-HEAR_S = 0.2
+UPDATE_S = 0.2
 FIRST_ASK_S, ASK_PLUGINS_S = 1.0, 10.0
 
 
@@ -263,8 +251,8 @@ def serve_metrics(wire: Endpoint, port: int, should_stop: Callable[[], bool], on
     try:
         on_ready(f"http://{HOST}:{server.server_address[1]}/metrics")
         ask_s = time.monotonic() + FIRST_ASK_S
-        for _ in steps(should_stop, HEAR_S):
-            metrics.hear()
+        for _ in steps(should_stop, UPDATE_S):
+            metrics.update()
             if time.monotonic() >= ask_s:
                 metrics.ask_plugins()
                 ask_s = time.monotonic() + ASK_PLUGINS_S

@@ -45,15 +45,15 @@ by then, and the query with it.
 """
 SUCCESSOR_TIMEOUT_S = 0.5
 """As above, for a process that checks for its successor in its own loop."""
-LOOK_TIMEOUT_S = 5.0
-LOOK_PERIOD_S = 0.02
+TOKENS_TIMEOUT_S = 5.0
+CHECK_PERIOD_S = 0.02
 HANG_NS = LEASE_MS * 1_000_000 // 2
 """A process that hangs for longer may have lost its tokens. Others count the lease from its last sign of life, which is
 up to a quarter of the lease older than the hang.
 """
-LOOK_AFTER_HANG_NS = 10 * NS_PER_S
+CHECK_AFTER_HANG_NS = 10 * NS_PER_S
 """After a hang: time to connect again, and to receive the token of a process that has claimed the name."""
-LOOK_AGAIN_NS = NS_PER_S // 5
+CHECK_AGAIN_NS = NS_PER_S // 5
 _ELSE = re.compile(r"[^A-Za-z0-9_.]")
 """Replaces a dash in a host name within a key."""
 
@@ -98,7 +98,7 @@ class NameClaim:
         self._wire = Endpoint(session, team, LiveClock(), Drive.LIVE)
         self._tokens: dict[str, Any] = {}
 
-    def take(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool]) -> bool:
+    def acquire(self, on_wait: Callable[[str], None], should_stop: Callable[[], bool]) -> bool:
         """Claim the name; False if `should_stop` came first.
 
         Args:
@@ -110,10 +110,10 @@ class NameClaim:
 
         """
         is_waiting = False
-        waited_ns, looked_ns = 0, time.monotonic_ns()
+        waited_ns, checked_ns = 0, time.monotonic_ns()
         self._declare(ASKS)
         while not should_stop():
-            seen = self._look()
+            seen = self._read_tokens()
             is_held = bool(seen.having) or seen.is_alive
             if not is_held and not seen.asking:
                 if ASKS in self._tokens:
@@ -126,8 +126,8 @@ class NameClaim:
                 self._withdraw(ASKS)
             if is_held:
                 for info in self._who(ASK_TIMEOUT_S):
-                    raise self._taken(str(info))
-            before_ns, looked_ns = looked_ns, time.monotonic_ns()
+                    raise self._name_error(str(info))
+            before_ns, checked_ns = checked_ns, time.monotonic_ns()
             if not is_waiting:
                 is_waiting = True
                 if is_held:
@@ -135,10 +135,10 @@ class NameClaim:
                     on_wait(f"{what} is there, but does not answer: waiting up to {PATIENCE_S:g} s for it to go")
             else:
                 # If this machine hung, the other process did as well: that counts as one check.
-                waited_ns += min(looked_ns - before_ns, round(ASK_TIMEOUT_S * NS_PER_S))
+                waited_ns += min(checked_ns - before_ns, round(ASK_TIMEOUT_S * NS_PER_S))
                 if waited_ns > PATIENCE_S * NS_PER_S:
-                    raise self._taken(_describe_process(seen))
-            time.sleep(LOOK_PERIOD_S)
+                    raise self._name_error(_describe_process(seen))
+            time.sleep(CHECK_PERIOD_S)
         return False
 
     def take_over(self) -> None:
@@ -154,7 +154,7 @@ class NameClaim:
         finds it there.
         """
         self._withdraw(HAS)
-        self._look()  # its answer comes after all that was declared before it
+        self._read_tokens()  # its answer comes after all that was declared before it
 
     def successor(self) -> NameTaken | None:
         """An error that names the process that took this one's name while it hung, if there is one."""
@@ -181,7 +181,7 @@ class NameClaim:
         if token is not None:
             token.undeclare()
 
-    def _look(self) -> _Seen:
+    def _read_tokens(self) -> _Seen:
         keys = self._keys
         processes: dict[str, list[str]] = {ASKS: [], HAS: []}
         for key in self._tokens_at(keys.claim.selector(self._team, **keys.names)):
@@ -192,7 +192,7 @@ class NameClaim:
         return _Seen(processes[ASKS], processes[HAS], is_alive)
 
     def _tokens_at(self, selector: str) -> list[str]:
-        replies = self._session.liveliness().get(selector, timeout=LOOK_TIMEOUT_S)
+        replies = self._session.liveliness().get(selector, timeout=TOKENS_TIMEOUT_S)
         return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
     def _who(self, timeout_s: float) -> Iterator[ProcessInfo]:
@@ -206,14 +206,14 @@ class NameClaim:
                 except BadPayload:
                     continue  # not a robrain process; its token shows that a process is there
 
-    def _taken(self, who: str) -> NameTaken:
+    def _name_error(self, who: str) -> NameTaken:
         return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
 
     def _reply_process(self, _request: Request[Any]) -> ProcessInfo:
         return self.info
 
 
-class NameWatch:
+class NameWatcher:
     """Requests a stop, and detects that the name was lost while this process hung.
 
     A process that hangs for about its lease loses its tokens, and another may claim its name. After a hang it checks
@@ -242,9 +242,9 @@ class NameWatch:
         before_ns, self._asked_ns = self._asked_ns, self._monotonic_ns()
         now_ns = self._asked_ns
         if now_ns - before_ns > HANG_NS:
-            self._check_until_ns, self._check_ns = now_ns + LOOK_AFTER_HANG_NS, now_ns
+            self._check_until_ns, self._check_ns = now_ns + CHECK_AFTER_HANG_NS, now_ns
         if self.lost is None and self._check_ns <= now_ns < self._check_until_ns:
-            self._check_ns = now_ns + LOOK_AGAIN_NS
+            self._check_ns = now_ns + CHECK_AGAIN_NS
             self.lost = self._claim.successor()
         return self.lost is not None or self._should_stop()
 

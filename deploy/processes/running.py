@@ -4,13 +4,13 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from queue import Empty, SimpleQueue
 from typing import NamedTuple, Self
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID
+from rich.progress import BarColumn, MofNCompleteColumn, Progress
 
 from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.command_line.options import above_zero, until_explored
@@ -20,7 +20,7 @@ from robrain.deploy.processes.children import Child, Children, continue_with_rec
 from robrain.deploy.processes.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.processes.run_display import run_display, show_result
-from robrain.deploy.processes.run_options import RunOptions, Watched
+from robrain.deploy.processes.starting import RunOptions, Watched
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -66,15 +66,15 @@ class KernelCompiler:
         self._at_start = {name for name, part in parts.items() if part.at_start}
         self._waiting = deque(parts)
         self._ready: set[str] = set()
-        self._said: SimpleQueue[tuple[int, str]] = SimpleQueue()
+        self._finished: SimpleQueue[tuple[int, str]] = SimpleQueue()
         self._began_s = time.monotonic()
         self.failure = ""
         """Reason why a process has failed; empty if none has."""
         self._workers: dict[int, Child] = {}
         try:
             for number in range(processes):
-                answer = partial(self._receive, number)
-                self._workers[number] = Child("compiler", [], answer, module=MODULE)
+                on_line = partial(self._put, number)
+                self._workers[number] = Child("compiler", [], on_line, module=MODULE)
             for number in self._workers:
                 self._give(number)
         except OSError as error:
@@ -89,8 +89,8 @@ class KernelCompiler:
     def progress(self) -> CompileProgress:
         """How far it is."""
         ready, parts = len(self._ready & self._at_start), len(self._at_start)
-        took_s = time.monotonic() - self._began_s
-        left_s = took_s * (parts - ready) / ready if ready >= SURE_PARTS else None
+        passed_s = time.monotonic() - self._began_s
+        left_s = passed_s * (parts - ready) / ready if ready >= SURE_PARTS else None
         return CompileProgress(ready, parts, left_s)
 
     def step(self) -> None:
@@ -101,26 +101,22 @@ class KernelCompiler:
                 self.failure = f"a compiling process ended with status {status}"
         with suppress(Empty):
             while True:
-                number, part = self._said.get_nowait()
+                number, part = self._finished.get_nowait()
                 self._ready.add(part)
                 if number not in ended:
                     self._give(number)
         for number in ended:
             del self._workers[number]
 
-    def close(self) -> None:
-        """End the processes."""
+    def __enter__(self) -> "KernelCompiler":
+        return self
+
+    def __exit__(self, *_: object) -> None:
         for worker in self._workers.values():
             worker.end_input()
         for worker in self._workers.values():
             worker.wait(STOP_S)
         self._workers.clear()
-
-    def __enter__(self) -> "KernelCompiler":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _give(self, number: int) -> None:
         worker = self._workers[number]
@@ -129,11 +125,11 @@ class KernelCompiler:
         else:
             worker.end_input()
 
-    def _receive(self, number: int, part: str) -> None:
-        self._said.put((number, part))
+    def _put(self, number: int, part: str) -> None:
+        self._finished.put((number, part))
 
 
-LOOK_S = 0.05
+POLL_S = 0.05
 SHOWN_S = 0.25
 """Period of the picture that viewers get."""
 PROCESSES = 2
@@ -167,34 +163,18 @@ class Preparing:
 
         If one is not compiled that a run needs at its start, begin to compile beside this process.
         """
-        self._open_picture(world)
-        self._show(NOTHING)
+        if self._watched is not None:
+            # Separate from the run's own endpoints: they need not be set up for the picture.
+            endpoint = Endpoint(self._watched.session, DEFAULT_TEAM, VirtualClock(), Drive.LOCKSTEP)
+            self._picture = StartPicture(endpoint, world)
+        self._show()
         is_compiled = load_kernels()
-        self._show(NOTHING)  # again: the page may not have listened yet
+        self._show()  # again: the page may not have listened yet
         if not is_compiled:
             self._began_s = time.monotonic()
             self._compile(PARTS)
             if not self._quiet and not console.is_terminal:
                 say(f"{WORDS}: half a minute or so")
-
-    def _open_picture(self, world: World) -> None:
-        if self._watched is not None:
-            # Separate from the run's own endpoints: they need not be set up for the picture.
-            endpoint = Endpoint(self._watched.session, DEFAULT_TEAM, VirtualClock(), Drive.LOCKSTEP)
-            self._picture = StartPicture(endpoint, world)
-            self._closing.callback(self._close_picture)
-
-    def _close_picture(self) -> None:
-        picture, self._picture = self._picture, None
-        if picture is not None:
-            picture.close()
-
-    def _show(self, progress: CompileProgress) -> None:
-        if self._picture is not None:
-            self._picture.show(*progress)
-
-    def _compile(self, parts: Mapping[str, KernelPart]) -> None:
-        self._compiler = self._closing.enter_context(KernelCompiler(parts, min(PROCESSES, os.cpu_count() or 1)))
 
     def wait(self, _run: LockstepRun) -> None:
         """Show the places of all bodies until the run can begin.
@@ -204,22 +184,20 @@ class Preparing:
             KeyboardInterrupt: Ctrl-C.
 
         """
-        self._show(NOTHING)
+        self._show()
         shown_s = -math.inf
-        with StopOnInterrupt() as interrupt, _CompilingDisplay(quiet=self._quiet) as display:
-            while self._waits_for_page() or self._is_compiling:
+        with StopOnInterrupt() as interrupt, _compiling_bar(quiet=self._quiet) as draw:
+            while self._waits_for_page() or (self._compiler is not None and not self._compiler.is_done):
                 if interrupt.requested:
                     raise KeyboardInterrupt
                 if self._compiler is not None:
                     self._compiler.step()
                 if time.monotonic() - shown_s > SHOWN_S:
                     shown_s = time.monotonic()
-                    progress = NOTHING if self._compiler is None else self._compiler.progress
-                    self._show(progress)
-                    display.show(progress)
-                time.sleep(LOOK_S)
+                    draw(self._show())
+                time.sleep(POLL_S)
         if self._compiler is not None:
-            self._tell(self._compiler)
+            self._report(self._compiler)
             prepare_kernels(quiet=self._quiet, only_at_start=True)
         elif not are_cached():  # a run before has ended while the rest was compiled
             self._later_s = time.monotonic() + LATER_S
@@ -233,26 +211,33 @@ class Preparing:
         if self._compiler is not None:
             self._compiler.step()
 
-    def close(self) -> None:
-        """Show and compile no more."""
-        self._closing.close()
-        self._compiler = None
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._close_picture()
+        self._closing.close()
+        self._compiler = None
+
+    def _show(self) -> CompileProgress:
+        progress = NOTHING if self._compiler is None else self._compiler.progress
+        if self._picture is not None:
+            self._picture.show(*progress)
+        return progress
+
+    def _close_picture(self) -> None:
+        picture, self._picture = self._picture, None
+        if picture is not None:
+            picture.close()
+
+    def _compile(self, parts: Mapping[str, KernelPart]) -> None:
+        self._compiler = self._closing.enter_context(KernelCompiler(parts, min(PROCESSES, os.cpu_count() or 1)))
 
     def _waits_for_page(self) -> bool:
         """Whether the page is not served yet."""
         return self._watched is not None and not self._watched.page.url
 
-    @property
-    def _is_compiling(self) -> bool:
-        return self._compiler is not None and not self._compiler.is_done
-
-    def _tell(self, compiler: KernelCompiler) -> None:
+    def _report(self, compiler: KernelCompiler) -> None:
         if self._quiet:
             return
         if compiler.failure:
@@ -261,36 +246,27 @@ class Preparing:
             say(f"the navigation is compiled after {time.monotonic() - self._began_s:.0f} s; the run begins")
 
 
-class _CompilingDisplay:
-    """A bar at a terminal; elsewhere it prints nothing."""
+@contextmanager
+def _compiling_bar(*, quiet: bool) -> Iterator[Callable[[CompileProgress], None]]:
+    """A bar at a terminal, and the function that draws it; elsewhere it prints nothing."""
+    columns = (text_column("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn())
+    is_off = quiet or not console.is_terminal
+    with Progress(
+        *columns,
+        text_column("{task.fields[left]}"),
+        console=console,
+        transient=True,
+        disable=is_off,
+        redirect_stdout=both_at_a_terminal(),
+    ) as bars:
+        bar = bars.add_task(WORDS, left="", visible=False)
 
-    def __init__(self, *, quiet: bool) -> None:
-        columns = (text_column("{task.description}"), BarColumn(bar_width=30), MofNCompleteColumn())
-        self._progress = Progress(
-            *columns,
-            text_column("{task.fields[left]}"),
-            console=console,
-            transient=True,
-            disable=quiet or not console.is_terminal,
-            redirect_stdout=both_at_a_terminal(),
-        )
-        self._bar: TaskID | None = None
+        def draw(progress: CompileProgress) -> None:
+            left = "" if progress.left_s is None else f"about {math.ceil(progress.left_s)} s left"
+            is_begun = progress.parts > 0
+            bars.update(bar, visible=is_begun, total=progress.parts, completed=progress.ready, left=left)
 
-    def show(self, progress: CompileProgress) -> None:
-        """Draw how far the compiling is."""
-        if not progress.parts:
-            return
-        if self._bar is None:
-            self._bar = self._progress.add_task(WORDS, total=progress.parts, left="")
-        left = "" if progress.left_s is None else f"about {math.ceil(progress.left_s)} s left"
-        self._progress.update(self._bar, completed=progress.ready, left=left)
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        yield draw
 
 
 WATCHING_SPEED = 5.0

@@ -1,17 +1,42 @@
 """Starts a run, and the page that follows it."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+import zenoh
 
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.processes.children import DASHBOARD_READY, Children, begin_dashboard
-from robrain.deploy.processes.run_options import RunOptions, Watched
+from robrain.deploy.processes.children import DASHBOARD_READY, Children, StartingPage
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 
 if TYPE_CHECKING:
     from robrain.sim.lockstep.result import RunResult
     from robrain.sim.scenarios.scenario import Scenario
+
+
+class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """The options of a run, as the command line gives them."""
+
+    until: str | None = None
+    time_limit_s: float | None = None
+    speed: float | None = None
+    record: Path | None = None
+    dashboard: bool = False
+    port: int | None = None
+    quiet: bool = False
+    """Print only errors."""
+    stay: bool = False
+    """Keep the dashboard up after the run, until Ctrl-C: it then shows the recording."""
+
+
+class Watched(NamedTuple):
+    """A page, and the session on which it follows the run."""
+
+    session: zenoh.Session
+    page: StartingPage
 
 
 def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResult":
@@ -42,9 +67,9 @@ def _begin_page(children: Children, options: RunOptions) -> Watched:
     on_served = None if options.quiet else lambda url: print_result(f"{DASHBOARD_READY}{url}")
     session = open_lockstep_session("tcp/127.0.0.1:0")
     try:
-        return Watched(
-            session, begin_dashboard(children, listening_at(session)[0], DEFAULT_TEAM, options.port, on_served)
-        )
+        words = ["dashboard", "--connect", listening_at(session)[0], "--team", DEFAULT_TEAM]
+        port = [] if options.port is None else ["--port", str(options.port)]
+        return Watched(session, StartingPage(children, [*words, *port], on_served))
     except BaseException:
         session.close()
         raise

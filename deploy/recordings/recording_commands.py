@@ -157,7 +157,7 @@ def record(
                 on_ready=should_stop.ready,
                 rotation=rotation,
             )
-    _tell(summary, lambda: show_recorded(summary), as_json=as_json)
+    _print(summary, lambda: show_recorded(summary), as_json=as_json)
 
 
 @foxglove_app.command()
@@ -191,7 +191,7 @@ def info(
 
     with progress("reading", quiet=as_json) as show:
         contents = read_contents(recording, show)
-    _tell(contents, lambda: show_contents(contents, every_key=every_key), as_json=as_json)
+    _print(contents, lambda: show_contents(contents, every_key=every_key), as_json=as_json)
 
 
 @recording_app.command()
@@ -203,7 +203,7 @@ def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
 
     with progress("checking", quiet=as_json) as show:
         verdict = check_recording(recording, show, surroundings_of_recording(recording))
-    _tell(verdict, lambda: show_verdict(verdict), as_json=as_json)
+    _print(verdict, lambda: show_verdict(verdict), as_json=as_json)
     if not verdict.good:
         raise typer.Exit(DIFFERENT)
 
@@ -230,7 +230,7 @@ def diff(
         if runs is not None:
             show_two_runs(runs)
 
-    _tell({"same": same, "difference": difference, "runs": runs}, show_both, as_json=as_json)
+    _print({"same": same, "difference": difference, "runs": runs}, show_both, as_json=as_json)
     if difference is not None:
         raise typer.Exit(DIFFERENT)
 
@@ -251,7 +251,7 @@ def recover(
     path = output if output is not None else recording.with_name(f"{recording.stem}_recovered{recording.suffix}")
     with progress("recovering", quiet=as_json) as show:
         recovery = recover_recording(recording, path, show)
-    _tell(recovery, lambda: show_recovery(recovery), as_json=as_json)
+    _print(recovery, lambda: show_recovery(recovery), as_json=as_json)
 
 
 @recording_app.command()
@@ -288,10 +288,10 @@ def export(
             files = export_map(recording, output, at_s, show)
         else:
             files = export_recording(recording, form or "csv", output, show)
-    _tell({"files": files}, lambda: show_files(files), as_json=as_json)
+    _print({"files": files}, lambda: show_files(files), as_json=as_json)
 
 
-def _tell(value: object, show: Callable[[], None], *, as_json: bool) -> None:
+def _print(value: object, show: Callable[[], None], *, as_json: bool) -> None:
     """Print a value as JSON, or else show it."""
     if as_json:
         print_json(value)

@@ -30,7 +30,7 @@ FOLDED_ABOVE = 16
 """Number of keys of one topic above which they are listed together."""
 
 
-def said(text: object, limit: int = TEXT_SHOWN) -> str:
+def shown(text: object, limit: int = TEXT_SHOWN) -> str:
     """A text from elsewhere as a terminal may have it."""
     return safe_text(str(text), limit)
 
@@ -48,14 +48,14 @@ def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[float], No
 def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Recorder], None]]:
     """A line on how a recorder does, redrawn in a terminal."""
     if not quiet:
-        console.print(f"recording to {said(path)}; Ctrl-C ends it", soft_wrap=True)
+        console.print(f"recording to {shown(path)}; Ctrl-C ends it", soft_wrap=True)
     columns = (text_column("{task.description}"), text_column("{task.fields[lost]}", "red"), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as bars:
         bar = bars.add_task("", lost="")
 
         def show(recorder: Recorder) -> None:
             lost = f"{recorder.lost} lost" if recorder.lost else ""
-            name = said(recorder.paths[-1].name) if recorder.paths else ""
+            name = shown(recorder.paths[-1].name) if recorder.paths else ""
             words = f"{name}: {recorder.messages} messages, {_bytes(recorder.size_bytes)}"
             bars.update(bar, description=words, lost=lost)
 
@@ -65,12 +65,12 @@ def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Rec
 def show_recorded(summary: RecordingSummary) -> None:
     """Files, messages and losses of a recording."""
     console = results()
-    files = ", ".join(said(path) for path in summary.paths)
+    files = ", ".join(shown(path) for path in summary.paths)
     console.print(f"{files}: {summary.messages} messages, {_bytes(summary.bytes)}", soft_wrap=True)
     if summary.removed:
         console.print(f"{summary.removed} older files were removed to make room", soft_wrap=True)
     for topic, messages in sorted(summary.lost_by_topic.items()):
-        console.print(Text.assemble(("lost", "red"), f": {messages} of {said(topic)}"), soft_wrap=True)
+        console.print(Text.assemble(("lost", "red"), f": {messages} of {shown(topic)}"), soft_wrap=True)
 
 
 def show_contents(contents: RecordingContents, *, every_key: bool = False) -> None:
@@ -103,12 +103,9 @@ def show_contents(contents: RecordingContents, *, every_key: bool = False) -> No
 
 def show_difference(first: Path, second: Path, difference: Difference | None, same: int) -> None:
     """First difference of two runs."""
-    console = results()
-    if difference is None:
-        console.print(f"equal: {same} messages", soft_wrap=True)
-        return
-    for line in where_different(first, second, difference):
-        console.print(line, soft_wrap=True)
+    lines = [f"equal: {same} messages"] if difference is None else where_different(first, second, difference)
+    for line in lines:
+        results().print(line, soft_wrap=True)
 
 
 def where_different(first: Path, second: Path, difference: Difference) -> list[str]:
@@ -126,7 +123,7 @@ def show_recovery(recovery: Recovery) -> None:
     """Result of a recovery."""
     console = results()
     console.print(
-        f"{said(recovery.path)}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
+        f"{shown(recovery.path)}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
         f"{recovery.damaged_chunks} damaged chunks left out, {recovery.unread_bytes} bytes at the end unreadable",
         soft_wrap=True,
     )
@@ -136,12 +133,12 @@ def show_files(files: list[Path]) -> None:
     """Result of an export."""
     console = results()
     for path in files:
-        console.print(f"{said(path)}, {_bytes(path.stat().st_size)}", soft_wrap=True)
+        console.print(f"{shown(path)}, {_bytes(path.stat().st_size)}", soft_wrap=True)
 
 
 def _contents_row(key: KeyContents) -> tuple[str, ...]:
     return (
-        said(key.key),
+        shown(key.key),
         str(key.messages),
         f"{key.rate_hz:.2f} Hz" if key.rate_hz else "–",
         _bytes(key.bytes),
@@ -155,7 +152,7 @@ def _contents_row(key: KeyContents) -> tuple[str, ...]:
 
 
 def _line(console: Console, name: str, text: str) -> None:
-    console.print(Text.assemble((f"{name:<9}", "bold"), said(text)), soft_wrap=True)
+    console.print(Text.assemble((f"{name:<9}", "bold"), shown(text)), soft_wrap=True)
 
 
 def _bytes(size: int) -> str:
@@ -206,7 +203,7 @@ def show_two_runs(runs: TwoRuns) -> None:
     table.add_column("")
     table.add_column("")
     for run in (runs.first, runs.second):
-        table.add_column(said(run.recording.stem, NAME_SHOWN), justify="right", overflow="fold")
+        table.add_column(shown(run.recording.stem, NAME_SHOWN), justify="right", overflow="fold")
     table.add_column("difference", justify="right")
     before = ""
     for row in runs.rows:
@@ -214,13 +211,13 @@ def show_two_runs(runs: TwoRuns) -> None:
             table.add_section()
         group = row.group if row.group != before else ""
         before = row.group
-        table.add_row(said(group), *_cells(row), style="dim" if row.is_equal else "")
+        table.add_row(shown(group), *_cells(row), style="dim" if row.is_equal else "")
     results().print(table)
 
 
 def _cells(row: ComparedRow) -> tuple[str, str, str, str]:
     first, second, difference = text_of(row)
-    return said(row.name, NAME_SHOWN), said(first), said(second), said(difference)
+    return shown(row.name, NAME_SHOWN), shown(first), shown(second), shown(difference)
 
 
 def show_verdict(verdict: Verdict) -> None:
@@ -233,7 +230,7 @@ def show_verdict(verdict: Verdict) -> None:
     counted = f"{verdict.messages} messages, {verdict.problems} problems, {verdict.remarks} notes"
     if count := broken(verdict.invariants):
         counted += f", {count} {'invariant' if count == 1 else 'invariants'} broken"
-    console.print(Text.assemble(f"{said(verdict.path)}: ", result, f", {counted}"), soft_wrap=True)
+    console.print(Text.assemble(f"{shown(verdict.path)}: ", result, f", {counted}"), soft_wrap=True)
 
 
 def _show_findings(console: Console, verdict: Verdict) -> None:
@@ -243,7 +240,7 @@ def _show_findings(console: Console, verdict: Verdict) -> None:
     for finding in verdict.findings:
         color = "red" if finding.severity is Severity.PROBLEM else "yellow"
         row = (f"{finding.time_s:.3f} s", finding.key, finding.text)
-        table.add_row(Text(finding.severity, color), finding.kind.replace("_", " "), *map(said, row))
+        table.add_row(Text(finding.severity, color), finding.kind.replace("_", " "), *map(shown, row))
     console.print(table)
     for kind, count in verdict.more.items():
         console.print(f"and {count} more of {kind.replace('_', ' ')}")
@@ -261,7 +258,7 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
         if ruling.breaches:
             console.print(Text.assemble("\n", (INVARIANTS[ruling.invariant], "red"), ": broken"), soft_wrap=True)
         for breach in ruling.breaches:
-            console.print(f"  {said(breach.text)}", soft_wrap=True)
+            console.print(f"  {shown(breach.text)}", soft_wrap=True)
         if ruling.more:
             console.print(f"  and {ruling.more} more")
     console.print()

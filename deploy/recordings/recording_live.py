@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from robrain.deploy.command_line.options import above_zero
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import steps
 from robrain.protocol.errors import CallError, NobodyThere
@@ -18,7 +19,6 @@ from robrain.recording.writer.rotation import KeepFiles, Rotation
 
 PERIOD_S = 0.05
 GATHER_S = 0.5
-SUFFIX = ".mcap"
 PROVENANCE_MAX_BYTES = 256 * 1024 * 1024
 ASK_TIMEOUT_S = 1.0
 DAY_S, HOUR_S = 86_400.0, 3600.0
@@ -28,17 +28,15 @@ PARTS = 20
 
 def split_of(split_mb: float | None, split_s: float | None) -> SplitAt:
     """Read the options for splitting (UsageError if they are not above 0)."""
-    for option, value in (("--split-mb", split_mb), ("--split-s", split_s)):
-        if value is not None and not value > 0:
-            raise UsageError(f"{option} {value:g}: expected a number above 0")
+    above_zero("--split-mb", split_mb)
+    above_zero("--split-s", split_s)
     return SplitAt(size_bytes=None if split_mb is None else max(round(split_mb * 1e6), 1), duration_s=split_s)
 
 
 def keep_of(keep_gb: float | None, keep_days: float | None) -> KeepFiles | None:
     """Read the options for rotation; None without any (UsageError if they are not above 0)."""
-    for option, value in (("--keep-gb", keep_gb), ("--keep-days", keep_days)):
-        if value is not None and not value > 0:
-            raise UsageError(f"{option} {value:g}: expected a number above 0")
+    above_zero("--keep-gb", keep_gb)
+    above_zero("--keep-days", keep_days)
     if keep_gb is None and keep_days is None:
         return None
     return KeepFiles(
@@ -132,14 +130,14 @@ def read_provenance(path: Path) -> Provenance:
 
 def plugins_of(wire: Endpoint, robots: list[str]) -> dict[str, str]:
     """Loaded plugins of each robot, queried from it; robots that do not answer are left out."""
-    told: dict[str, str] = {}
+    found: dict[str, str] = {}
     for robot in robots:
         try:
             infos = wire.ask(ROBOT_PLUGINS, timeout_s=ASK_TIMEOUT_S, robot=robot)
-            told[f"robots/{robot}.json"] = ROBOT_PLUGINS.payloads.write(infos).decode()
+            found[f"robots/{robot}.json"] = ROBOT_PLUGINS.payloads.write(infos).decode()
         except (CallError, NobodyThere):
             continue
-    return told
+    return found
 
 
 def serve_foxglove(

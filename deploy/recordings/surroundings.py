@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # recordings are checked without the simulator too
 
 FAR_CELLS = 0.71
 """Half a cell's diagonal: so much less than that of its cell's middle a place's clearance can be."""
-LOOKED_UP_M = 0.5
+EXACT_UP_TO_M = 0.5
 """Beyond this a clearance is only reported as at least that of the cell (chosen: no hull of a robot is larger)."""
 
 
@@ -39,9 +39,9 @@ def surroundings_of(scenario: "Scenario") -> Surroundings:
 def clearance_on(plan: "FloorPlan") -> Callable[[float, float], float]:
     """A function that gives the distance in metres from a place (x, y), arena frame, to the nearest wall of a floor.
 
-    It is 0 inside a wall and off the floor, and exact up to `LOOKED_UP_M`.
+    It is 0 inside a wall and off the floor, and exact up to `EXACT_UP_TO_M`.
     """
-    reach = int(np.ceil(LOOKED_UP_M / plan.resolution_m)) + 1
+    reach = int(np.ceil(EXACT_UP_TO_M / plan.resolution_m)) + 1
     width_m, height_m = plan.size_m
 
     def clearance(x_m: float, y_m: float) -> float:
@@ -49,7 +49,7 @@ def clearance_on(plan: "FloorPlan") -> Callable[[float, float], float]:
         if not plan.holds_cell(row, column):
             return 0.0
         of_cell_m = float(plan.clearance_m[row, column]) - FAR_CELLS * plan.resolution_m
-        if of_cell_m > LOOKED_UP_M:
+        if of_cell_m > EXACT_UP_TO_M:
             return of_cell_m
         x_m, y_m = x_m - plan.origin_x_m, y_m - plan.origin_y_m
         top, left = max(0, row - reach), max(0, column - reach)

@@ -17,7 +17,7 @@ from robrain.protocol.backoff import backoff_s
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegativeInt, Positive
 
-LONGEST_LOOK_S = 0.5
+LONGEST_CHECK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
 WAITED_SHARE = 0.2
 """Share of the time waited for a core that counts as silence (chosen). A loop that never ends is killed within five
@@ -76,31 +76,85 @@ class Cause(StrEnum):
     SLOW_START = "slow_start"
 
 
-class ProcessFailure(NamedTuple):
-    """One failure of a process."""
+class PartEventKind(StrEnum):
+    """Kind of a part's event."""
 
-    at_s: float
-    cause: Cause
-    status: int
-    """Exit status; negative for a signal."""
-    silent_s: float
-    """Duration of its main loop's silence, or of its start. It includes the share `WAITED_SHARE` of the time that the
-    process waited for a core.
+    STARTED = "started"
+    """Its process was started."""
+    UP = "up"
+    """It does its work, for the first time."""
+    FAILED = "failed"
+    """It ended or hung, and is started again."""
+    UP_AGAIN = "up_again"
+    GIVEN_UP = "given_up"
+
+
+class PartEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="event", tag="part"):
+    """A start of a part, its failure, or its return."""
+
+    part: str
+    kind: PartEventKind
+    pid: int | None = None
+    """Process id, of a start."""
+    cause: Cause | None = None
+    """Reason for its failure."""
+    status: int | None = None
+    """Exit status of its process; negative for a signal."""
+    silent_s: float = 0.0
+    """Duration of its main loop's silence, or of its start, when it was killed. It includes the share `WAITED_SHARE` of
+    the time that the process waited for a core.
     """
-    delay_s: float | None
-    """Until the next start; None if it is given up."""
+    again_in_s: float | None = None
+    """Until it is started again."""
+    away_s: float | None = None
+    """From the notice of the failure until it was ready again."""
+    said: str = ""
+    """The last line that it printed."""
+
+    @property
+    def is_news(self) -> bool:
+        """Whether it is shown to people: a failure, or the return from one."""
+        return self.kind not in (PartEventKind.STARTED, PartEventKind.UP)
+
+    @property
+    def words(self) -> str:
+        """In one line."""
+        match self.kind:
+            case PartEventKind.STARTED:
+                return f"{self.part} is process {self.pid}"
+            case PartEventKind.UP:
+                return f"{self.part} is up"
+            case PartEventKind.UP_AGAIN:
+                return f"{self.part} is up again after {self.away_s or 0.0:.1f} s"
+            case PartEventKind.GIVEN_UP:
+                return f"{self.part} {self._failure} and is given up: it has failed too often"
+        return f"{self.part} {self._failure}; it is started again in {self.again_in_s or 0.0:.1f} s"
+
+    @property
+    def _failure(self) -> str:
+        if self.cause is Cause.SILENT:
+            return f"was silent for {self.silent_s:.1f} s and was killed"
+        if self.cause is Cause.SLOW_START:
+            return f"was not ready after {self.silent_s:.0f} s and was killed"
+        status = self.status or 0
+        if status < 0:
+            known = {number.value: number.name for number in signal.Signals}
+            return f"was ended by {known.get(-status, f'signal {-status}')}"
+        last_line = f" ({self.said.removeprefix('robrain: ')})" if self.said else ""
+        return f"ended with status {status}{last_line}"
 
 
 class Restarts:
     """The state of one process.
 
     Args:
+        part: its name.
         policy: conditions of its restarts.
 
     """
 
-    def __init__(self, policy: RestartPolicy) -> None:
-        self.policy = policy
+    def __init__(self, part: str, policy: RestartPolicy) -> None:
+        self.part, self.policy = part, policy
         self.phase = Phase.WAITING
         self.starts = 0
         """Number of its starts."""
@@ -137,18 +191,25 @@ class Restarts:
         if self.phase is Phase.STARTING:
             self.phase, self.was_ready, self._silent_s = Phase.UP, True, 0.0
 
-    def ended(self, now_s: float, status: int) -> ProcessFailure:
-        """It has ended, or could not be started."""
+    def ended(self, now_s: float, status: int, last_line: str = "") -> PartEvent:
+        """It has ended, or could not be started; returns the event."""
         self._failures.append(now_s)
         while self._failures[0] <= now_s - self.policy.within_s:
             self._failures.popleft()
         delay_s: float | None = None
-        if len(self._failures) > self.policy.limit:
-            self.phase = Phase.GIVEN_UP
-        else:
+        self.phase, kind = Phase.GIVEN_UP, PartEventKind.GIVEN_UP
+        if len(self._failures) <= self.policy.limit:
             delay_s = self.policy.delay_s(len(self._failures))
-            self.phase, self._start_s = Phase.WAITING, now_s + delay_s
-        return ProcessFailure(now_s, self._cause, status, self._silent_s, delay_s)
+            self.phase, kind, self._start_s = Phase.WAITING, PartEventKind.FAILED, now_s + delay_s
+        return PartEvent(
+            part=self.part,
+            kind=kind,
+            cause=self._cause,
+            status=status,
+            silent_s=self._silent_s,
+            again_in_s=delay_s,
+            said=last_line,
+        )
 
     def next_step(self, now_s: float, waited_s: float = 0.0) -> RestartStep:
         """Next step; call it a few times a second.
@@ -158,14 +219,14 @@ class Restarts:
             waited_s: for how much of the time since the last call the process waited for a core.
 
         """
-        looked_s, self._checked_s = self._checked_s, now_s
+        before_s, self._checked_s = self._checked_s, now_s
         if self.phase is Phase.WAITING:
             return RestartStep.START if now_s >= self._start_s else RestartStep.NOTHING
         if self.phase not in (Phase.STARTING, Phase.UP):
             return RestartStep.NOTHING
-        if looked_s is not None:
-            look_s = min(max(now_s - looked_s, 0.0), LONGEST_LOOK_S)
-            self._silent_s += look_s - (1.0 - WAITED_SHARE) * min(max(waited_s, 0.0), look_s)
+        if before_s is not None:
+            passed_s = min(max(now_s - before_s, 0.0), LONGEST_CHECK_S)
+            self._silent_s += passed_s - (1.0 - WAITED_SHARE) * min(max(waited_s, 0.0), passed_s)
         is_up = self.phase is Phase.UP
         if self._silent_s < (self.policy.hang_s if is_up else self.policy.start_s):
             return RestartStep.NOTHING
@@ -200,106 +261,23 @@ class Part(NamedTuple):
     """Called with each line that it prints, on a separate thread."""
 
 
-class PartEventKind(StrEnum):
-    """Kind of a part's event."""
-
-    STARTED = "started"
-    """Its process was started."""
-    UP = "up"
-    """It does its work, for the first time."""
-    FAILED = "failed"
-    """It ended or hung, and is started again."""
-    UP_AGAIN = "up_again"
-    GIVEN_UP = "given_up"
-
-
-class PartEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="event", tag="part"):
-    """A start of a part, its failure, or its return."""
-
-    part: str
-    kind: PartEventKind
-    pid: int | None = None
-    """Process id, of a start."""
-    cause: Cause | None = None
-    """Reason for its failure."""
-    status: int | None = None
-    """Exit status of its process; negative for a signal."""
-    silent_s: float = 0.0
-    """Duration of its main loop's silence, or of its start, when it was killed."""
-    again_in_s: float | None = None
-    """Until it is started again."""
-    away_s: float | None = None
-    """From the notice of the failure until it was ready again."""
-    said: str = ""
-    """The last line that it printed."""
-
-    @property
-    def is_news(self) -> bool:
-        """Whether it is shown to people: a failure, or the return from one."""
-        return self.kind not in (PartEventKind.STARTED, PartEventKind.UP)
-
-    @property
-    def words(self) -> str:
-        """In one line."""
-        if self.kind is PartEventKind.STARTED:
-            return f"{self.part} is process {self.pid}"
-        if self.kind is PartEventKind.UP:
-            return f"{self.part} is up"
-        if self.kind is PartEventKind.UP_AGAIN:
-            return f"{self.part} is up again after {self.away_s or 0.0:.1f} s"
-        what = _what(self)
-        if self.kind is PartEventKind.GIVEN_UP:
-            return f"{self.part} {what} and is given up: it has failed too often"
-        return f"{self.part} {what}; it is started again in {self.again_in_s or 0.0:.1f} s"
-
-
-class PartView(NamedTuple):
-    """A part at one moment, for display."""
+class MemberStatus(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A member of a team, as `robrain top --json` prints it. Unknown values are omitted."""
 
     name: str
-    phase: Phase
-    pid: int | None
-    cpu_share: float | None
-    """Of one core; None if unknown."""
-    memory_mb: float | None
-    messages: str
-    """Rate of its messages, in words; empty if unknown."""
-    restarts: int | None
-    """Number of its restarts; None if unknown."""
     words: str = ""
-    """Further text of the event."""
-
-
-def failed(part: str, failure: ProcessFailure, said: str) -> PartEvent:
-    """The event of a failure."""
-    return PartEvent(
-        part=part,
-        kind=PartEventKind.GIVEN_UP if failure.delay_s is None else PartEventKind.FAILED,
-        cause=failure.cause,
-        status=failure.status,
-        silent_s=failure.silent_s,
-        again_in_s=failure.delay_s,
-        said=said,
-    )
-
-
-def _what(event: PartEvent) -> str:
-    if event.cause is Cause.SILENT:
-        return f"was silent for {event.silent_s:.1f} s and was killed"
-    if event.cause is Cause.SLOW_START:
-        return f"was not ready after {event.silent_s:.0f} s and was killed"
-    status = event.status or 0
-    if status < 0:
-        return f"was ended by {_signal_name(-status)}"
-    said = f" ({event.said.removeprefix('robrain: ')})" if event.said else ""
-    return f"ended with status {status}{said}"
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
+    """How it is."""
+    host: str | None = None
+    pid: int | None = None
+    version: str | None = None
+    cpu_share: float | None = None
+    """Of one core."""
+    memory_mb: float | None = None
+    messages: str | None = None
+    """Rate of its messages."""
+    phase: Phase = Phase.UP
+    """Of a process that `robrain up` supervises."""
+    restarts: int | None = None
 
 
 PROC = Path("/proc")

@@ -1,6 +1,7 @@
 """The parts of a team that a scenario describes: the simulator, simulated robots, and options of the others."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -15,8 +16,9 @@ from robrain.deploy.processes.arena_process import (
 from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.deploy.processes.table_files import write_planning, write_rules
 from robrain.deploy.supervision.part import ARENA, Part
-from robrain.deploy.supervision.site import Site, votes_option
+from robrain.deploy.supervision.up import Site, votes_option
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.wire.session import is_loopback
 from robrain.recording.provenance import Provenance
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.world import manifest_texts
@@ -45,28 +47,28 @@ class ScenarioParts:
             options += ["--rules", str(write_rules(folder / "rules.toml", scenario.rules))]
         return options
 
-    def arena(self, words: Sequence[str], on_line: Callable[[str], None]) -> Part:
+    def arena(self, words: Sequence[str]) -> Part:
         """The simulator, started with the words of a command line that name the same scenario."""
         site = self._site
 
         def arguments(start: int) -> list[str]:
             resume = []
-            if start > 1 and site.watch.truth is not None:  # the robots stand where they stood, and do not jump home
-                resume = ["--resume", str(write_resume(site.folder / "resume.json", site.watch.truth))]
+            if start > 1 and site.monitor.truth is not None:  # the robots stand where they stood, and do not jump home
+                resume = ["--resume", str(write_resume(site.folder / "resume.json", site.monitor.truth))]
             return ["arena", *words, *site.common, *resume]
 
-        return Part(ARENA, arguments, is_vital=True, must_start=True, on_line=on_line)
+        return Part(ARENA, arguments, is_vital=True, must_start=True, on_line=partial(site.printed.read, ARENA))
 
     def robot(self, name: str, journal: Path) -> Part:
         """The agent of a simulated robot."""
         site, world = self._site, self._world
         robot = next(robot for robot in world.robots if robot.name == name)
-        loadable = loadable_from_here([site.endpoint]) if site.is_private else []
+        loadable = loadable_from_here([site.endpoint]) if is_loopback(site.endpoint) else []
 
         def arguments(start: int) -> list[str]:
             robot_file = robot_file_of(world, robot, team=site.team, connect=site.endpoint, loadable=loadable)
             if start > 1:
-                robot_file = started_again(robot_file, site.watch.last_pose(name))
+                robot_file = started_again(robot_file, site.monitor.last_pose(name))
             return ["agent", str(write_robot_file(robot_file, site.folder)), *votes_option(journal)]
 
         return Part(name, arguments)

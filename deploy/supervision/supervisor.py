@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child
@@ -17,20 +16,15 @@ from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.part import (
     HUB,
     CoreWait,
+    MemberStatus,
     Part,
     PartEvent,
     PartEventKind,
-    PartView,
     Phase,
     ProcessFigures,
     Restarts,
     RestartStep,
-    failed,
 )
-
-if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need
-    pass
-
 
 BAD_INPUT = 2
 """Exit status of a process that refuses to start."""
@@ -43,7 +37,7 @@ class Supervised:
 
     def __init__(self, part: Part) -> None:
         self.part = part
-        self.restarts = Restarts(part.policy)
+        self.restarts = Restarts(part.name, part.policy)
         self.child: Child | None = None
         self.figures: ProcessFigures | None = None
         self._core_wait: CoreWait | None = None
@@ -70,7 +64,7 @@ class Supervised:
             raise
         self.figures, self._core_wait = ProcessFigures(self.child.pid), CoreWait(self.child.pid)
 
-    def hear(self) -> bool:
+    def read_lifeline(self) -> bool:
         """Read its process's lifeline; whether it is ready since this call."""
         if self._lifeline is None:
             return False
@@ -110,12 +104,19 @@ class Supervised:
             self.last_lines = list(self.child.lines)
         self.child = self.figures = self._core_wait = None
 
-    def view(self, now_s: float, messages: str, words: str) -> PartView:
+    def status(self, now_s: float, messages: str, words: str) -> MemberStatus:
         """How it is."""
         cpu_share, memory_mb = self.figures.at(now_s) if self.figures is not None else (None, None)
-        phase, restarts = self.restarts.phase, self.restarts.restarts
-        pid = self.child.pid if self.child is not None else None
-        return PartView(self.part.name, phase, pid, cpu_share, memory_mb, messages, restarts, words)
+        return MemberStatus(
+            self.part.name,
+            words,
+            pid=self.child.pid if self.child is not None else None,
+            cpu_share=cpu_share,
+            memory_mb=memory_mb,
+            messages=messages,
+            phase=self.restarts.phase,
+            restarts=self.restarts.restarts,
+        )
 
 
 class Supervisor:
@@ -138,7 +139,7 @@ class Supervisor:
     def add(self, parts: Sequence[Part]) -> None:
         """Supervise more parts, and start them."""
         self.all += map(Supervised, parts)
-        self.look()
+        self.update()
 
     def named(self, name: str) -> Supervised | None:
         """The part of a name; None if there is none."""
@@ -154,7 +155,7 @@ class Supervisor:
         """A part that was given up and without which there is no team; empty if there is none."""
         return next((e.part.name for e in self.all if e.part.is_vital and e.restarts.phase is Phase.GIVEN_UP), "")
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Detect events, and do everything that is due; to be called ten times a second.
 
         Raises:
@@ -163,7 +164,7 @@ class Supervisor:
         """
         for each in self.all:
             now_s = self._monotonic_s()
-            if each.hear():
+            if each.read_lifeline():
                 self._on_event(each.came_up(now_s))
             if each.child is not None and (status := each.child.exit_status) is not None:
                 self._record_end(each, status, now_s)
@@ -195,9 +196,7 @@ class Supervisor:
         )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
         if self._guard is not None and self._guard.stdin is not None:
             with suppress(BrokenPipeError):
@@ -222,15 +221,15 @@ class Supervisor:
         self._report_failure(each, status, now_s)
 
     def _report_failure(self, each: Supervised, status: int, now_s: float) -> None:
-        said = next((line for line in reversed(each.last_lines) if line.strip()), "")
+        last_line = next((line for line in reversed(each.last_lines) if line.strip()), "")
         is_first = each.restarts.starts == 1 and not each.restarts.was_ready
         if status == BAD_INPUT and is_first and each.part.must_start:
-            said = said.removeprefix("robrain: ") or "it printed nothing"
-            raise ChildFailed(f"the {each.part.name} did not start: {said}")
-        failure = each.restarts.ended(now_s, status)
+            text = last_line.removeprefix("robrain: ") or "it printed nothing"
+            raise ChildFailed(f"the {each.part.name} did not start: {text}")
+        event = each.restarts.ended(now_s, status, last_line)
         if each.failed_s is None:
             each.failed_s = now_s
-        self._on_event(failed(each.part.name, failure, said))
+        self._on_event(event)
 
     def _send_to_guard(self, line: str) -> None:
         if self._guard is not None and self._guard.stdin is not None:

@@ -238,7 +238,7 @@ def _told(inbox: Inbox, members: int) -> _Told:
     return {name: refused for name, refused in sorted(told.items()) if refused}, summary, states
 
 
-STATES, HEARD, TRUTHS = "states", "heard", "truths"
+STATES, RECEIVED, TRUTHS = "states", "heard", "truths"
 OVER_NS = 3 * NS_PER_S
 """Time over which rates are averaged."""
 MEMBERS_MAX = 4096
@@ -252,7 +252,7 @@ class Rate:
         self.what = what
         self._counts: deque[tuple[int, int]] = deque(maxlen=256)
 
-    def note(self, now_ns: int, count: int) -> None:
+    def record(self, now_ns: int, count: int) -> None:
         """The count at a moment; one that has become less belongs to another process."""
         if self._counts and count < self._counts[-1][1]:
             self._counts.clear()
@@ -276,7 +276,7 @@ class RobotSeen(NamedTuple):
     is_up: bool
 
 
-class TeamWatch:
+class TeamMonitor:
     """Follows a team.
 
     Args:
@@ -302,7 +302,7 @@ class TeamWatch:
         for topic in (ARENA_TRUTH, ROBOT_STATE, COORDINATOR_STATE, RECORDER_STATE):
             wire.subscribe(self._inbox, topic)
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Process arrived messages."""
         now_ns = self._clock.now_ns()
         for change in self._presence.changes():
@@ -318,11 +318,16 @@ class TeamWatch:
                 self._record_rate(message.robot, STATES, now_ns, self._states[message.robot])
             elif received.topic is COORDINATOR_STATE:
                 self.team_state = message
-                self._record_rate(COORDINATOR, HEARD, now_ns, message.messages)
+                self._record_rate(COORDINATOR, RECEIVED, now_ns, message.messages)
             else:
-                self._record_rate(RECORDER, HEARD, now_ns, message.messages)
+                self._record_rate(RECORDER, RECEIVED, now_ns, message.messages)
         self._coordinator.changes()
         self.has_coordinator = bool(self._coordinator.present)
+
+    @property
+    def explored_fraction(self) -> float:
+        """Share of the simulated floor that is explored; 0 without an arena."""
+        return 0.0 if self.truth is None else self.truth.explored_fraction
 
     @property
     def sim_time_s(self) -> float:
@@ -369,4 +374,4 @@ class TeamWatch:
         if member not in self._rates and len(self._rates) < MEMBERS_MAX:
             self._rates[member] = Rate(what)
         if member in self._rates:
-            self._rates[member].note(now_ns, count)
+            self._rates[member].record(now_ns, count)

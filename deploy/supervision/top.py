@@ -2,10 +2,9 @@
 
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import nullcontext
 
-import msgspec
 from rich.console import Group
 from rich.live import Live
 from rich.table import Table
@@ -20,12 +19,13 @@ from robrain.deploy.supervision.part import (
     DASHBOARD,
     HUB,
     RECORDER,
-    PartView,
+    UNKNOWN_FIGURES,
+    MemberStatus,
     Phase,
     ProcessFigures,
     commands_beside,
 )
-from robrain.deploy.supervision.team_status import TeamWatch
+from robrain.deploy.supervision.team_status import TeamMonitor
 from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
@@ -39,13 +39,8 @@ UNKNOWN = "–"
 TITLES = ("part", "process", "CPU", "memory", "messages", "restarts", "state")
 
 
-def drawn(heading: str, parts: Sequence[PartView]) -> Group:
-    """The table below a line."""
-    return Group(heading, table_of(parts))
-
-
-def table_of(parts: Sequence[PartView]) -> Table:
-    """One line for each process; unknown figures are dashes."""
+def drawn(heading: str, parts: Sequence[MemberStatus]) -> Group:
+    """A table below a line: one row for each process; unknown figures are dashes."""
     table = Table(box=None, pad_edge=False)
     for title in TITLES:
         is_text = title in ("part", "state")
@@ -53,24 +48,26 @@ def table_of(parts: Sequence[PartView]) -> Table:
     for part in parts:
         *cells, state = cells_of(part)
         table.add_row(*cells, Text(state, COLOURS.get(part.phase, "yellow")))
-    return table
+    return Group(heading, table)
 
 
-def cells_of(part: PartView) -> list[str]:
+def cells_of(part: MemberStatus) -> list[str]:
     """The cells of a line; texts from elsewhere are made safe for a terminal."""
-    is_up = part.phase is Phase.UP
+    state = part.phase.value
+    if part.phase is Phase.UP and part.words:
+        state = f"{f'on {part.host}, ' if part.host and part.cpu_share is None else ''}{part.words}"
     return [
         safe_text(part.name),
         UNKNOWN if part.pid is None else str(part.pid),
         UNKNOWN if part.cpu_share is None else f"{part.cpu_share:.0%}",
         UNKNOWN if part.memory_mb is None else f"{part.memory_mb:.0f} MB",
-        safe_text(part.messages) or UNKNOWN,
+        safe_text(part.messages or "") or UNKNOWN,
         UNKNOWN if part.restarts is None else str(part.restarts),
-        (safe_text(part.words) if is_up else "") or part.phase.value,
+        safe_text(state),
     ]
 
 
-def lines_of(parts: Sequence[PartView]) -> list[str]:
+def lines_of(parts: Sequence[MemberStatus]) -> list[str]:
     """The same as lines of text, for a file or a pipe."""
     rows = [list(TITLES), *map(cells_of, parts)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -87,42 +84,18 @@ ONCE_S = 2.5
 """Time to receive a team's messages before its table is printed once."""
 
 
-class TopMember(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A member of a team, as `robrain top --json` prints it. Unknown values are omitted."""
-
-    name: str
-    words: str = ""
-    """How it is."""
-    host: str | None = None
-    pid: int | None = None
-    version: str | None = None
-    cpu_share: float | None = None
-    """Of one core."""
-    memory_mb: float | None = None
-    messages: str | None = None
-    """Rate of its messages."""
-
-
 class Top:
     """Status of a team's processes.
 
     Args:
         wire: of the team.
-        host: name of this machine, whose processes can be inspected.
-        figures: follows a process of this machine.
 
     """
 
-    def __init__(
-        self,
-        wire: Endpoint,
-        host: str = "",
-        figures: Callable[[int], ProcessFigures] = ProcessFigures,
-    ) -> None:
-        self.watch = TeamWatch(wire)
+    def __init__(self, wire: Endpoint) -> None:
+        self.team = TeamMonitor(wire)
         self._wire = wire
-        self._host = host or socket.gethostname()
-        self._make_figures = figures
+        self._host = socket.gethostname()
         self._asked: dict[str, Later[ProcessInfo]] = {}
         self._ask_s: dict[str, float] = {}
         self._known: dict[str, ProcessInfo] = {}
@@ -131,14 +104,14 @@ class Top:
         """Parts that `robrain up` has started on this machine beside a known member."""
         self._beside_s = 0.0
 
-    def look(self, now_s: float) -> None:
+    def update(self, now_s: float) -> None:
         """Process arrived messages, and query unknown members.
 
         Args:
             now_s: a clock that only goes forward, s.
 
         """
-        self.watch.look()
+        self.team.update()
         names = self._names()
         for name in names:
             later = self._asked.get(name)
@@ -165,15 +138,15 @@ class Top:
         pids = {info.pid for info in (*self._known.values(), *self._beside.values())}
         self._figures = {pid: figures for pid, figures in self._figures.items() if pid in pids}
 
-    def members(self, now_s: float) -> list[TopMember]:
+    def members(self, now_s: float) -> list[MemberStatus]:
         """The members, the coordinator first."""
-        words = {robot.name: robot.words for robot in self.watch.robots()}
+        words = {robot.name: robot.words for robot in self.team.robots()}
         return [self._member(name, words.get(name, "up"), now_s) for name in self._names()]
 
     def _names(self) -> list[str]:
-        names = [COORDINATOR] if self.watch.has_coordinator else []
-        names += [name for name in STARTED_AS.values() if name in self._beside or self.watch.messages(name)]
-        return [*dict.fromkeys(names), *(robot.name for robot in self.watch.robots())]
+        names = [COORDINATOR] if self.team.has_coordinator else []
+        names += [name for name in STARTED_AS.values() if name in self._beside or self.team.messages(name)]
+        return [*dict.fromkeys(names), *(robot.name for robot in self.team.robots())]
 
     def _find_beside(self, pid: int) -> dict[str, ProcessInfo]:
         found = {}
@@ -188,25 +161,15 @@ class Top:
             return self._wire.ask_later(COORDINATOR_WHO, timeout_s=ASK_TIMEOUT_S)
         return self._wire.ask_later(ROBOT_WHO, timeout_s=ASK_TIMEOUT_S, robot=name)
 
-    def _member(self, name: str, words: str, now_s: float) -> TopMember:
+    def _member(self, name: str, words: str, now_s: float) -> MemberStatus:
         info = self._known.get(name) or self._beside.get(name)
-        messages = self.watch.messages(name) or None
+        messages = self.team.messages(name) or None
         if info is None:
-            return TopMember(name, words, messages=messages)
-        figures = None
+            return MemberStatus(name, words, messages=messages)
+        figures = UNKNOWN_FIGURES
         if info.host == self._host:
-            follow = self._figures.setdefault(info.pid, self._make_figures(info.pid))
-            figures = follow.at(now_s)
-        return TopMember(
-            name,
-            words,
-            info.host,
-            info.pid,
-            info.version or None,
-            figures.cpu_share if figures is not None else None,
-            figures.memory_mb if figures is not None else None,
-            messages,
-        )
+            figures = self._figures.setdefault(info.pid, ProcessFigures(info.pid)).at(now_s)
+        return MemberStatus(name, words, info.host, info.pid, info.version or None, *figures, messages)
 
 
 def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) -> None:
@@ -221,48 +184,21 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
         found = Top(wire)
         began_s = time.monotonic()
         prints_once = once or as_json or not console.is_terminal
-        with _showing(prints_once=prints_once) as show:
+        with nullcontext() if prints_once else Live(console=console, refresh_per_second=2) as live:
             while not should_stop():
                 now_s = time.monotonic()
-                found.look(now_s)
+                found.update(now_s)
                 members = found.members(now_s)
                 is_time = now_s - began_s > ONCE_S
                 if is_time and not members:
                     raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
                 if prints_once and is_time:
                     break
-                show(f"team {team}", members)
+                if live is not None:
+                    live.update(drawn(f"team {team}", members))
                 time.sleep(PERIOD_S)
         if prints_once and not should_stop():
-            _print(members, as_json=as_json)
-
-
-@contextmanager
-def _showing(*, prints_once: bool) -> Iterator[Callable[[str, list[TopMember]], None]]:
-    if prints_once:
-        yield lambda _heading, _members: None
-        return
-    with Live(console=console, refresh_per_second=2) as live:
-        yield lambda heading, members: live.update(drawn(heading, [_view(member) for member in members]))
-
-
-def _print(members: list[TopMember], *, as_json: bool) -> None:
-    if as_json:
-        print_json(members)
-        return
-    for line in lines_of([_view(member) for member in members]):
-        print_line(line)
-
-
-def _view(member: TopMember) -> PartView:
-    where = f"on {member.host}, " if member.host is not None and member.cpu_share is None else ""
-    return PartView(
-        member.name,
-        Phase.UP,
-        member.pid,
-        member.cpu_share,
-        member.memory_mb,
-        member.messages or "",
-        None,
-        f"{where}{member.words}",
-    )
+            if as_json:
+                print_json(members)
+            else:
+                print_line("\n".join(lines_of(members)))

@@ -4,10 +4,11 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 import msgspec
@@ -17,59 +18,39 @@ from robrain.deploy.command_line.terminal import say
 from robrain.deploy.errors import ChildFailed, UsageError
 from robrain.deploy.pki.router import ROUTER_READY
 from robrain.deploy.processes.children import DASHBOARD_READY, read_addresses
-from robrain.deploy.processes.live_process import ANY_PORT, HUB_READY, open_when_there
+from robrain.deploy.processes.live_process import ANY_PORT, HUB_READY, live_endpoint, open_when_there
 from robrain.deploy.supervision.credentials import Credentials, now_utc
 from robrain.deploy.supervision.part import (
     ARENA,
     COORDINATOR,
     DASHBOARD,
     HUB,
+    HUB_POLICY,
     RECORDER,
     STAND_BY,
     STOCK_PARTS,
     Part,
     PartEvent,
-    PartView,
-)
-from robrain.deploy.supervision.site import (
-    Site,
-    agent_part,
-    coordinator_parts,
-    dashboard_part,
-    hub_part,
-    recorder_part,
-    router_part,
 )
 from robrain.deploy.supervision.supervisor import Supervisor
-from robrain.deploy.supervision.team_status import TeamWatch
-from robrain.protocol.clock import LiveClock
+from robrain.deploy.supervision.team_status import TeamMonitor
 from robrain.protocol.errors import PortTaken, RobrainError
+from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import HUB_VARIABLE, hub_endpoint
-from robrain.protocol.wire.session import check_endpoint, check_port_free, is_loopback, is_secured
+from robrain.protocol.wire.session import check_endpoint, check_port_free, is_secured
 
 if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot does not need
     from robrain.sim.scenarios.scenario import Scenario
 
-LOOK_PERIOD_S = 0.1
+PERIOD_S = 0.1
+RECORDER_STOP_S = 60.0
+"""Time for a recorder to write waiting messages and to finish its file, on a slow disk."""
 RENEW_PERIOD_S = 60.0
 """Between two checks for certificates that soon end."""
 ANY_SECURED_PORT = "tls/127.0.0.1:0"
 STARTING_PERIOD_S = 0.01
 """Between two checks of a hub that starts, for which all other parts wait."""
-
-
-class UpStatus(NamedTuple):
-    """The team at one moment, for display."""
-
-    robots: list[tuple[str, str]]
-    """Name, and its status in a few words."""
-    coordinator_up: bool
-    parts: list[PartView]
-    """The processes of this machine."""
-    sim_time_s: float
-    explored_fraction: float
 
 
 class UpResult(msgspec.Struct, frozen=True, kw_only=True, tag_field="event", tag="result"):
@@ -181,8 +162,8 @@ class UpDisplay(Protocol):
     def event(self, event: UpEvent) -> None:
         """Handle an event; a result is the last event."""
 
-    def show(self, status: UpStatus) -> None:
-        """Status of the team, ten times a second."""
+    def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
+        """Show the status of the team and of the processes of this machine; ten times a second."""
 
 
 class _Recorded(msgspec.Struct):
@@ -201,8 +182,7 @@ class Printed:
         self.messages = 0
         """Recorded."""
         self._dashboard_port = dashboard_port
-        self._shown_page = ""
-        self._shown_forwarders: dict[str, str] = {}
+        self._shown: list[UpEvent] = []
 
     def dashboard_port(self) -> int | None:
         """Port of the page: once it is served it stays, so that browsers find it again."""
@@ -210,43 +190,117 @@ class Printed:
 
     def events(self) -> list[UpEvent]:
         """Lines that parts have printed since the last call and that the user needs."""
-        page, forwarders = self.page, self.forwarders
-        found: list[UpEvent] = [] if page == self._shown_page else [DashboardEvent(page)]
-        found += [
-            ForwarderEvent(robot, address)
-            for robot, address in forwarders.items()
-            if self._shown_forwarders.get(robot) != address
-        ]
-        self._shown_page, self._shown_forwarders = page, forwarders
-        return found
+        found: list[UpEvent] = [DashboardEvent(self.page)] if self.page else []
+        found += [ForwarderEvent(robot, address) for robot, address in self.forwarders.items()]
+        before, self._shown = self._shown, found
+        return [event for event in found if event not in before]
 
-    def on_hub(self, line: str) -> None:
-        """A line of the hub's."""
-        for prefix in (HUB_READY, ROUTER_READY):
-            where = line.removeprefix(prefix).split(",")[0]
-            if line.startswith(prefix) and where.startswith(("tcp/", "tls/")) and not self.endpoint:  # not a warning
-                self.endpoint = where
-
-    def on_dashboard(self, line: str) -> None:
-        """A line of the dashboard's."""
-        if line.startswith(DASHBOARD_READY):
+    def read(self, part: str, line: str) -> None:
+        """Read a line of the hub, the dashboard, the arena, or of the recorder, which ends with its summary."""
+        if part == HUB:
+            for prefix in (HUB_READY, ROUTER_READY):
+                where = line.removeprefix(prefix).split(",")[0]
+                if line.startswith(prefix) and where.startswith(("tcp/", "tls/")) and not self.endpoint:  # no warning
+                    self.endpoint = where
+        elif part == DASHBOARD and line.startswith(DASHBOARD_READY):
             self.page = line.removeprefix(DASHBOARD_READY)
-
-    def on_arena(self, line: str) -> None:
-        """A line of the arena's."""
-        if said := read_addresses([line]):
-            self.forwarders = {**self.forwarders, **said}
-
-    def on_recorder(self, line: str) -> None:
-        """A line of the recorder's: the last is its summary."""
-        if line.startswith("{"):
-            try:
+        elif part == ARENA and (addresses := read_addresses([line])):
+            self.forwarders = {**self.forwarders, **addresses}
+        elif part == RECORDER and line.startswith("{"):
+            with suppress(msgspec.MsgspecError):
                 self.messages += msgspec.json.decode(line, type=_Recorded).messages
-            except msgspec.MsgspecError:
-                return
 
 
-def parts_of(plan: UpPlan, site: Site, printed: Printed) -> list[Part]:
+class Site(NamedTuple):
+    """Site of the parts: this machine's folder, and the team's endpoint."""
+
+    folder: Path
+    """For files that only this run needs."""
+    endpoint: str
+    """Of the hub."""
+    team: str
+    monitor: TeamMonitor
+    printed: Printed
+
+    @property
+    def common(self) -> list[str]:
+        """Arguments of every part but the hub."""
+        return ["--connect", self.endpoint, "--team", self.team]
+
+    def part(self, name: str, *words: str, **settings: Any) -> Part:
+        """A part with the same command line at each start."""
+        return Part(name, lambda _: [*words, *self.common], **settings)
+
+    def coordinators(
+        self, journal: Path, options: Sequence[str], parts: Sequence[str], witnesses: Sequence[str]
+    ) -> list[Part]:
+        """The coordinator, and a stand-by coordinator with its own journal.
+
+        Args:
+            journal: file of the coordinator; the other's is `NAME-stand-by` beside it.
+            options: further arguments of both.
+            parts: names of the parts that run here.
+            witnesses: robots that elect one of them; none if the coordinator is alone.
+
+        """
+        files = {COORDINATOR: journal, STAND_BY: journal.with_stem(f"{journal.stem}-stand-by")}
+        elected = ["--witnesses", ",".join(witnesses)] if witnesses else []
+        return [
+            self.part(name, "coordinator", *options, *elected, "--journal", str(file))
+            for name, file in files.items()
+            if name in parts
+        ]
+
+    def dashboard(self) -> Part:
+        """The dashboard, which keeps its page's address when it is started again."""
+
+        def arguments(_: int) -> list[str]:
+            port = self.printed.dashboard_port()
+            return ["dashboard", *self.common, *([] if port is None else ["--port", str(port)])]
+
+        return Part(DASHBOARD, arguments, must_start=True, on_line=partial(self.printed.read, DASHBOARD))
+
+    def recorder(self, path: Path, provenance: Path | None) -> Part:
+        """The recorder. A restarted recorder writes a new file: a recording is never overwritten."""
+        known = [] if provenance is None else ["--provenance", str(provenance)]
+
+        def arguments(start: int) -> list[str]:
+            file = path if start == 1 else path.with_name(f"{path.stem}_again_{start}{path.suffix}")
+            return ["record", "--output", str(file), "--json", *self.common, *known]
+
+        on_line = partial(self.printed.read, RECORDER)
+        return Part(RECORDER, arguments, must_start=True, stop_s=RECORDER_STOP_S, on_line=on_line)
+
+
+def hub_part(listen: str, printed: Printed, *, is_secured: bool = False) -> Part:
+    """The hub, or the router of a secured team; started again, it listens where it did first."""
+    command = "router" if is_secured else "hub"
+    return Part(
+        HUB,
+        lambda _: [command, "--listen", printed.endpoint or listen],
+        HUB_POLICY,
+        is_vital=True,
+        must_start=True,
+        on_line=partial(printed.read, HUB),
+    )
+
+
+def witnesses_among(robots: Sequence[str]) -> list[str]:
+    """The robots of a team that elect its coordinator: an odd number, so that no vote ends in a tie.
+
+    >>> witnesses_among(["r1", "r2", "r3", "r4"])
+    ['r1', 'r2', 'r3']
+    """
+    count = min(len(robots), WITNESSES_MAX)
+    return list(robots[: count - (count % 2 == 0)]) if robots else []
+
+
+def votes_option(journal: Path) -> list[str]:
+    """Folder of the robots' votes: beside the journal of the coordinator for which they vote."""
+    return ["--votes", str(journal.with_name(f"{journal.name}.votes"))]
+
+
+def parts_of(plan: UpPlan, site: Site) -> list[Part]:
     """All parts but the hub, in the order of their start."""
     journal, coordination = plan.journal or site.folder / "team.journal", list(plan.coordination)
     simulated = None
@@ -257,18 +311,17 @@ def parts_of(plan: UpPlan, site: Site, printed: Printed) -> list[Part]:
         coordination += simulated.coordination()
     parts: list[Part] = []
     if RECORDER in plan.parts and plan.record is not None:
-        provenance = None if simulated is None else simulated.write_provenance()
-        parts.append(recorder_part(site, plan.record, provenance, printed.on_recorder))
+        parts.append(site.recorder(plan.record, None if simulated is None else simulated.write_provenance()))
     if ARENA in plan.parts and simulated is not None:
-        parts.append(simulated.arena(plan.words, printed.on_arena))
-    parts += coordinator_parts(site, journal, coordination, plan.parts, plan.witnesses)
+        parts.append(simulated.arena(plan.words))
+    parts += site.coordinators(journal, coordination, plan.parts, plan.witnesses)
     for name in plan.parts:
         if name in plan.robot_files:
-            parts.append(agent_part(site, name, plan.robot_files[name], journal))
+            parts.append(site.part(name, "agent", str(plan.robot_files[name]), *votes_option(journal)))
         elif name not in STOCK_PARTS and simulated is not None:
             parts.append(simulated.robot(name, journal))
     if DASHBOARD in plan.parts:
-        parts.append(dashboard_part(site, printed.dashboard_port, printed.on_dashboard))
+        parts.append(site.dashboard())
     return parts
 
 
@@ -293,16 +346,14 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
             closing.enter_context(credentials.as_operator())
         endpoint = plan.connect
         if endpoint is None:
-            listen, taken = choose_endpoint(plan.listen, is_secured=credentials is not None)
-            printed.endpoint = ""
-            make_hub = router_part if credentials else hub_part
-            hub = make_hub(lambda: printed.endpoint or listen, printed.on_hub)
+            listen, other = choose_endpoint(plan.listen, is_secured=credentials is not None)
+            hub = hub_part(listen, printed, is_secured=credentials is not None)
             supervisor.add([hub if credentials is None else credentials.shown_by(hub)])
             if not _await_hub(supervisor, printed, should_stop):
                 return _result(plan, "interrupted", None, supervisor, printed)
             endpoint = printed.endpoint
-            if taken:
-                say(f"{taken} is in use: the hub of this team is at {endpoint}")
+            if other:
+                say(f"{other} is in use: the hub of this team is at {endpoint}")
             display.event(HubEvent(endpoint, str(credentials.operator) if credentials else ""))
         if plan.own_journal is not None:
             display.event(JournalEvent(str(plan.own_journal)))
@@ -310,23 +361,21 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
         if session is None:
             return _result(plan, "interrupted", None, supervisor, printed)
         closing.callback(session.close)
-        wire = Endpoint(session, plan.team, LiveClock(), Drive.LIVE)
-        closing.callback(wire.close)
-        watch = TeamWatch(wire, plan.robots)
+        wire = closing.enter_context(live_endpoint(session, plan.team))
+        team = TeamMonitor(wire, plan.robots)
         if plan.first_task:
             say(f"a first task, once the robots are up: {plan.first_task}")
-        parts = parts_of(plan, Site(folder, endpoint, plan.team, watch, is_loopback(endpoint)), printed)
+        parts = parts_of(plan, Site(folder, endpoint, plan.team, team, printed))
         if credentials is not None:
             parts = [credentials.shown_by(part) for part in parts]
         closing.callback(supervisor.stop)  # while the folder is there, and the wire open
         first = [part for part in parts if part.name == RECORDER]
-        rest = [part for part in parts if part.name != RECORDER]
-        supervisor.add(first or rest)
-        waiting = rest if first else []
+        waiting = [part for part in parts if part.name != RECORDER]
+        supervisor.add(first)
         ended = ""
         renew_at_s = time.monotonic() + RENEW_PERIOD_S
         while not ended:
-            supervisor.look()
+            supervisor.update()
             if credentials is not None and time.monotonic() >= renew_at_s:
                 renew_at_s = time.monotonic() + RENEW_PERIOD_S
                 try:
@@ -336,15 +385,15 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
                 supervisor.add(waiting)
                 waiting = []
-            watch.look()
+            team.update()
             for event in printed.events():
                 display.event(event)
-            display.show(_status(watch, supervisor))
-            ended = _end_reason(watch, supervisor, plan, interrupted=should_stop())
-            time.sleep(LOOK_PERIOD_S)
-        robots_up = sum(robot.is_up for robot in watch.robots())
+            display.show(team, supervisor)
+            ended = _end_reason(team, supervisor, plan, interrupted=should_stop())
+            time.sleep(PERIOD_S)
+        robots_up = sum(robot.is_up for robot in team.robots())
         supervisor.stop()
-        return _result(plan, ended, watch, supervisor, printed, robots_up)
+        return _result(plan, ended, team, supervisor, printed, robots_up)
 
 
 def _prepared(plan: UpPlan, folder: Path) -> Credentials | None:
@@ -384,7 +433,7 @@ def choose_endpoint(listen: str | None, *, is_secured: bool = False) -> tuple[st
 
 def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[], bool]) -> bool:
     while not should_stop():
-        supervisor.look()
+        supervisor.update()
         if supervisor.lost:
             raise ChildFailed("the hub did not start: it has failed too often")
         hub = supervisor.named(HUB)
@@ -394,47 +443,27 @@ def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[
     return False
 
 
-def _status(watch: TeamWatch, supervisor: Supervisor) -> UpStatus:
-    robots = watch.robots()
-    words = {robot.name: robot.words for robot in robots}
-    now_s = time.monotonic()
-    truth = watch.truth
-    return UpStatus(
-        [(robot.name, robot.words) for robot in robots],
-        watch.has_coordinator,
-        [each.view(now_s, watch.messages(each.part.name), words.get(each.part.name, "")) for each in supervisor.all],
-        watch.sim_time_s,
-        truth.explored_fraction if truth is not None else 0.0,
-    )
-
-
-def _end_reason(watch: TeamWatch, supervisor: Supervisor, plan: UpPlan, *, interrupted: bool) -> str:
-    explored = watch.truth.explored_fraction if watch.truth is not None else 0.0
+def _end_reason(team: TeamMonitor, supervisor: Supervisor, plan: UpPlan, *, interrupted: bool) -> str:
     if interrupted:
         return "interrupted"
-    if plan.until_explored is not None and explored >= plan.until_explored:
+    if plan.until_explored is not None and team.explored_fraction >= plan.until_explored:
         return "explored"
-    if plan.time_limit_s is not None and watch.sim_time_s >= plan.time_limit_s:
+    if plan.time_limit_s is not None and team.sim_time_s >= plan.time_limit_s:
         return "time_limit"
     return f"the {supervisor.lost} was given up" if supervisor.lost else ""
 
 
 def _result(
-    plan: UpPlan,
-    ended: str,
-    watch: TeamWatch | None,
-    supervisor: Supervisor,
-    printed: Printed,
-    robots_up: int = 0,
+    plan: UpPlan, ended: str, team: TeamMonitor | None, supervisor: Supervisor, printed: Printed, robots_up: int = 0
 ) -> UpResult:
-    truth = watch.truth if watch is not None else None
+    truth = team.truth if team is not None else None
     robots = truth.robots if truth is not None else []
     return UpResult(
         scenario=plan.name,
         ended=ended,
         robots_up=robots_up,
-        sim_time_s=watch.sim_time_s if watch is not None else 0.0,
-        explored_fraction=truth.explored_fraction if truth is not None else 0.0,
+        sim_time_s=team.sim_time_s if team is not None else 0.0,
+        explored_fraction=team.explored_fraction if team is not None else 0.0,
         collisions=sum(robot.collisions for robot in robots),
         recording=str(plan.record) if plan.record is not None else None,
         messages=printed.messages,

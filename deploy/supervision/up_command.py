@@ -1,6 +1,7 @@
 """The work of `robrain up`: of a scenario, or of the parts of one machine in a team file."""
 
 import shlex
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,11 +13,12 @@ from robrain.deploy.command_line.options import new_recording, next_file
 from robrain.deploy.command_line.output import print_json, print_note
 from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, say
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.children import said
+from robrain.deploy.processes.children import forwarder_line
 from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.supervision.part import HUB, RECORDER, STAND_BY, STOCK_PARTS, PartEvent
-from robrain.deploy.supervision.site import witnesses_among
+from robrain.deploy.supervision.supervisor import Supervisor
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
+from robrain.deploy.supervision.team_status import TeamMonitor
 from robrain.deploy.supervision.top import drawn
 from robrain.deploy.supervision.up import (
     DashboardEvent,
@@ -27,8 +29,8 @@ from robrain.deploy.supervision.up import (
     UpEvent,
     UpPlan,
     UpResult,
-    UpStatus,
     run_up,
+    witnesses_among,
 )
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -45,7 +47,7 @@ class JsonEvents:
         """Print it."""
         print_json(event)
 
-    def show(self, status: UpStatus) -> None:
+    def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
         """Do nothing: each change is an event."""
 
 
@@ -73,18 +75,19 @@ class PlainLines:
             case DashboardEvent(url=url):
                 self._print(f"dashboard: {url}")
             case ForwarderEvent(robot=robot, address=address):
-                self._print(said(robot, address))
+                self._print(forwarder_line(robot, address))
             case PartEvent():
                 if event.is_news:
                     say(event.words)
             case UpResult():
                 print_result_of(event)
 
-    def show(self, status: UpStatus) -> None:
+    def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
         """Print the changes."""
-        now = dict(status.robots) | {"coordinator": "up" if status.coordinator_up else "starting"}
+        now = {robot.name: robot.words for robot in team.robots()}
+        now["coordinator"] = "up" if team.has_coordinator else "starting"
         for name, text in now.items():
-            seen = "up" if text not in ("starting", "halted") and "lost" not in text and text != "gone" else text
+            seen = "up" if text not in ("starting", "halted", "gone") and "lost" not in text else text
             if self._before.get(name) != seen:
                 self._before[name] = seen
                 say(f"{name}: {seen}")
@@ -107,10 +110,16 @@ class DrawnTable(PlainLines):
         super().__init__(team, say if both_at_a_terminal() else print_line)
         self._live = live
 
-    def show(self, status: UpStatus) -> None:
+    def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
         """Draw the team's status."""
-        heading = f"{status.explored_fraction:.1%} explored, {clock_of(status.sim_time_s)}; Ctrl-C stops the team"
-        self._live.update(drawn(heading, status.parts))
+        heading = f"{team.explored_fraction:.1%} explored, {clock_of(team.sim_time_s)}; Ctrl-C stops the team"
+        words, now_s = {robot.name: robot.words for robot in team.robots()}, time.monotonic()
+        names = [each.part.name for each in supervisor.all]
+        parts = [
+            each.status(now_s, team.messages(name), words.get(name, ""))
+            for name, each in zip(names, supervisor.all, strict=True)
+        ]
+        self._live.update(drawn(heading, parts))
 
 
 def print_result_of(result: UpResult) -> None:
@@ -179,7 +188,7 @@ def plan_of_host(path: Path, host_name: str | None) -> UpPlan:
                 f"{path}: hosts.{host.name}.parts: expected {', '.join(STOCK_PARTS)}, {', '.join(known)} or a "
                 f"robot of [robots], got {unknown[0]}"
             )
-    stands_by = any(STAND_BY in one.parts for one in team_file.hosts)
+    is_elected = any(STAND_BY in one.parts for one in team_file.hosts)
     kept = {"--planning": team.planning, "--rules": team.rules}
     has_hub = HUB in host.parts
     return UpPlan(
@@ -192,7 +201,7 @@ def plan_of_host(path: Path, host_name: str | None) -> UpPlan:
         connect=None if has_hub else team_file.endpoint,
         robots=host.robots,
         robot_files=files,
-        witnesses=witnesses_among(sorted({*known, *team_file.robots})) if stands_by else [],
+        witnesses=witnesses_among(sorted({*known, *team_file.robots})) if is_elected else [],
         coordination=[word for option, file in kept.items() if file for word in (option, str(folder / file))],
         journal=folder / (team.journal or f"{team.name}.journal"),
         record=_recording(path, team_file, host),

@@ -26,7 +26,7 @@ def report(
 ) -> None:
     """Write a page of plots of a run, or compare several runs; several seeds by mean and interval."""
     from robrain.deploy.command_line.terminal import results
-    from robrain.deploy.recordings.recording_display import progress, said
+    from robrain.deploy.recordings.recording_display import progress, shown
     from robrain.lab.report.report import write_report
 
     folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
@@ -35,4 +35,4 @@ def report(
     if as_json:
         print_json(written)
     else:
-        results().print(f"{said(written.page)}, and {len(written.figures)} figures beside it", soft_wrap=True)
+        results().print(f"{shown(written.page)}, and {len(written.figures)} figures beside it", soft_wrap=True)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from robrain.cli import all_commands
 from robrain.deploy.recordings.surroundings import (
-    LOOKED_UP_M,
+    EXACT_UP_TO_M,
     clearance_on,
     surroundings_of,
     surroundings_of_provenance,
@@ -210,7 +210,7 @@ def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: p
 @settings(max_examples=100)
 def test_clearance_that_is_looked_up_is_that_of_the_floor(x_m: float, y_m: float) -> None:
     found_m, true_m = CLEARANCE(x_m, y_m), clearance_m(PLAN, Point2D(x_m, y_m))
-    if found_m <= LOOKED_UP_M:
+    if found_m <= EXACT_UP_TO_M:
         assert found_m == pytest.approx(true_m, abs=1e-9)
     else:
         assert true_m > found_m - 1e-9

@@ -8,7 +8,7 @@ import pytest
 import zenoh
 
 from robrain.deploy.processes import name_claim
-from robrain.deploy.processes.name_claim import NameClaim, NameWatch, claim_coordinator, claim_robot
+from robrain.deploy.processes.name_claim import NameClaim, NameWatcher, claim_coordinator, claim_robot
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NameTaken
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLAIM
@@ -44,13 +44,13 @@ def join(hub):
 
 
 def take(claim: NameClaim) -> bool:
-    return claim.take(lambda _: None, lambda: False)
+    return claim.acquire(lambda _: None, lambda: False)
 
 
 def test_a_free_name_is_taken_at_once(join):
     said: list[str] = []
     with claim_robot(join(), TEAM, "r1") as claim:
-        assert claim.take(said.append, lambda: False)
+        assert claim.acquire(said.append, lambda: False)
     assert said == []
 
 
@@ -80,7 +80,7 @@ def test_a_busy_process_has_time_to_say_that_it_has_the_name(join, monkeypatch):
         monkeypatch.setattr(first, "_reply_process", lambda _: time.sleep(BUSY_S) or first.info)
         assert take(first)
         with pytest.raises(NameTaken, match=f"process {first.info.pid} on {first.info.host}"):
-            second.take(said.append, lambda: False)
+            second.acquire(said.append, lambda: False)
     assert said == []
 
 
@@ -141,13 +141,13 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
                 take(first)
         else:
             first._declare(name_claim.ASKS)  # asks, and has not looked yet
-            until(lambda: second._look().asking, "the later claim never sees the earlier one")
+            until(lambda: second._read_tokens().asking, "the later claim never sees the earlier one")
             looked = threading.Event()
             result: list[object] = []
 
             def start() -> None:
                 try:
-                    result.append(second.take(lambda _: None, lambda: bool(looked.set())))
+                    result.append(second.acquire(lambda _: None, lambda: bool(looked.set())))
                 except NameTaken as error:
                     result.append(error)
 
@@ -170,7 +170,7 @@ def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join, mo
         threading.Timer(0.2, dead.close).start()
 
     with claim_robot(join(), TEAM, "r1") as claim:
-        assert claim.take(wait, lambda: False)
+        assert claim.acquire(wait, lambda: False)
     assert said == ["robot r1 of team default is there, but does not answer: waiting up to 120 s for it to go"]
 
 
@@ -196,7 +196,7 @@ def test_a_token_of_an_unknown_stage_blocks_no_name(join):
 
 def test_a_process_that_is_asked_to_stop_takes_nothing(join):
     with claim_robot(join(), TEAM, "r1") as claim, claim_robot(join(), TEAM, "r1") as other:
-        assert not claim.take(lambda _: None, lambda: True)
+        assert not claim.acquire(lambda _: None, lambda: True)
         claim.close()
         assert take(other)
 
@@ -209,7 +209,7 @@ class Watched:
         self.asked = 0
         self.found: NameTaken | None = None
         self.is_to_stop = False
-        self.watch = NameWatch(self, lambda: self.is_to_stop, lambda: round(self.now_s * 1e9))  # type: ignore[arg-type]
+        self.watch = NameWatcher(self, lambda: self.is_to_stop, lambda: round(self.now_s * 1e9))  # type: ignore[arg-type]
 
     def successor(self) -> NameTaken | None:
         self.asked += 1
@@ -254,7 +254,9 @@ def test_name_that_was_lost_in_a_hang_is_told_once_and_for_all() -> None:
 
 
 def test_successor_is_the_other_process_that_answers_for_the_name(join, monkeypatch) -> None:
-    monkeypatch.setattr(NameClaim, "_look", lambda _: name_claim._Seen([], [], False))  # as if the other had hung
+    monkeypatch.setattr(
+        NameClaim, "_read_tokens", lambda _: name_claim._Seen([], [], False)
+    )  # as if the other had hung
     with claim_robot(join(), TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
         assert take(first)
         assert first.successor() is None

@@ -11,8 +11,8 @@ from robrain import Scenario
 from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.processes import running, starting
 from robrain.deploy.processes.children import Child, Children, StartingPage
-from robrain.deploy.processes.run_options import RunOptions, Watched
 from robrain.deploy.processes.running import LATER_S, Preparing
+from robrain.deploy.processes.starting import RunOptions, Watched
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session

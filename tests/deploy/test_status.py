@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.machine.team_checks import check_robots
+from robrain.deploy.machine.team_checks import check_robot
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, robot_status, show_status
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
@@ -111,6 +111,5 @@ def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]
     ],
 )
 def test_doctor_checks_robots_that_run(state: RobotState | None, ok: bool, sentence: str) -> None:
-    status = TeamStatus(team="default", coordinator=True, robots=["r1"], standing=[robot_status("r1", state)])
-    (check,) = check_robots(status)
+    check = check_robot(robot_status("r1", state))
     assert (check.ok, check.sentence, bool(check.remedy)) == (ok, sentence, not ok)

@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 from robrain.client.team import Team
-from robrain.deploy.assistant import looking
+from robrain.deploy.assistant import team_reader
 from robrain.deploy.assistant.arguments import ANSWER_MAX, CallVerdict, ToolAnswer, answer, harmless
 from robrain.deploy.assistant.assistant import Assistant, Confirmations, ToolCall
 from robrain.deploy.assistant.audit_log import AuditLog
-from robrain.deploy.assistant.ordering import Rehearsal
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, AuditError, Ban, Order
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.errors import CallError, ErrorCode
@@ -39,11 +38,11 @@ class Desk:
             team,
             member,
             self.log,
-            Confirmations[Rehearsal](lambda: self.now_s, lambda: f"token{next(tokens)}"),
+            Confirmations(lambda: self.now_s, lambda: f"token{next(tokens)}"),
             new_id=lambda: f"{folder.name[-8:]}{next(ids)}",
             now=lambda: datetime(2026, 1, 1, tzinfo=UTC),
             elapsed_s=lambda: self.now_s,
-            note=self.noted.append,
+            warn=self.noted.append,
         )
 
     def call(self, tool: str, arguments: object, client: str = "scripted 1.0") -> ToolAnswer:
@@ -157,8 +156,8 @@ def test_an_order_that_cannot_be_logged_is_not_carried_out_but_a_halt_is(
 
 def test_a_viewers_assistant_looks_and_gives_no_order(open_desk: Callable[..., Desk], team: Team) -> None:
     desk = open_desk(Member(MemberRole.VIEWER, "default", "vic"))
-    assert desk.call("list_robots", {}).verdict is CallVerdict.LOOKED
-    assert desk.call("dry_run", VISIT).verdict is CallVerdict.LOOKED
+    assert desk.call("list_robots", {}).verdict is CallVerdict.READ
+    assert desk.call("dry_run", VISIT).verdict is CallVerdict.READ
     for order, arguments in (
         (Order.SUBMIT, VISIT),
         (Order.CANCEL, {"task": "t"}),
@@ -279,7 +278,7 @@ def test_the_map_is_drawn_with_the_robots(desk: Desk) -> None:
 
 
 def test_a_map_is_drawn_of_what_has_come_when_the_time_is_over(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(looking, "MAP_BUDGET_S", -1.0)
+    monkeypatch.setattr(team_reader, "MAP_BUDGET_S", -1.0)
     found = desk.call("show_map", {})
     assert found.png.startswith(b"\x89PNG")
     assert "r1 does not send its map" in found.words
@@ -287,9 +286,7 @@ def test_a_map_is_drawn_of_what_has_come_when_the_time_is_over(desk: Desk, monke
 
 
 def test_text_of_the_team_is_cut_and_cannot_steer_a_terminal() -> None:
-    found = answer(
-        CallVerdict.LOOKED, ["red \x1b[31m", "x" * 100_000], {"why": "a\u202eb", "many": ["y" * 300] * 10_000}
-    )
+    found = answer(CallVerdict.READ, ["red \x1b[31m", "x" * 100_000], {"why": "a\u202eb", "many": ["y" * 300] * 10_000})
     assert "\x1b" not in found.words
     assert len(found.words) == ANSWER_MAX
     assert found.values == {"why": "a\\u202eb", "verdict": "looked"}

@@ -9,7 +9,8 @@ from PIL import Image
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.deploy.assistant.looking import MARGIN_M, SIDE_PX, DrawnRobot, map_png
+from robrain.deploy.assistant.team_reader import MARGIN_M, SIDE_PX, map_png
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model import grid_geometry
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -56,7 +57,7 @@ def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: Composed
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
 def test_places_that_are_none_do_not_spoil_the_picture(bad: float) -> None:
-    far = DrawnRobot("r\u00e4\u2603" * 100, Pose2D(bad, 0.0, 0.0), 1e9, halted=False)
-    near = DrawnRobot("r2", Pose2D(1.0, 1.0, 0.0), 0.2, halted=False)
+    far = RobotState(robot="r\u00e4\u2603" * 100, pose=Pose2D(bad, 0.0, 0.0), radius_m=1e9)
+    near = RobotState(robot="r2", pose=Pose2D(1.0, 1.0, 0.0), radius_m=0.2)
     with Image.open(io.BytesIO(map_png(ComposedMap(), [near, far], []))) as image:
         assert max(image.size) <= SIDE_PX + 1

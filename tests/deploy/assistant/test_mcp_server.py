@@ -34,10 +34,10 @@ class FakeAssistant(Assistant):
         self.hidden = ""
 
         def look(_: Arguments) -> ToolAnswer:
-            return answer(CallVerdict.LOOKED, ["seen"])
+            return answer(CallVerdict.READ, ["seen"])
 
         self.tools = {
-            "look": Tool("look", "Look.", OfTask, look=look),
+            "look": Tool("look", "Look.", OfTask, read=look),
             Order.SUBMIT: Tool(Order.SUBMIT, "Submit.", SubmitTask),
             Order.HALT: Tool(Order.HALT, "Halt.", HaltRobots),
         }
@@ -50,8 +50,8 @@ class FakeAssistant(Assistant):
         if call.tool == "slow":
             assert self.go_on.wait(30.0)
         if call.tool == "picture":
-            return ToolAnswer(CallVerdict.LOOKED, "here", {}, b"\x89PNG")
-        return answer(CallVerdict.REFUSED if call.tool == "bad" else CallVerdict.LOOKED, ["words"], code="")
+            return ToolAnswer(CallVerdict.READ, "here", {}, b"\x89PNG")
+        return answer(CallVerdict.REFUSED if call.tool == "bad" else CallVerdict.READ, ["words"], code="")
 
 
 @pytest.fixture

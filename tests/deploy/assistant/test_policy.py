@@ -7,17 +7,14 @@ import pytest
 from robrain.agent.lifecycle.external_function import external_functions
 from robrain.client.team import Team
 from robrain.deploy.assistant.policy import (
-    BANNED_WORDS,
     HOST_NAMES,
     MOVERS,
     PRIORITY_MAX,
-    WORDS,
     Ban,
     Order,
     call_refusal,
     cancel_refusal,
     order_refusal,
-    refusal,
     tool_refusal,
 )
 from robrain.plugins.unit.driver.driver import Driver
@@ -150,12 +147,6 @@ def test_a_certificate_allows_the_orders_of_its_role(role: MemberRole, may: set[
 
 def test_without_certificates_all_orders_are_allowed() -> None:
     assert all(order_refusal(order, None) is None for order in Order)
-
-
-def test_every_ban_has_words() -> None:
-    assert set(WORDS) == set(Ban)
-    assert set(BANNED_WORDS.values()) <= set(Ban)
-    assert refusal(Ban.LEAD, "r1").endswith(": r1")
 
 
 def test_team_has_no_way_that_an_assistant_could_offer_by_mistake() -> None:

@@ -7,7 +7,7 @@ import msgspec
 
 from robrain import Scenario
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions, patched
-from robrain.deploy.bringup.findings import Attendant, BringUpReport, CheckFinding, FindingKind, YesOperator
+from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, FindingKind, Operator
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import World
 from tests.deploy.bringup.lockstep_bench import LockstepBench
@@ -70,9 +70,9 @@ class BroughtUp:
         self.path.write_bytes(b"# hers\n" + msgspec.toml.encode(robot_file))
         self.told: list[CheckFinding] = []
 
-    def run(self, wanted: BringUpOptions, operator: Attendant | None = None) -> BringUpReport:
+    def run(self, wanted: BringUpOptions, operator: Operator | None = None) -> BringUpReport:
         with LockstepBench(self.world) as bench:
-            return BringUp(self.path, bench, operator or YesOperator(), self.told.append).run(wanted)
+            return BringUp(self.path, bench, operator or Operator(), self.told.append).run(wanted)
 
 
 def wrong(report: BringUpReport) -> set[FindingKind]:

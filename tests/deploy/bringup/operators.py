@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Mapping
 
+from robrain.deploy.bringup.findings import Operator
 
-class Watcher:
+
+class Watcher(Operator):
     """Answers as a function of the question says; notes what it was told to do."""
 
     def __init__(self, answer: Callable[[str, str], str] = lambda question, default: default) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from robrain.agent.host.robot_file import read_robot_file
+from robrain.deploy.bringup.bench import DRIVER, LIDAR, LIDAR_START_S, START_S
 from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, BringUpOptions, check_square
 from robrain.deploy.bringup.findings import CheckStep, FindingKind
-from robrain.deploy.bringup.floor_checks import look
 from robrain.sim.world.robot_specs import RobotType
 from tests.deploy.bringup.brought_up import AIR, FLOOR, IMU, LEFT, NO_SQUARES, RIGHT, BroughtUp, value, wrong
 from tests.deploy.bringup.lockstep_bench import LockstepBench
@@ -167,9 +167,8 @@ def test_a_person_may_measure_where_the_squares_end(tmp_path: Path) -> None:
     person.numbers = [0.1, -0.1, -0.1, -0.1]  # to the left, then to the right: each leg bent to the left
     with LockstepBench(robot.world) as bench:
         bench.start(read_robot_file(robot.path), with_lidar=True)
-        bench.wait_for_counts()
-        bench.wait_for_scan()
-        found, _ = check_square(bench, look(bench)[0], bench.base(), person, rounds=1, measured=True)
+        assert (bench.wait_for_data(DRIVER, START_S), bench.wait_for_data(LIDAR, LIDAR_START_S)) == ("", "")
+        found = check_square(bench, person, rounds=1, measured=True)
     (unequal,) = [finding for finding in found if finding.found is FindingKind.UNEQUAL_WHEELS]
     assert unequal.values["leg_rad"] == pytest.approx(0.05, abs=0.01)
 

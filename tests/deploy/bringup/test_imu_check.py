@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, _findings
+from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, _imu_findings
 from robrain.deploy.bringup.findings import FindingKind
 from robrain.plugins.device.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
 
@@ -48,7 +48,7 @@ def of_lines(unit: RateUnit) -> SerialImu.Parameters:
 def test_what_the_file_should_say_follows_from_how_far_the_unit_turns(
     parameters: Any, ratio: float, patches: list[dict[str, Any]]
 ) -> None:
-    found = _findings(bench_with(parameters), 0.7 * ratio, 0.7, 0.0)
+    found = _imu_findings(bench_with(parameters), 0.7 * ratio, 0.7, 0.0)
     assert [finding.patch for finding in found] == patches
     assert [bool(finding.remedy) for finding in found] == [
         finding.ok is False and not finding.patch for finding in found
@@ -57,5 +57,5 @@ def test_what_the_file_should_say_follows_from_how_far_the_unit_turns(
 
 
 def test_a_unit_that_does_not_turn_at_all_is_not_called_inverted() -> None:
-    (finding,) = _findings(bench_with(SerialImu.Parameters()), -0.001, 0.7, 0.0)
+    (finding,) = _imu_findings(bench_with(SerialImu.Parameters()), -0.001, 0.7, 0.0)
     assert finding.found is FindingKind.WRONG_IMU_SCALE

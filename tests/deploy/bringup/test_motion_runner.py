@@ -209,4 +209,4 @@ def test_a_base_that_takes_velocities_alone_is_said_to(bench: LockstepBench) -> 
     with pytest.raises(MotionFailed, match="takes no commands for single wheels"):
         bench.perform(TurnWheels((1.0, 1.0), 0.5, StopMode.COMMAND))
     bench.perform(Rest(0.2))
-    assert bench.why_not(BASE) == ""
+    assert bench.fault_of(BASE) == ""

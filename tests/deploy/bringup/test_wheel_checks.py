@@ -7,7 +7,7 @@ import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.deploy.bringup.bench import EncoderSample, Motion, Record, StopMode, TurnWheels
-from robrain.deploy.bringup.findings import CheckFinding, FindingKind, YesOperator
+from robrain.deploy.bringup.findings import CheckFinding, FindingKind, Operator
 from robrain.deploy.bringup.wheel_checks import (
     COUPLED,
     STOP_MAX_S,
@@ -58,7 +58,7 @@ class Told:
             samples.append(EncoderSample(to_ns(now_s), turns_rad, HERE, 0.0, is_commanded=is_commanded))
         return Record(tuple(samples), ())
 
-    def why_not(self, plugin: str) -> str:
+    def fault_of(self, plugin: str) -> str:
         return ""
 
     def call(self, plugin: str, function: str) -> Any:
@@ -103,7 +103,7 @@ def wheels(share: float, bench: Told | None = None) -> list[CheckFinding]:
         motion.speeds_rad_s[0] + share * motion.speeds_rad_s[1],
         motion.speeds_rad_s[1] + share * motion.speeds_rad_s[0]
     ))  # fmt: skip
-    return check_wheels(bench, YesOperator(), BASE)  # type: ignore[arg-type]
+    return check_wheels(bench, Operator(), BASE)  # type: ignore[arg-type]
 
 
 def test_encoders_that_turn_together_end_bring_up_as_the_wheels_may_be_on_the_floor() -> None:

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
-from robrain.deploy.bringup.wheel_checks import base_patch, frames_of, positive_way, slots_of, wheel_names
+from robrain.deploy.bringup.wheel_checks import base_patch, frames_of, positive_direction, slots_of, wheel_names
 from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 
 SIZES = {"wheel_radius_m": 0.05, "encoder_ticks_per_turn": 4096}
@@ -25,7 +25,7 @@ TWO = Differential(track_m=0.3, **SIZES)
 def test_each_wheel_has_a_name_in_the_order_of_its_base(base: WheelBase, names: tuple[str, ...]) -> None:
     assert wheel_names(base)[: len(names)] == names
     assert len(wheel_names(base)) == base.wheels
-    assert ("counter-clockwise" in positive_way(base)) == isinstance(base, OmniBase | Omni)
+    assert ("counter-clockwise" in positive_direction(base)) == isinstance(base, OmniBase | Omni)
 
 
 def test_signals_keep_their_units_and_signs_in_another_order() -> None:

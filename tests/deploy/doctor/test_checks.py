@@ -186,7 +186,7 @@ def test_versions_that_differ_or_are_not_told() -> None:
 
 def test_robots_say_who_they_are_and_which_version_they_have(hub, endpoints) -> None:
     with closing(open_session(connect=endpoints)) as session, claim_robot(session, TEAM, "r5") as claim:
-        assert claim.take(lambda _: None, lambda: False)
+        assert claim.acquire(lambda _: None, lambda: False)
         found = until(lambda: members(hub, TEAM))
         assert found["r5"].version
         assert found["r5"].pid == os.getpid()

@@ -66,7 +66,7 @@ def test_a_robots_state_becomes_metrics(wire, clock):
     for at_s in (1.0, 1.1, 1.6):
         clock.advance_to(to_ns(at_s))
         states.put(RobotState(robot="r1", battery=BATTERY, halted=True, skipped=3, refused=[REFUSAL]))
-    metrics.hear()
+    metrics.update()
     clock.advance_to(to_ns(2.0))
     found = metrics_of = {name: family for family in metrics.collect() for name in [family.name]}
     assert set(found) == set(METRICS)
@@ -110,7 +110,7 @@ def test_plugins_are_asked_for_and_a_robot_that_does_not_answer_holds_nobody_up(
         wire.token(ROBOT_ALIVE, robot=robot)
     info = PluginInfo(name="driver", level="unit", state="active", overruns=5, restarts=2)
     wire.answer(ROBOT_PLUGINS, lambda _: [info], robot="r2")
-    metrics.hear()
+    metrics.update()
     metrics.ask_plugins()
     found = scrape(metrics)
     labels = ("plugin", "driver"), ("robot", "r2")

@@ -8,7 +8,7 @@ from robrain.protocol.errors import RobrainError
 
 def test_a_coordinator_is_alone_without_witnesses_and_a_candidate_with_them() -> None:
     assert read_witnesses(None) == ()
-    assert read_witnesses("r1,r2,r3", stands_by=True) == ("r1", "r2", "r3")
+    assert read_witnesses("r1,r2,r3", is_candidate=True) == ("r1", "r2", "r3")
 
 
 @pytest.mark.parametrize(
@@ -22,5 +22,5 @@ def test_a_coordinator_is_alone_without_witnesses_and_a_candidate_with_them() ->
 )
 def test_a_mistake_is_refused_in_words(witnesses: str | None, stands_by: bool, reason: str) -> None:
     with pytest.raises(RobrainError) as refused:
-        read_witnesses(witnesses, stands_by=stands_by)
+        read_witnesses(witnesses, is_candidate=stands_by)
     assert str(refused.value) == reason

@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.deploy.supervision.part import LONGEST_LOOK_S, Cause, Phase, RestartPolicy, Restarts, RestartStep
+from robrain.deploy.supervision.part import LONGEST_CHECK_S, Cause, Phase, RestartPolicy, Restarts, RestartStep
 
 POLICY = RestartPolicy(limit=3, within_s=60.0, hang_s=5.0, start_s=20.0)
 
 
 def up(policy: RestartPolicy = POLICY) -> Restarts:
     """A process that is up at time 0."""
-    restarts = Restarts(policy)
+    restarts = Restarts("r1", policy)
     assert restarts.next_step(0.0) is RestartStep.START
     restarts.started()
     restarts.ready()
@@ -34,7 +34,7 @@ def test_process_that_ends_is_started_again_after_pauses_that_double() -> None:
     restarts = up()
     delays_s = []
     for now_s in (10.0, 20.0, 30.0):
-        delays_s.append(restarts.ended(now_s, 1).delay_s)
+        delays_s.append(restarts.ended(now_s, 1).again_in_s)
         assert restarts.next_step(now_s + delays_s[-1] - 0.001) is RestartStep.NOTHING
         assert restarts.next_step(now_s + delays_s[-1]) is RestartStep.START
         restarts.started()
@@ -49,7 +49,7 @@ def test_one_failure_more_than_the_limit_gives_it_up() -> None:
         restarts.ended(now_s, 1)
         restarts.started()
     failure = restarts.ended(40.0, 1)
-    assert failure.delay_s is None
+    assert failure.again_in_s is None
     assert restarts.phase is Phase.GIVEN_UP
     assert steps(restarts, 40.0, 1000.0, 1.0) == []
 
@@ -57,7 +57,7 @@ def test_one_failure_more_than_the_limit_gives_it_up() -> None:
 def test_failures_long_ago_count_no_more() -> None:
     restarts = up()
     for number in range(20):
-        assert restarts.ended(61.0 * (number + 1), 1).delay_s == 0.2
+        assert restarts.ended(61.0 * (number + 1), 1).again_in_s == 0.2
         restarts.started()
 
 
@@ -73,7 +73,7 @@ def test_silent_process_is_killed_after_its_time_and_a_beat_begins_it_anew() -> 
 
 
 def test_process_that_never_gets_ready_is_killed_after_its_time_to_start() -> None:
-    restarts = Restarts(POLICY)
+    restarts = Restarts("r1", POLICY)
     assert restarts.next_step(0.0) is RestartStep.START
     restarts.started()
     restarts.beat()  # of a loop that waits for something: no readiness
@@ -100,7 +100,7 @@ def test_time_in_which_a_process_waited_for_a_core_counts_for_a_fifth(waited_sha
 
 
 def test_process_is_quiet_while_it_runs_and_has_not_beaten_for_a_while() -> None:
-    restarts = Restarts(POLICY)
+    restarts = Restarts("r1", POLICY)
     assert steps(restarts, -2.0, -1.0) != []
     assert not restarts.is_quiet
     restarts.started()
@@ -142,7 +142,7 @@ class RestartsMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.now_s = 0.0
-        self.restarts = Restarts(POLICY)
+        self.restarts = Restarts("r1", POLICY)
         self.runs = False
         self.failures: list[float] = []
         self.silent_s = 0.0
@@ -152,7 +152,7 @@ class RestartsMachine(RuleBasedStateMachine):
         was_up = self.restarts.phase is Phase.UP
         self.now_s += later_s
         step = self.restarts.next_step(self.now_s)
-        self.silent_s += min(later_s, LONGEST_LOOK_S)
+        self.silent_s += min(later_s, LONGEST_CHECK_S)
         if step is RestartStep.START:
             assert not self.runs
             if self.failures:
@@ -185,7 +185,7 @@ class RestartsMachine(RuleBasedStateMachine):
         self.failures.append(self.now_s)
         failure = self.restarts.ended(self.now_s, status)
         recent = [at_s for at_s in self.failures if at_s > self.now_s - POLICY.within_s]
-        assert (failure.delay_s is None) == (len(recent) > POLICY.limit)
+        assert (failure.again_in_s is None) == (len(recent) > POLICY.limit)
 
     @invariant()
     def phase_agrees_with_the_process(self) -> None:

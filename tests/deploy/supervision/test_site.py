@@ -8,8 +8,7 @@ import pytest
 
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.arena_process import resumed, robot_file_of, started_again, write_resume
-from robrain.deploy.supervision.site import Site, coordinator_parts, dashboard_part, recorder_part
-from robrain.deploy.supervision.up import Printed
+from robrain.deploy.supervision.up import Printed, Site
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.scenarios.scenario import Scenario
@@ -17,7 +16,7 @@ from robrain.sim.scenarios.scenario import Scenario
 
 @pytest.fixture
 def site(tmp_path) -> Site:
-    return Site(tmp_path, "tcp/127.0.0.1:1", "blue", SimpleNamespace(), is_private=True)  # type: ignore[arg-type]
+    return Site(tmp_path, "tcp/127.0.0.1:1", "blue", SimpleNamespace(), Printed(0))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -27,41 +26,40 @@ def world():
 
 def test_two_coordinators_are_candidates_with_journals_of_their_own(site) -> None:
     parts = ["coordinator", "stand-by", "r1"]
-    first, second = coordinator_parts(site, Path("runs/a.journal"), [], parts, ["r1", "r2", "r3"])
+    first, second = site.coordinators(Path("runs/a.journal"), [], parts, ["r1", "r2", "r3"])
     for part, journal in ((first, "runs/a.journal"), (second, "runs/a-stand-by.journal")):
         for start in (1, 2):
             words = part.arguments(start)
             assert words[words.index("--witnesses") + 1] == "r1,r2,r3"
             assert words[words.index("--journal") + 1] == journal
-    [alone] = coordinator_parts(site, Path("j"), [], ["coordinator"], [])
+    [alone] = site.coordinators(Path("j"), [], ["coordinator"], [])
     assert "--witnesses" not in alone.arguments(1)
 
 
 def test_recorder_that_comes_back_writes_another_file(site) -> None:
-    part = recorder_part(site, Path("runs/live.mcap"), None, lambda _: None)
+    part = site.recorder(Path("runs/live.mcap"), None)
     assert part.arguments(1)[2] == "runs/live.mcap"
     assert part.arguments(3)[2] == "runs/live_again_3.mcap"
 
 
 def test_dashboard_that_comes_back_keeps_its_port(site) -> None:
-    printed = Printed(0)
-    part = dashboard_part(site, printed.dashboard_port, printed.on_dashboard)
+    part = site.dashboard()
     assert part.arguments(1)[-1] == "0"
-    printed.on_dashboard("dashboard: http://127.0.0.1:8123")
+    site.printed.read("dashboard", "dashboard: http://127.0.0.1:8123")
     assert part.arguments(2)[-1] == "8123"
 
 
 def test_hub_that_comes_back_listens_where_the_first_did() -> None:
     printed = Printed(None)
-    printed.on_hub("hub: tcp/127.0.0.1:4000, tcp/[::1]:4000")
-    printed.on_hub("hub: tcp/127.0.0.1:5000")
+    printed.read("hub", "hub: tcp/127.0.0.1:4000, tcp/[::1]:4000")
+    printed.read("hub", "hub: tcp/127.0.0.1:5000")
     assert printed.endpoint == "tcp/127.0.0.1:4000"
 
 
 def test_messages_of_all_recorders_are_counted_together() -> None:
     printed = Printed(None)
     for line in ('{"messages": 3, "bytes": 1}', "{", "recording", '{"messages": 4}', '{"messages": "x"}'):
-        printed.on_recorder(line)
+        printed.read("recorder", line)
     assert printed.messages == 7
 
 

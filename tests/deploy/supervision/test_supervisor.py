@@ -36,7 +36,7 @@ def run():
 
 
 def wait(supervisor: Supervisor, condition: Callable[[], object]) -> None:
-    until(condition, step=supervisor.look)
+    until(condition, step=supervisor.update)
 
 
 def kinds(events: list[PartEvent]) -> list[PartEventKind]:
@@ -105,8 +105,8 @@ def test_view_tells_process_memory_and_restarts(run) -> None:
     supervisor, _ = run(HUB)
     hub = supervisor.named("hub")
     wait(supervisor, lambda: hub.is_up)
-    hub.view(0.0, "", "")
-    view = hub.view(1.5, "3.0 heard/s", "")
+    hub.status(0.0, "", "")
+    view = hub.status(1.5, "3.0 heard/s", "")
     assert (view.pid, view.restarts, view.messages) == (hub.child.pid, 0, "3.0 heard/s")
     assert 10.0 < view.memory_mb < 500.0
     assert 0.0 <= view.cpu_share < 4.0

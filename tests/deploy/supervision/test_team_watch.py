@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from robrain.deploy.supervision.part import UNKNOWN_FIGURES, PartView, Phase, ProcessFigures
-from robrain.deploy.supervision.team_status import HEARD, Rate, TeamWatch, robot_status
+from robrain.deploy.supervision.part import UNKNOWN_FIGURES, MemberStatus, Phase, ProcessFigures
+from robrain.deploy.supervision.team_status import RECEIVED, Rate, TeamMonitor, robot_status
 from robrain.deploy.supervision.top import cells_of, drawn, lines_of
 from robrain.protocol.clock import NS_PER_S, VirtualClock
 from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
@@ -35,19 +35,19 @@ def wire(clock):
 
 
 def test_rate_is_that_of_the_last_seconds_and_begins_anew_with_another_process() -> None:
-    rate = Rate(HEARD)
+    rate = Rate(RECEIVED)
     for second in range(10):
-        rate.note(second * NS_PER_S, 100 * second if second < 5 else 400 + 20 * (second - 4))
+        rate.record(second * NS_PER_S, 100 * second if second < 5 else 400 + 20 * (second - 4))
     assert rate.per_s(9 * NS_PER_S) == pytest.approx(20.0)
-    rate.note(10 * NS_PER_S, 3)
+    rate.record(10 * NS_PER_S, 3)
     assert rate.per_s(10 * NS_PER_S) is None
-    rate.note(11 * NS_PER_S, 8)
+    rate.record(11 * NS_PER_S, 8)
     assert rate.per_s(11 * NS_PER_S) == pytest.approx(5.0)
     assert rate.per_s(60 * NS_PER_S) is None
 
 
 def test_watch_knows_robots_rates_and_poses(clock, wire) -> None:
-    watch = TeamWatch(wire, ["r1", "r2"])
+    watch = TeamMonitor(wire, ["r1", "r2"])
     assert [(robot.name, robot.words) for robot in watch.robots()] == [("r1", "starting"), ("r2", "starting")]
     wire.token(ROBOT_ALIVE, robot="r1")
     states, summaries = wire.publisher(ROBOT_STATE, robot="r1"), wire.publisher(COORDINATOR_STATE)
@@ -55,14 +55,14 @@ def test_watch_knows_robots_rates_and_poses(clock, wire) -> None:
         clock.advance_to(clock.now_ns() + NS_PER_S // 10)
         states.put(RobotState(robot="r1", behavior="explore", pose=Pose2D(1.0, 2.0, 0.0)))
         summaries.put(TeamState(robots=[], messages=7 * tick))
-        watch.look()
+        watch.update()
     assert watch.messages("r1") == "10.0 states/s"
     assert watch.messages("coordinator") == "70.0 heard/s"
     assert watch.messages("arena") == ""
     assert [(robot.words, robot.is_up) for robot in watch.robots()] == [("explore", True), ("starting", False)]
     assert watch.last_pose("r1") == Pose2D(1.0, 2.0, 0.0)
     states.put(RobotState(robot="r1", lost="slipped", pose=Pose2D(1.0, 2.0, 0.0)))
-    watch.look()
+    watch.update()
     assert watch.last_pose("r1") is None
     assert watch.last_pose("r2") is None
 
@@ -76,21 +76,21 @@ def test_watch_knows_robots_rates_and_poses(clock, wire) -> None:
     ],
 )
 def test_up_shows_a_robot_as_status_does(clock, wire, state: RobotState) -> None:
-    watch = TeamWatch(wire)
+    watch = TeamMonitor(wire)
     wire.token(ROBOT_ALIVE, robot="r1")
     clock.advance_to(clock.now_ns() + NS_PER_S // 10)
     wire.publisher(ROBOT_STATE, robot="r1").put(state)
-    watch.look()
+    watch.update()
     (robot,) = watch.robots()
     assert (robot.words, robot.is_up) == (robot_status("r1", state).condition, True)
 
 
 def test_simulated_time_goes_on_with_the_next_arena(wire) -> None:
-    watch = TeamWatch(wire)
+    watch = TeamMonitor(wire)
     truths = wire.publisher(ARENA_TRUTH)
     for sim_time_s in (1.0, 8.0, 0.5, 2.0):
         truths.put(ArenaTruth(sim_time_s=sim_time_s, robots=[]))
-        watch.look()
+        watch.update()
     assert watch.sim_time_s == 10.0
 
 
@@ -115,8 +115,8 @@ def test_figures_of_a_process_that_has_gone_are_unknown(tmp_path: Path) -> None:
 
 def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> None:
     parts = [
-        PartView("arena", Phase.UP, 12, 0.254, 281.6, "5.0 truths/s", 0),
-        PartView("r1", Phase.WAITING, None, None, None, "", None, "\x1b[31mred"),
+        MemberStatus("arena", pid=12, cpu_share=0.254, memory_mb=281.6, messages="5.0 truths/s", restarts=0),
+        MemberStatus("r1", "\x1b[31mred", phase=Phase.WAITING),
     ]
     assert cells_of(parts[0]) == ["arena", "12", "25%", "282 MB", "5.0 truths/s", "0", "up"]
     assert cells_of(parts[1])[1:] == [*["–"] * 5, "waiting"]
@@ -131,7 +131,7 @@ def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> No
 
 def test_table_of_long_words_is_whole_at_80_columns() -> None:
     words = "position lost: scans do not agree with the map"
-    part = PartView("transporter-12", Phase.UP, 4194304, 1.5, 1024.0, "130.5 states/s", 12, words)
+    part = MemberStatus("transporter-12", words, None, 4194304, None, 1.5, 1024.0, "130.5 states/s", restarts=12)
     console = Console(record=True, width=80, file=io.StringIO())
     console.print(drawn("", [part]))
     _, titles, *rows = console.export_text().splitlines()

@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from typing import NamedTuple
 
@@ -51,25 +51,6 @@ GRID = (120, 128, 140)
 TEXT = (255, 255, 255)
 
 
-class DrawnRobot(NamedTuple):
-    """A robot in the picture."""
-
-    name: str
-    pose: Pose2D
-    """Arena frame."""
-    radius_m: float
-    halted: bool
-
-
-class DrawnTask(NamedTuple):
-    """A task in the picture."""
-
-    name: str
-    place: Point2D
-    """Arena frame."""
-    begun: bool
-
-
 class _Frame(NamedTuple):
     """From metres in the arena frame to pixels."""
 
@@ -81,21 +62,22 @@ class _Frame(NamedTuple):
         return (x_m - self.x0_m) * self.px_per_m, (self.y1_m - y_m) * self.px_per_m
 
 
-def map_png(floor: ComposedMap, robots: Sequence[DrawnRobot], tasks: Sequence[DrawnTask]) -> bytes:
+def map_png(floor: ComposedMap, robots: Sequence[RobotState], tasks: Sequence[TaskRecord]) -> bytes:
     """Draw the map.
 
     Args:
         floor: the team's knowledge; may be empty.
-        robots: at most 200 of them are drawn.
+        robots: with poses in the arena frame; at most 200 of them are drawn.
         tasks: as robots; a cross is one that no robot has begun, a filled square one that a robot does.
 
     Returns:
         A PNG, its longer side at most 900 pixels, y upwards, with lines at whole metres and their coordinates.
 
     """
-    robots = [one for one in robots[:DRAWN_MAX] if _is_near(one.pose.x_m, one.pose.y_m)]
-    tasks = [one for one in tasks[:DRAWN_MAX] if _is_near(one.place.x_m, one.place.y_m)]
-    bounds = floor.known_bounds_m() or _around([(one.pose.x_m, one.pose.y_m) for one in robots])
+    placed = [(one, one.pose) for one in robots[:DRAWN_MAX] if one.pose is not None and _is_near(one.pose)]
+    tasks = [one for one in tasks[:DRAWN_MAX] if _is_near(one.task.place)]
+    xs_m, ys_m = [pose.x_m for _, pose in placed] or [0.0], [pose.y_m for _, pose in placed] or [0.0]
+    bounds = floor.known_bounds_m() or (min(xs_m), min(ys_m), max(xs_m), max(ys_m))
     x0_m, y0_m, x1_m, y1_m = bounds[0] - MARGIN_M, bounds[1] - MARGIN_M, bounds[2] + MARGIN_M, bounds[3] + MARGIN_M
     px_per_m = min(PX_PER_M_MAX, SIDE_PX / max(x1_m - x0_m, y1_m - y0_m))
     frame = _Frame(x0_m, y1_m, px_per_m)
@@ -106,22 +88,15 @@ def map_png(floor: ComposedMap, robots: Sequence[DrawnRobot], tasks: Sequence[Dr
     _draw_scale(draw, frame, size)
     for task in tasks:
         _draw_task(draw, frame, task)
-    for index, robot in enumerate(robots):
-        _draw_robot(draw, frame, robot, index)
+    for index, (robot, pose) in enumerate(placed):
+        _draw_robot(draw, frame, robot, pose, index)
     written = io.BytesIO()
     picture.save(written, "PNG", optimize=True)
     return written.getvalue()
 
 
-def _is_near(x_m: float, y_m: float) -> bool:
-    return abs(x_m) < FAR_M and abs(y_m) < FAR_M  # not of NaN
-
-
-def _around(places: Iterable[tuple[float, float]]) -> tuple[float, float, float, float]:
-    """Bounds of places, and of the origin if there is none."""
-    found = list(places) or [(0.0, 0.0)]
-    xs_m, ys_m = [x_m for x_m, _ in found], [y_m for _, y_m in found]
-    return min(xs_m), min(ys_m), max(xs_m), max(ys_m)
+def _is_near(place: Point2D | Pose2D) -> bool:
+    return abs(place.x_m) < FAR_M and abs(place.y_m) < FAR_M  # not of NaN
 
 
 def _draw_floor(picture: Image.Image, floor: ComposedMap, frame: _Frame) -> None:
@@ -152,25 +127,25 @@ def _draw_scale(draw: ImageDraw.ImageDraw, frame: _Frame, size: tuple[int, int])
         draw.text((2, y_px + 1), f"{y_m:g}", fill=TEXT)
 
 
-def _draw_task(draw: ImageDraw.ImageDraw, frame: _Frame, task: DrawnTask) -> None:
-    x_px, y_px = frame.at(task.place.x_m, task.place.y_m)
-    if task.begun:
+def _draw_task(draw: ImageDraw.ImageDraw, frame: _Frame, record: TaskRecord) -> None:
+    x_px, y_px = frame.at(record.task.place.x_m, record.task.place.y_m)
+    if record.state is TaskState.RUNNING:
         draw.rectangle([x_px - 5, y_px - 5, x_px + 5, y_px + 5], fill=FRONTIER, outline=NOSE)
     else:
         for width, color in ((6, NOSE), (3, TASK_WAITING)):  # the outline first
             for one in (-1, 1):
                 draw.line([(x_px - 6, y_px - 6 * one), (x_px + 6, y_px + 6 * one)], fill=color, width=width)
-    _label(draw, (x_px + 8, y_px + 2), task.name)
+    _label(draw, (x_px + 8, y_px + 2), record.task.id)
 
 
-def _draw_robot(draw: ImageDraw.ImageDraw, frame: _Frame, robot: DrawnRobot, index: int) -> None:
-    x_px, y_px = frame.at(robot.pose.x_m, robot.pose.y_m)
+def _draw_robot(draw: ImageDraw.ImageDraw, frame: _Frame, robot: RobotState, pose: Pose2D, index: int) -> None:
+    x_px, y_px = frame.at(pose.x_m, pose.y_m)
     radius_px = max(ROBOT_PX_MIN, min(robot.radius_m, 5.0) * frame.px_per_m)
     color = HALTED if robot.halted else style_of(index).color
     draw.ellipse([x_px - radius_px, y_px - radius_px, x_px + radius_px, y_px + radius_px], fill=color, outline=NOSE)
-    nose = x_px + radius_px * math.cos(robot.pose.yaw_rad), y_px - radius_px * math.sin(robot.pose.yaw_rad)
+    nose = x_px + radius_px * math.cos(pose.yaw_rad), y_px - radius_px * math.sin(pose.yaw_rad)
     draw.line([(x_px, y_px), nose], fill=NOSE, width=2)
-    _label(draw, (x_px + radius_px + 2, y_px - 12), robot.name)
+    _label(draw, (x_px + radius_px + 2, y_px - 12), robot.robot)
 
 
 def _label(draw: ImageDraw.ImageDraw, at: tuple[float, float], text: str) -> None:
@@ -188,7 +163,7 @@ OLD_S = 2.0
 """A state that is older than this is shown with its age; robots publish ten a second, coordinators two."""
 
 
-class Looking:
+class TeamReader:
     """Tools that read a team's state.
 
     Args:
@@ -202,34 +177,24 @@ class Looking:
     def list_robots(self, _: Arguments) -> ToolAnswer:
         """List the robots that are present, and what each of them does."""
         state = self._team.state()
-        found = {one.name: one for one in state.robots}
-        names = sorted({*found, *self._team.robots})
-        lines: list[str] = []
-        robots: list[dict[str, object]] = []
-        for name in names:
-            one = found.get(name)
-            if one is None:
-                lines.append(f"{name}: the coordinator does not know it yet")
-                robots.append({"name": name})
-                continue
+        unknown = sorted(set(self._team.robots) - {one.name for one in state.robots})
+        lines = [f"{name}: the coordinator does not know it yet" for name in unknown]
+        robots: list[dict[str, object]] = [{"name": name} for name in unknown]
+        for one in sorted(state.robots, key=lambda one: one.name):
             at_work = f"at task {one.task}" if one.task else one.behavior or "idle"
             doing = "absent" if not one.up else "halted" if one.halted else at_work
             charge = "" if one.soc is None else f", charge {one.soc:.0%}"
-            lines.append(f"{name}: {doing}{charge}{f': {one.why}' if one.why else ''}")
-            robots.append(
-                {"name": name, "up": one.up, "halted": one.halted, "task": one.task, "soc": one.soc, "why": one.why}
-            )
-        return answer(
-            CallVerdict.LOOKED,
-            [*(lines or ["no robot is there"]), *self._age_lines(state.stamp_ns)],
-            {"robots": robots},
-        )
+            lines.append(f"{one.name}: {doing}{charge}{f': {one.why}' if one.why else ''}")
+            shown = ("name", "up", "halted", "task", "soc", "why")
+            robots.append({name: getattr(one, name) for name in shown})
+        lines = [*(lines or ["no robot is there"]), *self._age_lines(state.stamp_ns)]
+        return answer(CallVerdict.READ, lines, {"robots": robots})
 
     def robot_state(self, asked: OfRobot) -> ToolAnswer:
         """Tell where a robot is, what it does, and how its battery and plugins are."""
         state = self._team.state(asked.robot)
         lines = [*_state_lines(state), *self._age_lines(state.stamp_ns)]
-        return answer(CallVerdict.LOOKED, lines, {"state": state, "age_s": self._age_s(state.stamp_ns)})
+        return answer(CallVerdict.READ, lines, {"state": state, "age_s": self._age_s(state.stamp_ns)})
 
     def team_state(self, _: Arguments) -> ToolAnswer:
         """Tell how the whole team is: tasks, map, exploration, halt."""
@@ -244,17 +209,10 @@ class Looking:
         if state.halt is not None and state.halt.halted:
             lines.append(f"the team is halted by {', '.join(state.halt.by)}: {state.halt.reason or 'no reason given'}")
         lines += self._age_lines(state.stamp_ns)
-        values = {
-            "age_s": self._age_s(state.stamp_ns),
-            "halt": state.halt,
-            "robots": len(state.robots),
-            "robots_up": up,
-            "tasks_open": state.tasks_open,
-            "tasks_done": state.tasks_done,
-            "known_area_m2": state.known_area_m2,
-            "all_explored": state.all_explored,
-        }
-        return answer(CallVerdict.LOOKED, lines, values)
+        values = {"age_s": self._age_s(state.stamp_ns), "robots": len(state.robots), "robots_up": up}
+        for name in ("halt", "tasks_open", "tasks_done", "known_area_m2", "all_explored"):
+            values[name] = getattr(state, name)
+        return answer(CallVerdict.READ, lines, values)
 
     def list_plugins(self, asked: OfRobot) -> ToolAnswer:
         """List a robot's plugins that are open to the outside, with the functions that call_plugin may call."""
@@ -269,7 +227,7 @@ class Looking:
             lines += [f"  {function.name}{function.signature}" for function in open_functions]
             names = [function.name for function in open_functions]
             found.append({"name": one.name, "level": one.level, "state": one.state, "functions": names})
-        return answer(CallVerdict.LOOKED, lines, {"plugins": found})
+        return answer(CallVerdict.READ, lines, {"plugins": found})
 
     def list_kinds(self, _: Arguments) -> ToolAnswer:
         """List the kinds of task that robots of the team do, with their parameters."""
@@ -281,30 +239,25 @@ class Looking:
             shown = ", ".join(name if name in needed else f"[{name}]" for name in names) or "none"
             lines.append(f"{one.kind}: {one.doc.partition(chr(10))[0]} parameters: {shown} ({', '.join(one.robots)})")
         found = [{"kind": one.kind, "parameters": one.parameters} for one in kinds]
-        return answer(CallVerdict.LOOKED, lines or ["no robot has announced its kinds yet"], {"kinds": found})
+        return answer(CallVerdict.READ, lines or ["no robot has announced its kinds yet"], {"kinds": found})
 
     def list_tasks(self, asked: ListTasks) -> ToolAnswer:
         """List tasks with their states, the coordinator's own left out."""
         records = self._team.list(TaskFilter(states=asked.states, limit=asked.limit))
         lines = [task_line(record) for record in records] or ["there are no such tasks"]
         tasks = [{"id": one.task.id, "state": one.state, "robot": one.robot, "by": one.by} for one in records]
-        return answer(CallVerdict.LOOKED, lines, {"tasks": tasks})
+        return answer(CallVerdict.READ, lines, {"tasks": tasks})
 
     def why_task(self, asked: OfTask) -> ToolAnswer:
         """Explain how a task stands: what it waits for, what it would take each robot, what has happened so far."""
-        why = self._team.why(asked.task)
-        lines = [f"{asked.task}: {why.now}", *map(verdict_line, why.robots)]
-        lines += [f"  then {change.state}: {change.why}" for change in why.changes[-SHOWN_CHANGES:] if change.why]
-        record = why.record
-        values = {
-            "state": record.state,
-            "robot": record.robot,
-            "by": record.by,
-            "reason": why.reason,
-            "robots": why.robots,
-            "result": record.result,
-        }
-        return answer(CallVerdict.LOOKED, lines, values)
+        explained = self._team.why(asked.task)
+        lines = [f"{asked.task}: {explained.now}", *map(verdict_line, explained.robots)]
+        changes = explained.changes[-SHOWN_CHANGES:]
+        lines += [f"  then {change.state}: {change.why}" for change in changes if change.why]
+        record = explained.record
+        values = {name: getattr(record, name) for name in ("state", "robot", "by", "result")}
+        values |= {"reason": explained.reason, "robots": explained.robots}
+        return answer(CallVerdict.READ, lines, values)
 
     def dry_run(self, asked: NewTask) -> ToolAnswer:
         """Report the expected effects of a task, without submitting it."""
@@ -312,7 +265,7 @@ class Looking:
         values = {"refused": found.refused, "waits": found.waits, "robots": found.robots}
         if found.refused:
             return answer(CallVerdict.REFUSED, dry_run_lines(found), values, code=Ban.TEAM)
-        return answer(CallVerdict.LOOKED, dry_run_lines(found), values)
+        return answer(CallVerdict.READ, dry_run_lines(found), values)
 
     def foresee(self, asked: NewTask, task_id: str | None = None) -> TaskDryRun:
         """The coordinator's dry run of a task (Refused if it is no valid task)."""
@@ -327,22 +280,17 @@ class Looking:
         ends_s = self._team.transport.elapsed_s() + MAP_BUDGET_S
         floor, silent = self._floor(names, ends_s)
         states = [state for name in names if (state := self._state(name, ends_s)) is not None]
-        robots = [
-            DrawnRobot(one.robot, one.pose, one.radius_m, one.halted)
-            for one in states
-            if one.pose is not None and one.frame == ARENA
-        ]
-        records = self._team.list(TaskFilter(states=OPEN, limit=DRAWN_MAX))
-        tasks = [DrawnTask(one.task.id, one.task.place, one.state is TaskState.RUNNING) for one in records]
+        robots = [one for one in states if one.pose is not None and one.frame == ARENA]
+        tasks = self._team.list(TaskFilter(states=OPEN, limit=DRAWN_MAX))
         bounds_m = floor.known_bounds_m()
         lines = [f"{floor.known_area_m2:.0f} m² are known"]
         if bounds_m is not None:
             x0_m, y0_m, x1_m, y1_m = bounds_m
             lines.append(f"x from {x0_m:.1f} to {x1_m:.1f} m, y from {y0_m:.1f} to {y1_m:.1f} m, y upwards")
-        lines += [f"{one.name} at ({one.pose.x_m:.1f}, {one.pose.y_m:.1f})" for one in robots]
-        lines += [f"task {one.name} at ({one.place.x_m:.1f}, {one.place.y_m:.1f})" for one in tasks]
+        lines += [f"{one.robot} at ({one.pose.x_m:.1f}, {one.pose.y_m:.1f})" for one in robots if one.pose is not None]
+        lines += [f"task {one.task.id} at ({one.task.place.x_m:.1f}, {one.task.place.y_m:.1f})" for one in tasks]
         lines += [f"{name} does not send its map" for name in silent]
-        return answer(CallVerdict.LOOKED, lines, {"bounds_m": bounds_m}, png=map_png(floor, robots, tasks))
+        return answer(CallVerdict.READ, lines, {"bounds_m": bounds_m}, png=map_png(floor, robots, tasks))
 
     def _age_s(self, stamp_ns: int) -> float:
         return round(self._team.now_s - to_seconds(stamp_ns), 1)
@@ -382,9 +330,9 @@ def task_line(record: TaskRecord) -> str:
     """A task in one line."""
     task = record.task
     at = f" at {record.robot}" if record.robot else ""
-    why = f": {record.why}" if record.why else ""
+    reason = f": {record.why}" if record.why else ""
     where = f"({task.place.x_m:g}, {task.place.y_m:g})"
-    return f"{task.id}: {task.kind} at {where}, {record.state}{at}, by {record.by or 'nobody'}{why}"
+    return f"{task.id}: {task.kind} at {where}, {record.state}{at}, by {record.by or 'nobody'}{reason}"
 
 
 def _state_lines(state: RobotState) -> list[str]:
