@@ -83,8 +83,7 @@ def up(
     """
     from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY
     from robrain.deploy.supervision.team_file import is_team_file
-    from robrain.deploy.supervision.up import UpPlan, witnesses_among
-    from robrain.deploy.supervision.up_command import new_journal, plan_of_host, up_command
+    from robrain.deploy.supervision.up import UpPlan, new_journal, plan_of_host, up_command, witnesses_among
 
     target, limit_s = until_explored(until), above_zero("--time-limit", time_limit)
     if scenario is not None and is_team_file(Path(scenario)):

@@ -55,7 +55,7 @@ def issue(
 ) -> None:
     """Issue a certificate, in a folder for its member."""
     from robrain.deploy.pki import issuing
-    from robrain.deploy.pki.folder import folder_of
+    from robrain.deploy.pki.issuing import folder_of
 
     wanted = _member(pki, role, team, name)
     life = issuing.DAYS if days is None else days
@@ -77,7 +77,7 @@ def renew(
     """
     from robrain.deploy.errors import UsageError
     from robrain.deploy.pki import issuing
-    from robrain.deploy.pki.folder import folder_of
+    from robrain.deploy.pki.issuing import folder_of
 
     if not role:
         if team is not None or days is not None:
@@ -119,7 +119,7 @@ def revoke(role: RoleArgument, name: NameArgument, pki: PkiOption = DEFAULT_PKI,
 @pki_app.command()
 def show(pki: PkiOption = DEFAULT_PKI) -> None:
     """List the members, and until when their certificates last."""
-    from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
+    from robrain.deploy.pki.issuing import MEMBERS_FILE, read_members
     from robrain.protocol.access.identity import duration
 
     now = datetime.now(UTC)
@@ -149,7 +149,7 @@ def router(
 
 
 def _member(pki: Path, role: str, team: str | None, name: str) -> "Member":
-    from robrain.deploy.pki.folder import MEMBERS_FILE, read_members
+    from robrain.deploy.pki.issuing import MEMBERS_FILE, read_members
     from robrain.protocol.access.member import member
 
     return member(role, read_members(pki / MEMBERS_FILE).team if team is None else team, name)

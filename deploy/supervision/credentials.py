@@ -6,8 +6,18 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER, PkiError, folder_of, read_members
-from robrain.deploy.pki.issuing import ends_soon, init, issue, renew
+from robrain.deploy.pki.issuing import (
+    CA_KEY,
+    MEMBERS_FILE,
+    MEMBERS_FOLDER,
+    PkiError,
+    ends_soon,
+    folder_of,
+    init,
+    issue,
+    read_members,
+    renew,
+)
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, DASHBOARD, HUB, RECORDER, STAND_BY, Part
 from robrain.protocol.access.identity import CERTIFICATE, TLS_VARIABLE, read_identity
 from robrain.protocol.access.member import Member, MemberRole, member

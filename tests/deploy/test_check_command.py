@@ -16,7 +16,6 @@ from robrain.cli import all_commands
 from robrain.deploy.recordings.surroundings import (
     EXACT_UP_TO_M,
     clearance_on,
-    surroundings_of,
     surroundings_of_provenance,
     surroundings_of_recording,
 )
@@ -135,17 +134,6 @@ def test_json_has_a_list_of_invariants_with_findings_as_values(bad: Path) -> Non
     assert "door" in breach["text"]
 
 
-def test_breaches_that_are_not_listed_are_counted(tmp_path: Path) -> None:
-    told = TeamScript()
-    told.truths["r1"] = {}
-    for step in range(15):
-        told.truths["r1"]["energy_j"] = 100.0 - step
-        told.pass_time(0.2)
-    done = check(str(written(told, tmp_path / "leak.mcap")))
-    assert "broken (14)" in done.stdout
-    assert "and 4 more" in done.stdout
-
-
 # -- floor and chargers -----------------------------------------------------------------------------------------
 
 
@@ -218,8 +206,3 @@ def test_clearance_that_is_looked_up_is_that_of_the_floor(x_m: float, y_m: float
 
 PLAN = DEPOT.plan()
 CLEARANCE = clearance_on(PLAN)
-
-
-def test_the_surroundings_of_a_scenario_are_its_floor_and_chargers() -> None:
-    found = surroundings_of(DEPOT)
-    assert found.charger_distance_m(Point2D(17.6, 12.25)) == pytest.approx(1.0)

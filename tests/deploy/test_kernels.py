@@ -8,7 +8,6 @@ import pytest
 from numba import njit
 from rich.console import Console
 
-from robrain.algorithms import warm_up as model
 from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.command_line import terminal
 from robrain.deploy.processes import kernels
@@ -62,12 +61,6 @@ def test_a_cache_that_names_a_module_which_is_gone_is_removed(tmp_path):
 def test_parts_that_are_not_needed_at_the_start_can_be_left_for_later(said: io.StringIO) -> None:
     assert kernels.prepare_kernels(quiet=True, only_at_start=True) == 0
     assert kernels.prepare_kernels(quiet=True) == 1
-
-
-def test_parts_of_all_subjects_are_compiled_and_those_at_the_start_come_first() -> None:
-    order = [part.at_start for part in kernels.PARTS.values()]
-    assert order == sorted(order, reverse=True)
-    assert model.PARTS.keys() < kernels.PARTS.keys()
 
 
 def test_kernels_are_cached_once_each_part_was_compiled_and_not_for_another_source(tmp_path, monkeypatch) -> None:

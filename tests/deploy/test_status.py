@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.machine.team_checks import check_robot
+from robrain.deploy.machine.doctor import check_robot
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, robot_status, show_status
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
@@ -54,24 +54,11 @@ def test_robot_that_has_gone_is_shown_with_its_last_task(capsys: pytest.CaptureF
     assert "r2 gone 7 min – – visit-3 –" in _shown(capsys, *UP, gone)
 
 
-def test_table_fits_into_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
-    state = RobotState(robot="transporter-12", battery=BATTERY, pose=Pose2D(-123.4, -123.4, 0.0), faulted=FAULTS)
-    show_status(
-        TeamStatus(team="default", coordinator=True, robots=[], standing=[robot_status("transporter-12", state)])
-    )
-    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
-
-
 def test_state_of_the_field_is_a_line_of_its_own(capsys) -> None:
     show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, mote_field=FIELD))
     assert capsys.readouterr().out.splitlines()[3:] == [
         "10 motes, 1 dead, 6 off duty; 97 % of the readings arrived, newest 5 s old (oldest 34 s); 96 % covered",
     ]
-
-
-def test_a_field_that_the_coordinator_leaves_alone_is_not_mentioned(capsys) -> None:
-    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP))
-    assert "motes" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

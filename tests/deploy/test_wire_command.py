@@ -9,11 +9,8 @@ import zenoh
 from typer.testing import CliRunner
 
 from robrain.cli import all_commands
-from robrain.protocol.answers.later import ZENOH_TIMEOUT
-from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.zenoh_link import publisher_options
 from robrain.protocol.table.topics import PUBLISHED, TOPICS
-from robrain.protocol.wire.endpoint import BY
 
 
 def printed(wire_format):
@@ -90,22 +87,3 @@ def test_a_row_says_how_zenoh_is_to_deliver_it(document):
         assert getattr(zenoh.Priority, row["priority"].upper()) == options["priority"]
         assert getattr(zenoh.CongestionControl, row["congestion"].upper()) == options["congestion_control"]
         assert bool(row["cache"]) is (row["delivery"] == "lossless")
-
-
-def test_the_pattern_of_names_takes_whole_names_alone(document):
-    for name in ("r1", "default", "a" * 63):
-        assert jsonschema.Draft202012Validator(document["names"]).is_valid(name)
-    for name in ("r/1", "*", "", "-r", "a" * 64):
-        assert not jsonschema.Draft202012Validator(document["names"]).is_valid(name)
-
-
-def test_the_document_says_what_asks_and_errors_look_like_in_zenoh(document):
-    assert f"?{BY}=" in document["use"]["asker"]
-    assert f"`{ZENOH_TIMEOUT.decode()}`" in document["use"]["queries"]
-    assert document["default_team"] == DEFAULT_TEAM
-
-
-def test_an_unknown_format_is_refused_with_those_there_are():
-    result = CliRunner().invoke(all_commands(), ["wire", "--format", "xml"])
-    assert result.exit_code == 2
-    assert "jsonschema" in result.output

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+import psutil
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
@@ -169,24 +170,6 @@ def share_of(picture: np.ndarray, color: tuple[int, int, int], within: int = 20)
 
 def browser_processes() -> list[int]:
     """The browser that this test started, with all of its processes, and none but those."""
-    parents: dict[int, int] = {}
-    commands: dict[int, str] = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                commands[int(entry.name)] = (entry / "cmdline").read_text().partition("\0")[0]
-            except OSError:
-                continue
-            parents[int(entry.name)] = int(fields[1])
-
-    def is_ours(process: int) -> bool:
-        while process in parents:
-            if process == os.getpid():
-                return True
-            process = parents[process]
-        return False
-
-    found = [process for process, command in commands.items() if "chromium" in command and is_ours(process)]
+    found = [child.pid for child in psutil.Process().children(recursive=True) if "chromium" in child.name()]
     assert found
     return found

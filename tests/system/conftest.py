@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 from unittest.mock import patch
@@ -19,7 +19,7 @@ import zenoh
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import HUB_VARIABLE
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.session import listening_at, open_session
 from tests.own_hub import OwnHub
 from tests.system.prefork import OWN_INTERPRETER, ForkedCommand, PreforkServer, end_with_parent, run_main
 from tests.waiting import PATIENCE_S
@@ -143,6 +143,31 @@ class Commands:
         self.adopt(process)
         return process
 
+    def arena(self, *words: str) -> str:
+        """Start an arena with a hub of its own, and files of its robots in this folder; its endpoint."""
+        process = self.start("arena", *words, "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
+        return self.line_with(process, "arena: ").split(" at ")[1].split(",")[0]
+
+    def agents(self, *names: str, options: Sequence[str] = ()) -> "dict[str, subprocess.Popen[str]]":
+        """Start the agents of robots whose files are here, and wait until they are up."""
+        started = {name: self.start("agent", f"{name}.toml", *options) for name in names}
+        for name, agent in started.items():
+            self.line_with(agent, f"agent: {name} is up")
+        return started
+
+    def coordinator(self, endpoint: str, *words: str) -> "subprocess.Popen[str]":
+        """Start a coordinator, and wait until it leads."""
+        process = self.start("coordinator", "--connect", endpoint, *words)
+        self.line_with(process, "coordinator: of team")
+        return process
+
+    def team(self, robots: int, *words: str) -> str:
+        """Start arena, agents and coordinator; the endpoint."""
+        endpoint = self.arena("arena_small", "--robots", str(robots), *words)
+        self.agents(*(f"r{number}" for number in range(1, robots + 1)))
+        self.coordinator(endpoint)
+        return endpoint
+
     def adopt(self, process: subprocess.Popen[str]) -> None:
         """End this process, too, at the end of the test."""
         self._running.append(process)
@@ -221,6 +246,21 @@ def browser() -> "Iterator[Browser]":
 
     with browser_process() as found:
         yield found
+
+
+@contextmanager
+def member_at(endpoint: str, team: str = "default") -> Iterator[Endpoint]:
+    """A member of a team, which hears and says what a test wants."""
+    with (
+        closing(open_session(connect=[endpoint], wait_s=PATIENCE_S)) as session,
+        closing(Endpoint(session, team, LiveClock(), Drive.LIVE)) as wire,
+    ):
+        yield wire
+
+
+def endpoint_of(hub: zenoh.Session) -> str:
+    """Where a hub listens by TCP."""
+    return next(endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/"))
 
 
 @pytest.fixture

@@ -17,6 +17,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+import psutil
+
 from robrain import Scenario, Team
 from robrain.client.submission import BadTask
 from robrain.protocol.errors import CallError, NobodyThere, RobrainError
@@ -80,31 +82,24 @@ class Endured(NamedTuple):
     halts: int
 
 
-def look_at(pid: int, name: str, time_s: float) -> Sample:
-    """What a process takes now (OSError if it has ended)."""
-    folder = Path("/proc") / str(pid)
-    status = dict(line.split(":\t", 1) for line in (folder / "status").read_text().splitlines() if ":\t" in line)
-    fields = (folder / "stat").read_text().rpartition(")")[2].split()
-    cpu_s = (int(fields[11]) + int(fields[12])) / 100.0
-    resident_mb = int(status["VmRSS"].split()[0]) / 1024.0
-    descriptors = sum(1 for _ in (folder / "fd").iterdir())
-    return Sample(round(time_s, 1), pid, name, round(resident_mb, 2), descriptors, int(status["Threads"]), cpu_s)
+def sample_of(process: psutil.Process, name: str, time_s: float) -> Sample:
+    """What a process takes now (NoSuchProcess if it has ended)."""
+    resident_mb, cpu = process.memory_info().rss / 1048576.0, process.cpu_times()
+    figures = (round(resident_mb, 2), process.num_fds(), process.num_threads(), cpu.user + cpu.system)
+    return Sample(round(time_s, 1), process.pid, name, *figures)
 
 
-def children_of(parent: int) -> dict[int, str]:
-    """The processes that a process has started, each with a name that says what it is."""
-    found = {parent: "up"}
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit():
-            continue
-        with suppress(OSError):
-            if int((entry / "stat").read_text().rpartition(")")[2].split()[1]) != parent:
-                continue
-            words = (entry / "cmdline").read_text().split("\0")
+def family_of(parent: int) -> list[tuple[psutil.Process, str]]:
+    """A process and those that it has started, each with a name that says what it is."""
+    up = psutil.Process(parent)
+    found = [(up, "up")]
+    for child in up.children():
+        with suppress(psutil.NoSuchProcess):
+            words = child.cmdline()
             robot = next((Path(word).stem for word in words if word.endswith(".toml") and "agent" in words), "")
             kinds = ("arena", "coordinator", "dashboard", "record", "hub", "router")
             if name := robot or next((kind for kind in kinds if kind in words), ""):
-                found[int(entry.name)] = name
+                found.append((child, name))
     return found
 
 
@@ -132,9 +127,9 @@ def endure(folder: Path, minutes: float, *, robots: int, seed: int, scenario: st
             while (now_s := time.monotonic() - began_s) < 60.0 * minutes:
                 if now_s >= due_s["sample"]:
                     due_s["sample"] = now_s + SAMPLE_S
-                    for pid, name in children_of(up.process.pid).items():
-                        with suppress(OSError, KeyError):
-                            samples.append(look_at(pid, name, now_s))
+                    for process, name in family_of(up.process.pid):
+                        with suppress(psutil.NoSuchProcess):
+                            samples.append(sample_of(process, name, now_s))
                 if now_s >= due_s["task"]:
                     due_s["task"] = now_s + TASK_S
                     _submit(team, draw, submitted)

@@ -5,15 +5,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from robrain.protocol.clock import LiveClock
+import psutil
+
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
-from tests.system.conftest import Commands
-from tests.waiting import PATIENCE_S, until
+from robrain.protocol.wire.endpoint import Endpoint
+from tests.system.conftest import Commands, member_at
+from tests.waiting import until
 
 ASK_S = 0.1
 WANDER_S = 3.0
@@ -33,21 +33,21 @@ class LiveTeam:
         self._endpoint = endpoint
         self._process = process
         self._truths = Inbox()
-        self._told: ArenaTruth | None = None
-        self._said = Inbox(every=True)
+        self._truth: ArenaTruth | None = None
+        self._heard_messages = Inbox(every=True)
         endpoint.subscribe(self._truths, ARENA_TRUTH)
         for topic in (ROBOT_STATE, COORDINATOR_STATE):
-            endpoint.subscribe(self._said, topic)
+            endpoint.subscribe(self._heard_messages, topic)
 
     def robots(self) -> dict[str, RobotTruth]:
         """Where the arena says that the robots are."""
         for received in self._truths.drain():
-            self._told = received.message
-        if self._told is None:
-            self._told = until(self._truths.drain, "the arena is silent")[-1].message
-        return {robot.robot: robot for robot in self._told.robots}
+            self._truth = received.message
+        if self._truth is None:
+            self._truth = until(self._truths.drain, "the arena is silent")[-1].message
+        return {robot.robot: robot for robot in self._truth.robots}
 
-    def way_m(self) -> float:
+    def driven_m(self) -> float:
         """How far all robots have come together."""
         return sum(robot.distance_m for robot in self.robots().values())
 
@@ -55,9 +55,9 @@ class LiveTeam:
         """Wait until no robot moves for so long: the last commands to the wheels may still be on their way."""
 
         def stand() -> bool:
-            before_m = self.way_m()
+            before_m = self.driven_m()
             time.sleep(for_s)
-            return self.way_m() - before_m < within_m
+            return self.driven_m() - before_m < within_m
 
         until(stand, "the robots drive on")
 
@@ -80,21 +80,13 @@ class LiveTeam:
 
     def process_of(self, robot: str) -> int:
         """The process of a robot's agent."""
-        for entry in Path("/proc").iterdir():
-            if not entry.name.isdigit():
-                continue
-            try:
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-                words = (entry / "cmdline").read_text().split("\0")
-            except OSError:
-                continue
-            if parent == self._process and "agent" in words and any(word.endswith(f"/{robot}.toml") for word in words):
-                return int(entry.name)
-        raise AssertionError(f"{robot} has no process")
+        children = psutil.Process(self._process).children()
+        agents = [child for child in children if any(word.endswith(f"/{robot}.toml") for word in child.cmdline())]
+        return int(agents[0].pid)
 
     def pulse(self, duration_s: float) -> tuple[dict[str, int], float]:
         """Messages of each robot and of the coordinator in so long, and the coordinator's slowest answer, seconds."""
-        self._said.drain()
+        self._heard_messages.drain()
         ends_s, slowest_s = time.monotonic() + duration_s, 0.0
         while (asked_s := time.monotonic()) < ends_s:
             with suppress(CallError, NobodyThere):  # no answer in time is a slow one
@@ -102,7 +94,7 @@ class LiveTeam:
             slowest_s = max(slowest_s, time.monotonic() - asked_s)
             time.sleep(ASK_S)
         counts: dict[str, int] = {}
-        for received in self._said.drain():
+        for received in self._heard_messages.drain():
             speaker = received.names.get("robot", "coordinator")
             counts[speaker] = counts.get(speaker, 0) + 1
         return counts, slowest_s
@@ -116,12 +108,7 @@ def live_team(folder: Path, *words: str) -> Iterator[LiveTeam]:
         process = commands.start("up", *words, "--port", "0")
         hub = commands.line_with(process, "hub: ").split()[1]
         url = commands.line_with(process, "dashboard: ").split()[1]
-        session = open_session(mode="client", connect=(hub,), wait_s=PATIENCE_S)
-        endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
-        try:
+        with member_at(hub) as endpoint:
             yield LiveTeam(url, endpoint, process.pid)
-        finally:
-            endpoint.close()
-            session.close()  # type: ignore[no-untyped-call]
     finally:
         commands.stop_all()

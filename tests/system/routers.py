@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from robrain.deploy.pki.folder import MEMBERS_FILE, folder_of, read_members
-from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, zenohd_text
+from robrain.deploy.pki.issuing import MEMBERS_FILE, ZENOHD_FILE, Endpoints, folder_of, read_members, zenohd_text
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.access.member import Member
 from tests.system.conftest import Commands

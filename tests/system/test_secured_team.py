@@ -16,8 +16,7 @@ from typer.main import get_command
 
 from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.cli import all_commands
-from robrain.deploy.pki.folder import PkiError, folder_of
-from robrain.deploy.pki.issuing import init, issue, renew, revoke
+from robrain.deploy.pki.issuing import PkiError, folder_of, init, issue, renew, revoke
 from robrain.deploy.pki.router import SecuredRouter
 from robrain.deploy.processes.live_process import check_certificate, check_rights, warn_of_listening
 from robrain.protocol.access import rules
@@ -172,16 +171,6 @@ def test_new_and_revoked_members_are_heeded_without_a_restart_of_anybody(pki: Pa
     until(lambda: _answers(ann))
     assert not _answers(new)
     _close(hq, ann, new)
-
-
-def test_renewed_certificates_are_used_by_the_next_connection(pki: Path, router: SecuredRouter) -> None:
-    hq, ann = _wire(pki, router, HQ), _wire(pki, router, ANN)
-    hq.answer(COORDINATOR_HALT, lambda _: None)
-    for who in (ROUTER, HQ, ANN):
-        renew(pki, who, datetime.now(UTC))
-    assert "may connect" in router.look()
-    until(lambda: _answers(ann))
-    _close(hq, ann)
 
 
 def test_router_goes_on_with_what_it_has_when_its_files_are_no_good(pki: Path, router: SecuredRouter) -> None:

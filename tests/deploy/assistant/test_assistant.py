@@ -195,11 +195,6 @@ def test_what_the_team_would_refuse_gets_no_token(desk: Desk) -> None:
     assert desk.call("dry_run", {**VISIT, "needs": ["arm"]}).verdict is CallVerdict.REFUSED
 
 
-@pytest.mark.parametrize("name", ["task", "self", "fields", "id"])
-def test_a_parameter_with_the_name_of_an_argument_in_the_code_is_refused_in_words(desk: Desk, name: str) -> None:
-    assert desk.call("submit_task", {**VISIT, "parameters": {name: "x"}}).verdict is CallVerdict.REFUSED
-
-
 def test_a_call_is_rehearsed_with_its_signature_and_carried_out_with_its_arguments(desk: Desk) -> None:
     asked = {"robot": "r1", "plugin": "energy", "function": "estimate", "arguments": {"work": {"path_m": 10.0}}}
     rehearsed = desk.call("call_plugin", asked)
@@ -268,13 +263,6 @@ def test_a_mistake_in_the_code_is_logged_before_it_is_raised(desk: Desk, monkeyp
     with pytest.raises(ZeroDivisionError):
         desk.call("list_kinds", {})
     assert desk.lines()[-1]["verdict"] == "failed"
-
-
-def test_the_map_is_drawn_with_the_robots(desk: Desk) -> None:
-    found = desk.call("show_map", {})
-    assert found.png.startswith(b"\x89PNG")
-    assert "r1 at (" in found.words
-    assert "r2 at (" in found.words
 
 
 def test_a_map_is_drawn_of_what_has_come_when_the_time_is_over(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,12 +49,6 @@ def test_a_token_expires(orders: Confirmations, clock: Clock) -> None:
     assert orders.redeem(late, "scripted", b"2") is Ban.EXPIRED
 
 
-def test_a_token_that_was_never_given_confirms_nothing(orders: Confirmations) -> None:
-    orders.keep("scripted", b"order", "plan")
-    assert orders.redeem("token-99", "scripted", b"order") is Ban.NO_TOKEN
-    assert len(orders) == 1
-
-
 def test_of_too_many_orders_the_oldest_is_dropped_and_counted(orders: Confirmations) -> None:
     tokens = [orders.keep("scripted", b"order", f"plan-{number}") for number in range(5)]
     assert (len(orders), orders.dropped) == (3, 2)

@@ -9,7 +9,6 @@ from robrain.client.team import Team
 from robrain.deploy.assistant.policy import (
     HOST_NAMES,
     MOVERS,
-    PRIORITY_MAX,
     Ban,
     Order,
     call_refusal,
@@ -124,10 +123,6 @@ def test_only_own_tasks_that_have_not_ended_are_cancelled() -> None:
     assert cancel_refusal(of_team, "assistant:ann") is Ban.NOT_YOURS
     done = TaskRecord(task=TASK, state=TaskState.DONE, by="assistant:ann")
     assert cancel_refusal(done, "assistant:ann") is Ban.HAS_ENDED
-
-
-def test_a_task_of_an_assistant_is_never_more_urgent_than_one_for_which_no_priority_was_given() -> None:
-    assert TASK.priority == PRIORITY_MAX
 
 
 @pytest.mark.parametrize(

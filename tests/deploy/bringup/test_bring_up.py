@@ -9,8 +9,9 @@ import pytest
 
 from robrain.agent.host.robot_file import read_robot_file
 from robrain.deploy.bringup.bench import DRIVER, LIDAR, LIDAR_START_S, START_S
-from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, BringUpOptions, check_square
+from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, BringUpOptions
 from robrain.deploy.bringup.findings import CheckStep, FindingKind
+from robrain.deploy.bringup.floor_checks import check_square
 from robrain.sim.world.robot_specs import RobotType
 from tests.deploy.bringup.brought_up import AIR, FLOOR, IMU, LEFT, NO_SQUARES, RIGHT, BroughtUp, value, wrong
 from tests.deploy.bringup.lockstep_bench import LockstepBench

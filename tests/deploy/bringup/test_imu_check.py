@@ -6,8 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.deploy.bringup.bring_up import SCALE_TOLERANCE, _imu_findings
 from robrain.deploy.bringup.findings import FindingKind
+from robrain.deploy.bringup.floor_checks import SCALE_TOLERANCE, _imu_findings
 from robrain.plugins.device.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from robrain.agent.errors import RobotFileError
 from robrain.deploy.bringup.bring_up import write_patch
-from robrain.deploy.errors import UsageError
 
 TEXT = """\
 # The third robot, with the wheels of the first.
@@ -98,8 +97,3 @@ def test_a_file_that_would_be_none_any_more_is_left_as_it_is(path: Path) -> None
     with pytest.raises(RobotFileError):
         write_patch(path, {"scan": {"silent_s": 2.0}}, None)
     assert path.read_text() == before
-
-
-def test_a_file_that_is_gone_is_said_in_words(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="cannot write what was found"):
-        write_patch(tmp_path / "r1.toml", {"scan": {"silent_s": 2.0}}, None)

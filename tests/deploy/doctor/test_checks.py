@@ -17,19 +17,16 @@ from robrain.deploy.machine.doctor import (
     RobotFound,
     check_address,
     check_can,
+    check_clock,
     check_devices,
     check_extras,
     check_grid,
+    check_key_space,
+    check_name_free,
     check_port,
     check_robot_file,
     check_robot_ports,
     check_router,
-    is_good,
-)
-from robrain.deploy.machine.team_checks import (
-    check_clock,
-    check_key_space,
-    check_name_free,
     check_versions,
     holders,
     members,
@@ -118,7 +115,7 @@ def test_key_space_that_is_open(endpoints) -> None:
 
 @pytest.mark.slow
 def test_key_space_that_the_router_denies(monkeypatch) -> None:
-    monkeypatch.setattr("robrain.deploy.machine.team_checks.ASK_S", 0.5)
+    monkeypatch.setattr("robrain.deploy.machine.doctor.ASK_S", 0.5)
     config = zenoh.Config()
     rules = '{"enabled": true, "default_permission": "deny", "rules": [], "subjects": [], "policies": []}'
     for key, value in {
@@ -249,10 +246,6 @@ def test_can_interface_that_is_absent_down_or_up(tmp_path) -> None:
     assert check_can(found, tmp_path)[0].ok
 
 
-def test_simulated_robot_needs_no_can_interface(tmp_path) -> None:
-    assert check_can(robot(tmp_path, '[robot]\nname = "r1"\n')) == []
-
-
 def test_extra_that_is_not_installed(tmp_path) -> None:
     found = robot(tmp_path, '[robot]\nname = "r1"\nload = ["planner", "driver"]\n')
 
@@ -289,11 +282,6 @@ def test_file_that_does_not_say_the_map(tmp_path) -> None:
     said = check_grid(robot(tmp_path, f'[robot]\nname = "r1"\n[parameters.mapper]\n{grid}'))
     assert said.sentence == "the robot maps 9 × 5 m from (0, 0)"
     assert check_grid(robot(tmp_path, CAN)).ok
-
-
-def test_what_could_not_be_looked_at_is_not_wrong() -> None:
-    assert is_good([Check(CheckName.CLOCK, None, ""), Check(CheckName.ROUTER, True, "")])
-    assert not is_good([Check(CheckName.CLOCK, None, ""), Check(CheckName.ROUTER, False, "")])
 
 
 @pytest.mark.parametrize(

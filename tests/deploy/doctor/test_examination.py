@@ -32,7 +32,7 @@ parts = ["hub", "arena", "coordinator", "r1"]
 
 @pytest.fixture(autouse=True)
 def _short_waits(monkeypatch) -> None:
-    monkeypatch.setattr("robrain.deploy.machine.team_checks.LISTEN_S", 0.05)
+    monkeypatch.setattr("robrain.deploy.machine.doctor.LISTEN_S", 0.05)
 
 
 @pytest.fixture

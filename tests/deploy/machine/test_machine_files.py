@@ -1,6 +1,5 @@
 """The files for real machines are what their programs read, as far as those programs are here."""
 
-import configparser
 import json
 import re
 import shlex
@@ -77,13 +76,6 @@ def _instance(units: Path, path: str) -> str:
     return instance
 
 
-def test_mistake_in_a_unit_is_found(units: Path) -> None:
-    unit = units / "robrain-coordinator.service"
-    unit.write_text(unit.read_text().replace("Restart=always", "Restart=allways"))
-    verified = analyze("verify", "--man=no", str(unit))
-    assert "allways" in verified.stderr
-
-
 @pytest.mark.parametrize("unit", UNITS, ids=name_of)
 def test_unit_is_exposed_little(units: Path, unit: Path) -> None:
     limit = LOOSER.get(unit.name, EXPOSURE_MAX)
@@ -92,14 +84,6 @@ def test_unit_is_exposed_little(units: Path, unit: Path) -> None:
     )
     overall = [line for line in judged.stdout.splitlines() if "Overall exposure" in line]
     assert judged.returncode == 0, overall or judged.stderr
-
-
-def test_unit_without_hardening_is_over_the_bound(units: Path) -> None:
-    (units / "open.service").write_text("[Service]\nExecStart=/bin/true\n")
-    judged = analyze(
-        "security", "--offline=true", f"--threshold={round(EXPOSURE_MAX * 10)}", str(units / "open.service")
-    )
-    assert judged.returncode != 0
 
 
 @pytest.mark.parametrize("unit", OWN, ids=name_of)
@@ -169,48 +153,6 @@ def test_router_with_the_files_settings_carries_what_clients_say(router: zenoh.S
 
 
 # -- devices, time, logs --------------------------------------------------------------------------------------
-
-UDEV_PART = re.compile(
-    r'(SUBSYSTEM|ACTION|KERNEL|NAME|GROUP|MODE|SYMLINK|TAG|(ENV|ATTR|ATTRS)\{[\w/]+\})(==|!=|=|\+=)"[^"]*"'
-)
-
-
-def test_udev_rules_are_matches_and_assignments() -> None:
-    for line in (FILES / "udev" / "70-robrain.rules").read_text().splitlines():
-        if line and not line.startswith("#"):
-            parts = line.split(", ")
-            assert [part for part in parts if not UDEV_PART.fullmatch(part)] == []
-            assert any("==" not in part for part in parts)
-
-
-JOURNALD = {
-    *("Storage", "SystemMaxUse", "SystemKeepFree", "MaxRetentionSec", "MaxFileSec", "RateLimitIntervalSec"),
-    "RateLimitBurst",
-}
-
-
-@pytest.mark.parametrize(
-    ("path", "known"),
-    [
-        ("network/80-can.network", {"Match": {"Type", "Name"}, "CAN": {"BitRate", "RestartSec"}}),
-        ("network/80-vcan.netdev", {"NetDev": {"Name", "Kind"}}),
-        ("logs/journald-robrain.conf", {"Journal": JOURNALD}),
-    ],
-)
-def test_settings_of_systemd_are_known(path: str, known: dict[str, set[str]]) -> None:
-    parser = configparser.ConfigParser(interpolation=None)
-    parser.optionxform = str
-    parser.read_string((FILES / path).read_text())
-    assert {section: set(parser[section]) for section in parser.sections()} == known
-
-
-@pytest.mark.parametrize("path", sorted((FILES / "time").iterdir()), ids=name_of)
-def test_chrony_directives_are_known(path: Path) -> None:
-    known = {"server", "pool", "makestep", "maxslewrate", "rtcsync", "leapsectz", "local", "allow"}
-    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
-    assert {line.split()[0] for line in lines} <= known
-    if (chronyd := shutil.which("chronyd")) is not None:
-        assert subprocess.run([chronyd, "-p", "-f", str(path)], capture_output=True, check=False).returncode == 0
 
 
 # -- the command that writes them -----------------------------------------------------------------------------

@@ -64,18 +64,3 @@ def test_files_that_are_copied_are_there(page: str, files: Path) -> None:
                 if word.startswith("/opt/robrain/files/"):
                     pattern = word.removeprefix("/opt/robrain/files/")
                     assert list(files.glob(pattern)), word
-
-
-@pytest.mark.parametrize("page", MACHINES)
-def test_files_that_are_named_are_there(page: str, files: Path) -> None:
-    text = (PAGES / page).read_text(encoding="utf-8")
-    folders = "|".join(path.name for path in files.iterdir() if path.is_dir())
-    for name in re.findall(rf"`((?:{folders})/[\w.-]+)`", text):
-        assert (files / name).is_file(), name
-
-
-def test_command_that_is_not_there_is_found() -> None:
-    with pytest.raises(AssertionError):
-        check_words(["journal", "backup", "--nowhere"])
-    with pytest.raises(AssertionError):
-        check_words(["no-such-command"])

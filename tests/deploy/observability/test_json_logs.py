@@ -2,8 +2,6 @@
 
 import json
 import logging
-import sys
-import threading
 
 import pytest
 
@@ -73,15 +71,3 @@ def test_environment_chooses_it_as_well_and_processes_inherit_it(logs, monkeypat
 def test_unknown_format_is_refused(logs, words):
     with pytest.raises(UsageError, match="expected text or json"):
         set_up_logs(words)
-
-
-def test_lines_of_several_threads_are_whole(logs, capsys):
-    set_up_logs(["--log-format", "json"])
-    logs.handlers[0].setStream(sys.stderr)
-    threads = [threading.Thread(target=lambda: logging.getLogger("x").warning("a\nb")) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    lines = capsys.readouterr().err.splitlines()
-    assert [json.loads(line)["message"] for line in lines] == ["a\nb"] * 8

@@ -11,8 +11,21 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from robrain.cli import all_commands
 from robrain.deploy.errors import UsageError
-from robrain.deploy.pki.folder import MEMBERS_FILE, PkiError, changing, folder_of, read_members
-from robrain.deploy.pki.issuing import ZENOHD_FILE, Endpoints, endpoints_of, init, issue, renew, renew_due, revoke
+from robrain.deploy.pki.issuing import (
+    MEMBERS_FILE,
+    ZENOHD_FILE,
+    Endpoints,
+    PkiError,
+    changing,
+    endpoints_of,
+    folder_of,
+    init,
+    issue,
+    read_members,
+    renew,
+    renew_due,
+    revoke,
+)
 from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
 from robrain.protocol.access.member import Member, MemberRole, member
 from robrain.protocol.errors import BadName, WireError
@@ -91,12 +104,6 @@ def test_renewal_without_a_member_names_whom_it_has_renewed(pki: Path, capsys: p
     all_commands()(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith(f"{folder_of(pki, ROBOT)}: robot:blue:r1 until 20")
-
-
-def test_renewal_with_nothing_to_do_says_so(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    issue(pki, ROUTER, datetime.now(UTC))
-    all_commands()(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
-    assert "no certificate ends soon" in capsys.readouterr().out
 
 
 def test_revoked_member_is_in_no_rules_and_gets_no_other_certificate(pki: Path) -> None:

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.pki.folder import CA_KEY, MEMBERS_FILE, PkiError, read_members
-from robrain.deploy.pki.issuing import DAYS, renew, revoke
+from robrain.deploy.pki.issuing import CA_KEY, DAYS, MEMBERS_FILE, PkiError, read_members, renew, revoke
 from robrain.deploy.supervision.credentials import Credentials
 from robrain.deploy.supervision.part import Part
 from robrain.deploy.supervision.up import choose_endpoint

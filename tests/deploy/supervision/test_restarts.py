@@ -1,7 +1,6 @@
 """When a process is started again, and when no more: on a clock that the test moves."""
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -41,24 +40,6 @@ def test_process_that_ends_is_started_again_after_pauses_that_double() -> None:
         restarts.ready()
     assert delays_s == [0.2, 0.4, 0.8]
     assert restarts.restarts == 3
-
-
-def test_one_failure_more_than_the_limit_gives_it_up() -> None:
-    restarts = up()
-    for now_s in (10.0, 20.0, 30.0):
-        restarts.ended(now_s, 1)
-        restarts.started()
-    failure = restarts.ended(40.0, 1)
-    assert failure.again_in_s is None
-    assert restarts.phase is Phase.GIVEN_UP
-    assert steps(restarts, 40.0, 1000.0, 1.0) == []
-
-
-def test_failures_long_ago_count_no_more() -> None:
-    restarts = up()
-    for number in range(20):
-        assert restarts.ended(61.0 * (number + 1), 1).again_in_s == 0.2
-        restarts.started()
 
 
 def test_silent_process_is_killed_after_its_time_and_a_beat_begins_it_anew() -> None:
@@ -121,19 +102,6 @@ def test_end_is_told_as_an_end_after_an_earlier_hang() -> None:
     assert restarts.next_step(7.0) is RestartStep.START
     restarts.started()
     assert restarts.ended(8.0, 3).cause is Cause.ENDED
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"first_delay_s": 0.0}, {"factor": 0.5}, {"limit": -1}, {"hang_s": float("nan")}, {"within_s": -1.0}]
-)
-def test_policy_out_of_range_is_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=f"expected {next(iter(wrong))}"):
-        RestartPolicy(**wrong)  # type: ignore[arg-type]
-
-
-@given(st.integers(min_value=1, max_value=10_000))
-def test_delay_never_shrinks_and_never_exceeds_the_longest(failures: int) -> None:
-    assert POLICY.delay_s(failures) <= POLICY.delay_s(failures + 1) <= POLICY.longest_delay_s
 
 
 class RestartsMachine(RuleBasedStateMachine):

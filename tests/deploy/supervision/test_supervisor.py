@@ -100,18 +100,6 @@ def test_refusal_of_a_part_that_must_start_is_an_error_of_whoever_started_it(run
         wait(supervisor, lambda: False)
 
 
-@pytest.mark.slow
-def test_view_tells_process_memory_and_restarts(run) -> None:
-    supervisor, _ = run(HUB)
-    hub = supervisor.named("hub")
-    wait(supervisor, lambda: hub.is_up)
-    hub.status(0.0, "", "")
-    view = hub.status(1.5, "3.0 heard/s", "")
-    assert (view.pid, view.restarts, view.messages) == (hub.child.pid, 0, "3.0 heard/s")
-    assert 10.0 < view.memory_mb < 500.0
-    assert 0.0 <= view.cpu_share < 4.0
-
-
 def test_guard_ends_what_is_left_even_if_it_stands_still() -> None:
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True)
     os.kill(child.pid, signal.SIGSTOP)

@@ -116,8 +116,3 @@ def test_scenario_file_is_no_team_file(tmp_path) -> None:
     assert not is_team_file(written(tmp_path, '[scenario]\nname = "x"\n'))
     assert not is_team_file(tmp_path / "none.toml")
     assert not is_team_file(written(tmp_path, "= ="))
-
-
-def test_missing_file_is_told(tmp_path) -> None:
-    with pytest.raises(UsageError, match="no such file; expected a team file"):
-        read_team_file(tmp_path / "none.toml")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from robrain.deploy.supervision.part import UNKNOWN_FIGURES, MemberStatus, Phase, ProcessFigures
+from robrain.deploy.supervision.part import MemberStatus, Phase, ProcessFigures
 from robrain.deploy.supervision.team_status import RECEIVED, Rate, TeamMonitor, robot_status
 from robrain.deploy.supervision.top import cells_of, drawn, lines_of
 from robrain.protocol.clock import NS_PER_S, VirtualClock
@@ -107,10 +107,6 @@ def test_cpu_and_memory_of_a_process_are_read_from_proc(tmp_path: Path) -> None:
     (folder / "stat").write_text(f"7 (a ) b) {' '.join(fields)}")
     assert figures.at(10.5) == (None, 100.0)
     assert figures.at(12.0) == (0.25, 100.0)
-
-
-def test_figures_of_a_process_that_has_gone_are_unknown(tmp_path: Path) -> None:
-    assert ProcessFigures(7, tmp_path).at(1.0) == UNKNOWN_FIGURES
 
 
 def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> None:

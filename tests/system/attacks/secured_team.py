@@ -12,8 +12,7 @@ import pytest
 import zenoh
 
 from robrain.agent.authoring.skeleton import write_skeleton
-from robrain.deploy.pki.folder import folder_of
-from robrain.deploy.pki.issuing import init, issue, revoke
+from robrain.deploy.pki.issuing import folder_of, init, issue, revoke
 from robrain.protocol.access.identity import TLS_VARIABLE, read_identity
 from robrain.protocol.access.member import Member, member
 from robrain.protocol.clock import LiveClock

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from robrain.deploy.pki.folder import folder_of
-from robrain.deploy.pki.issuing import init, issue, renew
+from robrain.deploy.pki.issuing import folder_of, init, issue, renew
 from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, read_identity
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere, WireError
@@ -120,14 +119,6 @@ def test_member_with_a_certificate_is_a_client_alone(team: SecuredTeam, mode: st
     identity = read_identity(team.folder_of(member_named("robot r1")))
     with pytest.raises(WireError, match="is for a client"):
         open_session(mode=mode, connect=[team.endpoint], identity=identity)
-
-
-@pytest.mark.parametrize("name", ["robot r1", "router site", "operator ann"])
-def test_nobody_else_can_read_a_key(team: SecuredTeam, name: str) -> None:
-    folder = team.folder_of(member_named(name))
-    assert (folder / KEY).stat().st_mode & 0o777 == 0o600
-    assert folder.stat().st_mode & 0o777 == 0o700
-    assert (team.pki / "ca.key").stat().st_mode & 0o777 == 0o600
 
 
 def test_no_key_is_in_what_routers_and_records_hold(team: SecuredTeam) -> None:

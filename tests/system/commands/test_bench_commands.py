@@ -26,14 +26,6 @@ def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
     assert 0.0 <= told["gap"] < 0.05
 
 
-def test_value_of_a_public_instance_is_told_in_words_too(commands) -> None:
-    done = commands.run_here("bench", "allocation", "--instance", str(R101), "--seconds", "1")
-    assert done.returncode == 0, done.stderr
-    first, second = done.stdout.splitlines()
-    assert first.startswith("R101: 25 customers, ")
-    assert second.endswith("best known –")
-
-
 @pytest.mark.parametrize(
     ("words", "named"),
     [

@@ -158,11 +158,6 @@ def test_what_a_plugin_says_of_its_failure_stands_below_it(robot: Commands) -> N
     assert done.stderr == "robrain: it broke\n  Traceback:\n    file.py, line 3\n"
 
 
-def test_the_version_is_told(commands: Commands) -> None:
-    done = commands.run_here("--version")
-    assert (done.returncode, done.stdout) == (0, "robrain 0.1.0\n")
-
-
 def test_log_prints_the_last_lines_and_follows_further_ones(robot: Commands) -> None:
     LOGS[0].put("drawer", "info", "open")
     LOGS[0].put("halt", "warning", "halted by ann:\nstop")

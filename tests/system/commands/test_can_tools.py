@@ -1,17 +1,11 @@
 """python-can's own tools on a robot in a live arena, and a log of theirs replayed into a robot without an arena."""
 
-import contextlib
-import fcntl
 import io
 import itertools
-import os
-import pty
 import re
 import signal
-import struct
 import subprocess
 import sys
-import termios
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -159,27 +153,3 @@ def test_a_log_that_is_played_into_a_robot_moves_its_odometry_as_the_drive_did(l
     finally:
         host.close()
         hub.close()
-
-
-def test_the_viewer_shows_the_frames_of_a_simulated_robot(arena) -> None:
-    screen, terminal = pty.openpty()
-    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
-    viewer = subprocess.Popen(
-        tool("viewer", "-i", "zenoh", "-c", "r1/can0", "--bus-kwargs", f"connect={arena}"),
-        stdin=terminal,
-        stdout=terminal,
-        stderr=terminal,
-        env={**os.environ, "TERM": "xterm"},
-    )
-    os.close(terminal)
-    shown = b""
-    try:
-        deadline_s = time.monotonic() + PATIENCE_S
-        while not all(name in shown for name in (b"0x180", b"0x181", b"0x200", b"0x280")):
-            assert time.monotonic() < deadline_s, shown.decode(errors="replace")
-            with contextlib.suppress(OSError):
-                shown += os.read(screen, 65536)
-    finally:
-        viewer.terminate()
-        viewer.wait(PATIENCE_S)
-        os.close(screen)

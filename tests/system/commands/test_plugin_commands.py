@@ -9,12 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.table.topics import ROBOT_CALL
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
 from tests.asking import until_answered
-from tests.system.conftest import Commands
+from tests.system.conftest import Commands, member_at
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -27,12 +24,8 @@ class Robot:
 
     def __init__(self, commands: Commands) -> None:
         self.commands = commands
-        arena = commands.start(
-            "arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", "."
-        )
-        self.endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-        self.agent = commands.start("agent", "r1.toml")
-        commands.line_with(self.agent, "agent: r1 is up")
+        self.endpoint = commands.arena("arena_small", "--robots", "1")
+        (self.agent,) = commands.agents("r1").values()
 
     def plugin(self, *words: str) -> subprocess.CompletedProcess[str]:
         return self.commands.run_here("plugin", *words, ROBRAIN_CONNECT=self.endpoint)
@@ -67,14 +60,9 @@ class Robot:
         until(lambda: self.states() == wanted, f"the plugins' states are not {wanted}")
 
     def call(self, plugin: str, function: str, *arguments: object) -> object:
-        session = open_session(connect=[self.endpoint], wait_s=PATIENCE_S)
-        wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
-        try:
+        with member_at(self.endpoint) as wire:
             ask = partial(wire.ask, ROBOT_CALL, list(arguments), robot="r1", plugin=plugin, function=function)
             return json.loads(until_answered(ask))
-        finally:
-            wire.close()
-            session.close()
 
 
 @pytest.fixture(scope="module")
@@ -219,24 +207,6 @@ def test_what_others_require_is_unloaded_only_with_them_and_comes_back_by_name(r
     assert set(robot.told("load", "r1", "explore")) == {"planner: active", "explore: active"}
     for name in set(gone) - {"planner", "explore"}:
         robot.told("load", "r1", name)
-    robot.comes_to(before)
-
-
-@pytest.mark.parametrize("verb", ["unload", "reload", "load"])
-def test_a_plugin_that_is_not_there_is_told_with_those_that_are(robot, verb: str) -> None:
-    text = robot.refused(verb, "r1", "ghost")
-    assert "ghost" in text
-    assert "driver" in text
-
-
-def test_a_plugin_that_does_not_start_leaves_the_robot_as_it_was(robot) -> None:
-    robot.commands.run_here("plugin", "new", "lamp", "--level", "device")
-    source = robot.commands.folder / "lamp" / "lamp.py"
-    source.write_text(source.read_text() + "\n    def activate(self) -> None:\n        raise OSError('no such lamp')\n")
-    before = robot.settled()
-    refusal = robot.refused("load", "r1", "lamp")
-    assert "no such lamp" in refusal
-    assert 'File "lamp/lamp.py", line 15, in activate' in refusal
     robot.comes_to(before)
 
 

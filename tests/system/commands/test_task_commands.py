@@ -25,16 +25,9 @@ class LiveTeam:
 
     def __init__(self, commands: Commands) -> None:
         self.commands = commands
-        words = ("arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-        arena = commands.start("arena", *words)
-        self.endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-        agent = commands.start("agent", "r1.toml")
-        commands.line_with(agent, "agent: r1 is up")
-        self.start_coordinator()
-
-    def start_coordinator(self) -> None:
-        self.coordinator = self.commands.start("coordinator", "--connect", self.endpoint)
-        self.commands.line_with(self.coordinator, "coordinator: of team default")
+        self.endpoint = commands.arena("arena_small", "--robots", "1")
+        commands.agents("r1")
+        self.coordinator = commands.coordinator(self.endpoint)
 
     def task(self, *words: str):
         return self.commands.run_here("task", *words, ROBRAIN_CONNECT=self.endpoint, USER="ann")
@@ -87,7 +80,7 @@ def test_a_task_goes_from_the_command_line_to_the_robot_and_is_done(team: LiveTe
     alone = team.task("show", "my-1")
     assert alone.returncode == 2
     assert "no coordinator of team default answers" in alone.stderr
-    team.start_coordinator()
+    team.coordinator = team.commands.coordinator(team.endpoint)
     watched = team.task("watch", "my-1", "--json")
     assert watched.returncode == 0, watched.stdout + watched.stderr
     assert json.loads(watched.stdout.splitlines()[-1])["state"] == "done"

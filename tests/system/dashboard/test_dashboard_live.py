@@ -300,10 +300,10 @@ def _halt_stops_the_wheels(page: Page, team: LiveTeam) -> None:
     expect(page.get_by_test_id("not-stopped")).to_have_count(0)
     expect(page.get_by_test_id("robot-r1-contact")).to_have_text("■ halted")
     team.come_to_a_stand(STANDS_S, STOPPED_M)
-    before_m = team.way_m()
+    before_m = team.driven_m()
     time.sleep(STANDS_S)
     assert before_m > 0
-    assert team.way_m() - before_m < STOPPED_M
+    assert team.driven_m() - before_m < STOPPED_M
     keep(page, "dashboard-halted")
     _resume(page)
 

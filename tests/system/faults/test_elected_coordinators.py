@@ -2,19 +2,18 @@
 
 import signal
 import time
+from contextlib import ExitStack
 
 import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.messages.team.standing_messages import LeadRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.table.topics import COORDINATOR_LEAD, COORDINATOR_STATE, TASK_LIST, TASK_SUBMIT
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
 from tests.asking import until_answered
+from tests.system.conftest import Commands, member_at
 from tests.waiting import until
 
 pytestmark = pytest.mark.system
@@ -31,25 +30,13 @@ PLACES = (Point2D(1.0, 1.0), Point2D(1.0, 4.5), Point2D(3.0, 1.0), Point2D(3.0, 
 class Pair:
     """A simulated team of three, and coordinators that are started on journals of their own."""
 
-    def __init__(self, commands) -> None:
+    def __init__(self, commands: Commands, closing: ExitStack) -> None:
         self.commands = commands
-        arena = commands.start(
-            "arena", "arena_small", "--robots", "3", "--listen", "tcp/127.0.0.1:0", "--robot-files", "."
-        )
-        self.endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-        self.session = open_session(mode="client", connect=[self.endpoint])
-        self.wire = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
+        self.endpoint = commands.arena("arena_small", "--robots", "3")
+        self.wire = closing.enter_context(member_at(self.endpoint))
         self._summaries = Inbox(every=True)
         self.wire.subscribe(self._summaries, COORDINATOR_STATE)
-        votes = str(commands.folder / "votes")
-        for name in ROBOTS:
-            agent = commands.start("agent", f"{name}.toml", "--votes", votes)
-            commands.line_with(agent, f"agent: {name} is up")
-
-    def close(self) -> None:
-        self.commands.stop_all()
-        self.wire.close()
-        self.session.close()
+        commands.agents(*ROBOTS, options=("--votes", str(commands.folder / "votes")))
 
     def coordinator(self, journal: str):
         words = ("--connect", self.endpoint, "--witnesses", ",".join(ROBOTS), "--journal", journal)
@@ -85,9 +72,9 @@ class Pair:
 
 @pytest.fixture
 def pair(commands):
-    pair = Pair(commands)
-    yield pair
-    pair.close()
+    with ExitStack() as closing:
+        yield Pair(commands, closing)
+        commands.stop_all()
 
 
 def test_each_takes_over_with_all_that_was_acknowledged_and_one_that_lacks_it_by_an_operators_word_only(

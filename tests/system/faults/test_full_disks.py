@@ -44,10 +44,8 @@ def period_s(client: Team) -> float:
 
 @pytest.mark.skipif(not can_have_small_disks(), reason="no file system of its own is to be had here")
 def test_robots_loops_and_acknowledged_tasks_outlast_full_disks_and_a_page_that_hangs(commands: Commands) -> None:
-    words = ("arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    arena = commands.start("arena", *words)
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    commands.line_with(commands.start("agent", "r1.toml"), "agent: r1 is up")
+    endpoint = commands.arena("arena_small", "--robots", "1")
+    commands.agents("r1")
     at = ["--connect", endpoint]
     coordinator = on_a_small_disk(commands, "journal", ["coordinator", *at, "--journal", "{disk}/team.journal"])
     commands.line_with(coordinator.process, "of team")

@@ -5,14 +5,13 @@ import time
 
 import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import RobotTruth
 from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.endpoint import Endpoint
+from tests.system.conftest import member_at
 from tests.system.soak import put
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import until
 
 pytestmark = pytest.mark.system
 
@@ -22,13 +21,11 @@ STANDS_M = 0.001
 class Watcher:
     """Sees where the robots really are."""
 
-    def __init__(self, endpoint: str) -> None:
-        self.session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
-        self.wire = Endpoint(self.session, "default", LiveClock(), Drive.LIVE)
+    def __init__(self, wire: Endpoint) -> None:
         self._truth = Inbox()
-        self.wire.subscribe(self._truth, ARENA_TRUTH)
+        wire.subscribe(self._truth, ARENA_TRUTH)
         self._summaries = Inbox()
-        self.wire.subscribe(self._summaries, COORDINATOR_STATE)
+        wire.subscribe(self._summaries, COORDINATOR_STATE)
         self._conditions: dict[str, str] = {}
 
     def driven_m(self, duration_s: float) -> dict[str, float]:
@@ -55,29 +52,16 @@ class Watcher:
     def _distances_m(self) -> dict[str, float]:
         return {name: robot.distance_m for name, robot in self.truth().items()}
 
-    def close(self) -> None:
-        self.wire.close()
-        self.session.close()
-
 
 @pytest.fixture
 def arena(commands):
-    words = ("arena", "depot", "--robots", "2", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    process = commands.start(*words)
-    endpoint = commands.line_with(process, "arena: depot at ").split(" at ")[1].split(",")[0]
-    watcher = Watcher(endpoint)
-    yield endpoint, watcher
-    watcher.close()
+    endpoint = commands.arena("depot", "--robots", "2")
+    with member_at(endpoint) as wire:
+        yield endpoint, Watcher(wire)
 
 
 def succeeds(done):
     return done.returncode == 0
-
-
-def start_agent(commands, robot):
-    agent = commands.start("agent", f"{robot}.toml")
-    commands.line_with(agent, f"agent: {robot} is up")
-    return agent
 
 
 def test_a_halt_holds_robots_until_it_is_resumed_names_those_that_are_lost_and_holds_late_ones(commands, arena) -> None:
@@ -86,8 +70,7 @@ def test_a_halt_holds_robots_until_it_is_resumed_names_those_that_are_lost_and_h
     def run_until(is_good, *words):
         return commands.run_until(is_good, *words, ROBRAIN_CONNECT=endpoint)
 
-    start_agent(commands, "r1")
-    lost = start_agent(commands, "r2")
+    lost = commands.agents("r1", "r2")["r2"]
     watcher.wait_until_all_drive()
     # One robot alone, without a coordinator.
     assert run_until(succeeds, "halt", "r1", "--by", "operator:ann").stdout == "r1: halted\n"
@@ -105,8 +88,7 @@ def test_a_halt_holds_robots_until_it_is_resumed_names_those_that_are_lost_and_h
     run_until(succeeds, "resume", "r1")
     watcher.wait_until_all_drive()
     # All, of which one is lost.
-    coordinator = commands.start("coordinator", ROBRAIN_CONNECT=endpoint)
-    commands.line_with(coordinator, "coordinator: of team default")
+    commands.coordinator(endpoint)
     until(lambda: watcher.told_of("r2") == "up", "the coordinator never heard of r2")
     lost.kill()
     lost.wait()
@@ -119,7 +101,7 @@ def test_a_halt_holds_robots_until_it_is_resumed_names_those_that_are_lost_and_h
     until(lambda: watcher.driven_m(0.5)["r1"] < STANDS_M, "r1 does not come to a stand")
     # It comes back while the team is halted.
     put(commands.folder / "r2.toml", watcher.truth()["r2"].pose)
-    start_agent(commands, "r2")
+    commands.agents("r2")
     driven_m = watcher.driven_m(5.0)  # explore takes a frontier by itself after 3 s without a coordinator
     assert driven_m["r1"] < STANDS_M
     assert driven_m["r2"] < STANDS_M

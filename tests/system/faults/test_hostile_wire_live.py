@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from robrain.protocol.clock import LiveClock
@@ -54,20 +55,12 @@ class Hub:
 
     def family(self) -> dict[int, str]:
         """The process and its children, each with its command."""
-        found = {self.process.pid: "up"}
-        for entry in Path("/proc").iterdir():
-            if entry.name.isdigit():
-                try:
-                    parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-                    words = (entry / "cmdline").read_text().split("\0")
-                except OSError:
-                    continue
-                if parent == self.process.pid and "robrain.cli" in words:
-                    found[int(entry.name)] = " ".join(words[1:4])
-        return found
+        words_of = {child.pid: child.cmdline() for child in psutil.Process(self.process.pid).children()}
+        children = {pid: " ".join(words[1:4]) for pid, words in words_of.items() if "robrain.cli" in words}
+        return {self.process.pid: "up", **children}
 
     def resident_mb(self) -> dict[int, float]:
-        return {pid: _resident_mb(pid) for pid in self.family()}
+        return {pid: psutil.Process(pid).memory_info().rss / 1048576 for pid in self.family()}
 
     def look_at_recorder(self) -> None:
         """Take in what the recorder has told since the last look."""
@@ -194,10 +187,3 @@ def _refused(hub: Hub) -> dict[str, dict[str, int]]:
             topics = counts.setdefault(member, {})
             topics[one["topic"]] = topics.get(one["topic"], 0) + one["count"]
     return counts
-
-
-def _resident_mb(pid: int) -> float:
-    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
-        if line.startswith("VmRSS:"):
-            return int(line.split()[1]) / 1024
-    return 0.0

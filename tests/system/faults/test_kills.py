@@ -31,14 +31,9 @@ def test_every_task_ends_once_whatever_is_killed(tmp_path: Path, monkeypatch: py
 
 def test_a_robot_whose_process_is_stopped_loses_its_task_and_is_told_to_stop_when_it_returns(commands) -> None:
     """SIGSTOP: its liveliness token stays for many seconds; only its silence tells."""
-    words = ("arena_small", "--robots", "2", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    arena = commands.start("arena", *words)
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    agents = {name: commands.start("agent", f"{name}.toml") for name in ("r1", "r2")}
-    for name, agent in agents.items():
-        commands.line_with(agent, f"agent: {name} is up")
-    coordinator = commands.start("coordinator", "--connect", endpoint)
-    commands.line_with(coordinator, "coordinator: of team default")
+    endpoint = commands.arena("arena_small", "--robots", "2")
+    agents = commands.agents("r1", "r2")
+    commands.coordinator(endpoint)
     with Team.connect(endpoint, patience_s=PATIENCE_S) as client:
         client.submit("visit", id="t1", place=(2.0, 1.0), service_s=4.0)
         running = until(lambda: _running(client), "nobody begins the task")

@@ -38,17 +38,6 @@ def start(commands, kind):
     hub.close()  # type: ignore[no-untyped-call]
 
 
-def test_a_second_process_of_a_name_refuses_and_says_who_is_there(commands, start, kind) -> None:
-    first = start()
-    commands.line_with(first, UP[kind])
-    second = start()
-    said, _ = second.communicate(timeout=PATIENCE_S)
-    assert second.returncode == 2
-    (line,) = said.splitlines()
-    assert line.startswith(f"robrain: {NAMED[kind]} is there already: process {first.pid} on ")
-    assert first.poll() is None
-
-
 def test_of_three_that_start_at_once_exactly_one_comes_up(commands, start, kind) -> None:
     processes = [start() for _ in range(3)]
     up: list[subprocess.Popen[str]] = []
@@ -62,16 +51,6 @@ def test_of_three_that_start_at_once_exactly_one_comes_up(commands, start, kind)
         process.communicate(timeout=PATIENCE_S)
     assert [process.returncode for process in refused] == [2, 2]
     assert up[0].poll() is None
-
-
-def test_after_a_kill_the_next_one_comes_up_without_waiting(commands, start, kind) -> None:
-    first = start()
-    commands.line_with(first, UP[kind])
-    for _ in range(2):
-        first.send_signal(signal.SIGKILL)
-        first.wait(PATIENCE_S)
-        first = start()
-        assert commands.line_with(first, kind).startswith(UP[kind])  # its first word
 
 
 def test_a_process_that_hangs_beyond_its_lease_loses_its_name_and_ends_when_it_goes_on(commands, start, kind) -> None:

@@ -10,8 +10,7 @@ import psutil
 import pytest
 import zenoh
 
-from robrain.deploy.pki.folder import folder_of
-from robrain.deploy.pki.issuing import init, issue
+from robrain.deploy.pki.issuing import folder_of, init, issue
 from robrain.protocol.access.identity import read_identity
 from robrain.protocol.access.member import Member, member
 from robrain.protocol.wire.session import open_session

@@ -13,13 +13,11 @@ pytestmark = pytest.mark.system
 def test_tasks_are_taken_in_done_or_cancelled_by_robots_and_noted_by_a_coordinator_that_is_started_later(
     commands, tmp_path: Path
 ) -> None:
-    words = ("arena_small", "--robots", "2", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    arena = commands.start("arena", *words)
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
+    endpoint = commands.arena("arena_small", "--robots", "2")
     for name in ("r1", "r2"):
         path = commands.folder / f"{name}.toml"
         path.write_text(path.read_text().replace("[robot]\n", "[robot]\nconsensus = true\n"))
-        commands.line_with(commands.start("agent", f"{name}.toml"), f"agent: {name} is up")
+    commands.agents("r1", "r2")
 
     def task(*words: str):
         return commands.run_here("task", *words, "--connect", endpoint)
@@ -38,8 +36,7 @@ def test_tasks_are_taken_in_done_or_cancelled_by_robots_and_noted_by_a_coordinat
     cancelled = json.loads(task("cancel", "waits", "--json").stdout)
     assert (cancelled["task"]["id"], cancelled["state"]) == ("waits", "cancelled")
     assert cancelled["why"] in {f"there is no coordinator; {who} cancelled it" for who in ("r1, r2", "r2, r1")}
-    coordinator = commands.start("coordinator", "--connect", endpoint)
-    commands.line_with(coordinator, "coordinator: of team default")
+    commands.coordinator(endpoint)
 
     def ended():
         listed = json.loads(task("list", "--json").stdout)

@@ -12,8 +12,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from robrain.deploy.pki.folder import folder_of
-from robrain.deploy.pki.issuing import init, issue
+from robrain.deploy.pki.issuing import folder_of, init, issue
 from robrain.protocol.access.identity import TLS_VARIABLE, read_identity
 from robrain.protocol.access.member import Member, member
 from robrain.protocol.clock import LiveClock

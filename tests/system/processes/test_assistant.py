@@ -23,13 +23,12 @@ from mcp_types import CallToolResult, ImageContent, Implementation, TextContent
 from PIL import Image
 
 from robrain import TaskState, Team
-from robrain.deploy.pki.folder import folder_of
-from robrain.deploy.pki.issuing import init, issue
+from robrain.deploy.pki.issuing import folder_of, init, issue
 from robrain.deploy.pki.router import SecuredRouter
 from robrain.protocol.access.member import member
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from tests.system.conftest import Commands
-from tests.system.processes.test_team import LAMP, MANIFEST, start_team
+from tests.system.processes.test_team import LAMP, MANIFEST
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -134,7 +133,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     (lamp / "lamp.toml").write_text(MANIFEST)
     commands = Commands(folder)
     try:
-        endpoint = start_team(commands)
+        endpoint = commands.team(2, "--motes", "3")
         with Team.connect(endpoint, by="operator:ben", patience_s=PATIENCE_S) as team:
             until(lambda: [robot.name for robot in team.state().robots if robot.up] == ["r1", "r2"])
             until(lambda: "visit" in [kind.kind for kind in team.kinds()])

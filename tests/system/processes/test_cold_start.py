@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from numba.core.caching import _CacheLocator
 
@@ -54,17 +55,8 @@ def robrain(*words: str, cache: Path) -> Iterator[subprocess.Popen[str]]:
 
 def compiling_below(pid: int) -> list[int]:
     """The processes that a process has started to compile."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-                words = (entry / "cmdline").read_text()
-            except OSError:
-                continue
-            if parent == pid and "compile_worker" in words:
-                found.append(int(entry.name))
-    return found
+    children = psutil.Process(pid).children()
+    return [child.pid for child in children if any("compile_worker" in word for word in child.cmdline())]
 
 
 def fill(cache: Path) -> None:

@@ -2,9 +2,9 @@
 
 import signal
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
@@ -19,8 +19,8 @@ from robrain.protocol.table.topics import (
     ROBOT_MAP,
     ROBOT_MAP_WHOLE,
 )
-from robrain.protocol.wire.session import listening_at
 from tests.asking import until_answered
+from tests.system.conftest import endpoint_of
 from tests.waiting import PATIENCE_S, has_ended, until
 
 pytestmark = pytest.mark.system
@@ -28,25 +28,18 @@ pytestmark = pytest.mark.system
 POLICY = '[planning]\nmethod = "greedy"\nobjective = "lifetime"\n'
 
 
-def start(commands, hub, *words: str):
-    where = next(endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/"))
-    return commands.start("coordinator", "--connect", where, *words)
-
-
 def planner_of(pid: int) -> int:
     """Process id of a coordinator's planner; 0 if there is none."""
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(OSError):  # the thread or child has ended
-            for child in (task / "children").read_text(encoding="ascii").split():
-                if b"worker_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                    return int(child)
+    with suppress(psutil.NoSuchProcess):
+        for child in psutil.Process(pid).children():
+            if any("worker_main" in word for word in child.cmdline()):
+                return int(child.pid)
     return 0
 
 
 def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(commands, hub, wire):
     (commands.folder / "team.toml").write_text(POLICY)
-    coordinator = start(commands, hub, "--planning", "team.toml", "--objective", "makespan")
-    commands.line_with(coordinator, "coordinator: of team default")
+    commands.coordinator(endpoint_of(hub), "--planning", "team.toml", "--objective", "makespan")
     status = until_answered(lambda: wire.ask(COORDINATOR_PLANNING))
     assert (status.method, str(status.objective)) == ("greedy", "makespan")
 
@@ -60,7 +53,7 @@ def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, wire)
     # A patch may be taken in before the token of its robot is; as that appears, the robot is asked for its whole map.
     wire.answer(ROBOT_MAP_WHOLE, lambda _: patch, robot="r1")
     wire.token(ROBOT_ALIVE, robot="r1")
-    start(commands, hub)
+    commands.start("coordinator", "--connect", endpoint_of(hub))
     until(lambda: (list(presence.changes()), presence.present)[1])
     wire.publisher(ROBOT_MAP, robot="r1").put(patch)
     known_m2 = until(lambda: [m for one in summaries.drain() if (m := one.message.known_area_m2) > 0.0])
@@ -69,8 +62,7 @@ def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, wire)
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_however_it_ends_its_planner_does_too_and_nobody_complains(commands, hub, how):
-    coordinator = start(commands, hub)
-    commands.line_with(coordinator, "coordinator: of team default")
+    coordinator = commands.coordinator(endpoint_of(hub))
     planner = until(lambda: planner_of(coordinator.pid))
     coordinator.send_signal(how)
     said, _ = coordinator.communicate(timeout=PATIENCE_S)  # until the planner has closed it, too

@@ -6,7 +6,7 @@ import pytest
 
 from robrain.recording.reader.reading import read_messages
 from tests.system.conftest import Commands
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import until
 
 pytestmark = pytest.mark.system
 
@@ -39,17 +39,13 @@ def test_agents_explore_a_floor_together(commands) -> None:
 
 
 def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) -> None:
-    arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    line = commands.line_with(arena, "arena: arena_small at ")
-    endpoint = line.split(" at ")[1].split(",")[0]
-
+    endpoint = commands.arena("arena_small", "--robots", "1")
     nobody = commands.run_until(
         lambda done: "nobody of team other" in done.stderr, "status", "--connect", endpoint, "--team", "other"
     )
     assert nobody.returncode == 2
 
-    agent = commands.start("agent", "r1.toml")
-    commands.line_with(agent, "agent: r1 is up")
+    commands.agents("r1")
     coordinator = commands.start("coordinator", ROBRAIN_CONNECT=endpoint)
     commands.line_with(coordinator, "coordinator: of team default")
     # On an overloaded machine a robot may lose its link and be back a moment later, so status is asked until it agrees.
@@ -59,14 +55,3 @@ def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) ->
     coordinator.kill()
     coordinator.wait()
     until(lambda: _status(commands, "--connect", endpoint) == left, f"status never told {left}")
-
-
-def test_can_viewer_tools_hear_a_simulated_robot(commands) -> None:
-    import can
-
-    arena = commands.start("arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0")
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    with can.Bus(interface="zenoh", channel="r1/can0", connect=endpoint) as bus:
-        frame = bus.recv(timeout=PATIENCE_S)
-    assert frame is not None
-    assert frame.arbitration_id in (0x180, 0x181, 0x200)

@@ -63,15 +63,6 @@ def test_what_a_team_is_asked_for_goes_to_stdout_without_an_endpoint_given(
     assert done.stderr == ""
 
 
-def test_the_shell_finds_the_robots_of_this_machine(team: Commands) -> None:
-    def lists_plugins() -> bool:
-        shell = team.start("shell", "r1", stdin=subprocess.PIPE)
-        said, _ = shell.communicate("list\nexit\n", timeout=PATIENCE_S)
-        return shell.returncode == 0 and "driver" in said
-
-    until(lists_plugins, "the shell never listed the robot's plugins")
-
-
 def test_top_and_doctor_see_the_team_of_this_machine(up: "tuple[Commands, subprocess.Popen[str]]") -> None:
     team, process = up
     parts = {"hub", "arena", "coordinator", "r1"}
@@ -111,13 +102,6 @@ def test_metrics_of_a_live_robot_are_scraped(team: Commands) -> None:
         r'robrain_plugin_restarts_total{plugin="driver",robot="r1"} \d',
     ):
         until(lambda line=line: re.search(line, scraped()), f"no {line}")
-
-
-def test_the_dashboard_finds_the_team_of_this_machine(team: Commands) -> None:
-    page = team.start("dashboard", "--port", "0")
-    assert "http://127.0.0.1:" in team.line_with(page, "dashboard: ")
-    page.send_signal(signal.SIGINT)
-    assert page.wait(PATIENCE_S) == 0
 
 
 @pytest.mark.parametrize(

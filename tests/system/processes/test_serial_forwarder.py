@@ -7,12 +7,10 @@ from functools import partial
 
 import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
 from robrain.protocol.table.topics import ROBOT_CALL
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
 from tests.asking import until_answered
+from tests.system.conftest import member_at
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -91,10 +89,8 @@ def test_a_robot_goes_by_its_base_station_s_forwarder(commands) -> None:
     text = robot_file.read_text()
     assert f"# port = {port}" in text
     robot_file.write_text(text + f'\n[parameters.mote_base]\ninterface = "sf"\nhost = "{host}"\nport = {port}\n')
-    agent = commands.start("agent", "r1.toml")
-    commands.line_with(agent, "agent: r1 is up")
-    with open_session(connect=[endpoint], wait_s=PATIENCE_S) as session:
-        wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
+    commands.agents("r1")
+    with member_at(endpoint) as wire:
 
         def told(plugin, function):
             ask = partial(wire.ask, ROBOT_CALL, [], robot="r1", plugin=plugin, function=function)
@@ -109,4 +105,3 @@ def test_a_robot_goes_by_its_base_station_s_forwarder(commands) -> None:
         until(lambda: motes() == ["m1", "m2", "m3"], "not all motes were heard", pause_s=0.2)
         counters = told("mote_base", "counters")
         assert counters["line"] == {"unsent": 0, "reconnects": 0}
-        wire.close()

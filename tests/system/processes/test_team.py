@@ -73,7 +73,7 @@ def bench(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         return
     commands = Commands(folder)
     try:
-        endpoint = start_team(commands)
+        endpoint = commands.team(2, "--motes", "3")
         with (
             Team.connect(endpoint, by="ann", patience_s=PATIENCE_S) as team,
             Team.connect(endpoint, by="bob", patience_s=PATIENCE_S) as other,
@@ -82,18 +82,6 @@ def bench(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
             yield Bench(team, other, folder)
     finally:
         commands.stop_all()
-
-
-def start_team(commands: Commands) -> str:
-    words = ("arena_small", "--robots", "2", "--motes", "3", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    arena = commands.start("arena", *words)
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    agents = {name: commands.start("agent", f"{name}.toml") for name in ("r1", "r2")}
-    coordinator = commands.start("coordinator", "--connect", endpoint)
-    for name, agent in agents.items():
-        commands.line_with(agent, f"agent: {name} is up")
-    commands.line_with(coordinator, "coordinator: of team default")
-    return endpoint
 
 
 @pytest.fixture
@@ -371,15 +359,3 @@ def test_what_exploration_has_left_is_asked_for(team: Team) -> None:
     assert left is not None
     areas_m2 = [region.area_m2 for region in left.regions]
     assert areas_m2 == sorted(areas_m2, reverse=True)
-
-
-def test_a_team_that_has_just_begun_to_explore_has_much_left() -> None:
-    with robrain.Scenario.builtin("depot").replace(robots=1).team() as team:
-        team.run_for(3.0)
-        left = team.left()
-    assert left is not None
-    assert sum(region.area_m2 for region in left.regions) + left.more_m2 > 10.0
-
-
-def test_a_coordinator_that_holds_nothing_back_leaves_no_robot_out(team: Team) -> None:
-    assert team.lead(by="operator:ann") == []

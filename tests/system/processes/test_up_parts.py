@@ -98,12 +98,6 @@ def test_two_hosts_of_a_team_file_are_one_team(commands: Commands) -> None:
     assert "expected --host with one of base, cart" in done.stderr
 
 
-def test_doctor_ends_with_1_if_something_is_wrong(commands: Commands) -> None:
-    done = commands.run("doctor")
-    assert done.returncode == 1
-    assert "WRONG   router: nobody listens at" in done.stdout
-
-
 def _is_one_team(endpoint: str) -> None:
     def robots() -> bool:
         with Team.connect(endpoint, team="blue", patience_s=PATIENCE_S) as team:

@@ -9,8 +9,7 @@ import pytest
 
 from tests.ros2_interfaces.build import is_built, variables
 from tests.system.conftest import Commands
-from tests.system.fake_team import FakeTeam
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import PATIENCE_S
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'robrain[ros2]'")
 
@@ -126,33 +125,6 @@ def test_transforms_are_published_and_a_task_is_submitted_by_a_service(gateway, 
     assert "expected a task as JSON" in refused["answer"]
 
 
-NO_TASKS = {
-    "visit": "expected a task as JSON",
-    '{"place": [1, 2]}': "kind",
-    '{"kind": "visit", "place": [1, 2], "plcae": 3}': "plcae",
-    '{"kind": "visit", "place": [1e300, 2]}': "place",
-    '{"kind": "juggle"}': "juggle",
-    '{"kind": "visit", "place": [1, 2], "id": "look", "parameters": {"id": "other"}}': "id",
-    "[" * 70_000: "at most",
-}
-"""Texts, and a word of the reason that each is refused with."""
-
-
-def test_what_is_no_task_is_answered_with_the_reason(coordinator, commands, domain, listener):
-    answers = heard(listener, String, "/robrain/task_answers")
-    gateway = commands.start("ros2", "gateway", "--connect", coordinator)
-    commands.line_with(gateway, "ros2 gateway: ")
-    submit = listener.node.create_publisher(String, "/robrain/submit_task", 10)
-    assert listener.spin(PATIENCE_S, submit.get_subscription_count)
-
-    for text, why in NO_TASKS.items():
-        submit.publish(String(data=text))
-        assert listener.spin(PATIENCE_S, lambda: answers)
-        answer = json.loads(answers.pop().data)
-        assert not answer["accepted"]
-        assert why in answer["answer"]
-
-
 def test_a_gateway_that_is_read_only_takes_no_orders(gateway, domain, listener):
     start, _ = gateway
     poses = heard(listener, PoseStamped, "/robrain/r1/pose")
@@ -160,12 +132,3 @@ def test_a_gateway_that_is_read_only_takes_no_orders(gateway, domain, listener):
     assert listener.spin(PATIENCE_S, lambda: poses)
     assert [name for name, _ in listener.node.get_service_names_and_types() if name.startswith("/robrain/")] == []
     assert listener.node.count_subscribers("/robrain/submit_task") == 0
-
-
-def test_a_team_that_comes_later_is_shown(commands, domain, listener):
-    gateway = commands.start("ros2", "gateway", "--connect", commands.hub.endpoint)
-    poses = heard(listener, PoseStamped, "/robrain/r1/pose")
-    commands.line_with(gateway, "waiting for")
-    with FakeTeam(commands.hub.endpoint):
-        commands.line_with(gateway, "ros2 gateway: ")
-        assert until(lambda: listener.spin(1.0, lambda: poses))

@@ -72,23 +72,3 @@ def test_only_on_mecanum_wheels_it_drives_sideways(robots, floor, holonomic):
     body = robots.Body(floor, robots.Pose(1.0, 1.0, 0.0), holonomic=holonomic, slip=0.0)
     drive(robots, body, robots.Twist(0.0, 0.4, 0.0), 1.0)
     assert (body.pose.y_m > 1.2) is holonomic
-
-
-def test_its_lidar_sees_the_walls_and_infinity_beyond_its_reach(robots, floor):
-    lidar = robots.Lidar(floor, 4, 2.5, 0.0)
-    ranges_m = lidar.ranges_m(robots.Pose(1.0, 1.0, 0.0), np.random.default_rng(1))
-    assert lidar.angles_rad == pytest.approx([-math.pi, -math.pi / 2, 0.0, math.pi / 2])
-    assert ranges_m == pytest.approx([1.0, 1.0, math.inf, 2.0], abs=0.03)
-
-
-def test_its_battery_is_drained_by_driving(robots):
-    standing, driving = robots.Battery(0.9), robots.Battery(0.9)
-    standing.drain(robots.Twist(), 60.0)
-    driving.drain(robots.Twist(0.8, 0.0, 0.0), 60.0)
-    assert driving.soc < standing.soc < 0.9
-    assert driving.voltage_v < standing.voltage_v
-
-
-def test_a_start_in_a_wall_is_refused(robots, floor):
-    with pytest.raises(ValueError, match="touches no wall"):
-        robots.Body(floor, robots.Pose(0.1, 1.0, 0.0), holonomic=False, slip=0.0)

@@ -23,11 +23,7 @@ pytestmark = pytest.mark.system
 @pytest.fixture
 def session(commands) -> Iterator[zenoh.Session]:
     """Of a node, beside a team of one robot and its gateway."""
-    words = ("arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0", "--robot-files", ".")
-    arena = commands.start("arena", *words)
-    endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    commands.line_with(commands.start("agent", "r1.toml"), "agent: r1 is up")
-    commands.line_with(commands.start("coordinator", "--connect", endpoint), "coordinator: of team default")
+    endpoint = commands.team(1)
     gateway = commands.start("ros2", "gateway", "--zenoh", "--connect", endpoint, "--domain", "3")
     assert "in ROS domain 3; orders" in commands.line_with(gateway, "ros2 gateway: team default")
     with closing(open_session(connect=(endpoint,))) as opened:
