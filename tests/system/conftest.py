@@ -93,6 +93,14 @@ class Commands:
         _, stdout, stderr = (stream.buffer.getvalue().decode() for stream in streams)
         return subprocess.CompletedProcess(["robrain", *words], status, stdout, stderr)
 
+    def refused(self, *words: str, **variables: str) -> str:
+        """The sentence with which a command refuses its words, and nothing else of it."""
+        done = self.run_here(*words, **variables)
+        assert (done.returncode, done.stdout) == (2, ""), done.stderr
+        assert "Traceback" not in done.stderr
+        (line,) = (line for line in done.stderr.splitlines() if line.startswith("robrain: "))
+        return line
+
     def run_until(
         self, is_good: Callable[[subprocess.CompletedProcess[str]], object], *words: str, **variables: str
     ) -> subprocess.CompletedProcess[str]:

@@ -15,10 +15,8 @@ import pytest
 from playwright.sync_api import expect
 
 from robrain.deploy.machine.machine_files import FILES
-from robrain.protocol.clock import LiveClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
 from tests.system.browser import browser_process, keep, open_page
+from tests.system.conftest import member_at
 from tests.system.fake_team import FakeTeam
 from tests.system.stepped_dashboard import Stepped
 from tests.waiting import PATIENCE_S, until
@@ -129,10 +127,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         pytest.skip(missing)
     with ExitStack() as stack:
         team = stack.enter_context(FakeTeam())
-        session = open_session(mode="client", connect=(team.address,))
-        stack.callback(session.close)
-        endpoint = stack.enter_context(closing(Endpoint(session, "default", LiveClock(), Drive.LIVE)))
-        stepped = Stepped(endpoint)
+        stepped = Stepped(stack.enter_context(member_at(team.address)))
         stack.callback(stepped.stop)
         port = int(stepped.dashboard.url.rpartition(":")[2].strip("/"))
         yield stack.enter_context(closing(Site(tmp_path_factory.mktemp("site"), port)))

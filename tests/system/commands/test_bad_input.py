@@ -2,7 +2,6 @@
 
 import json
 import socket
-from pathlib import Path
 
 import pytest
 
@@ -28,6 +27,7 @@ MAP = "image: {image}\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\nnegate: 0\nocc
         (["run", "depot", "--time-limit", "0"], ["--time-limit", "above 0"]),
         (["run", "arena_small", "--record", "nosuch/run.mcap"], ["nosuch"]),  # unwritable recording path
         (["run", "arena_small", "--record", "run.bag"], ["run.bag", ".mcap"]),
+        (["run", "arena_small", "--record", "/proc/run.mcap"], ["/proc/run.mcap"]),  # without write permission
         (["replay", "nosuch.mcap"], ["nosuch.mcap"]),
         (["replay", "run.mcap", "--speed", "0"], ["--speed", "above 0"]),
         (["replay", "run.mcap", "--start", "nan"], ["--start", "0 or more"]),
@@ -42,14 +42,8 @@ MAP = "image: {image}\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\nnegate: 0\nocc
 )
 def test_bad_input_is_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:
     before = set(commands.folder.rglob("*"))
-    done = commands.run_here(*words)
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
-    assert "Traceback" not in done.stderr
-    lines = [line for line in done.stderr.splitlines() if line.startswith("robrain: ")]
-    assert len(lines) == 1, done.stderr
-    for text in named:
-        assert text in lines[0]
+    line = commands.refused(*words)
+    assert [text for text in named if text not in line] == []
     assert set(commands.folder.rglob("*")) == before
 
 
@@ -67,45 +61,25 @@ def test_bad_input_is_told_in_one_sentence(commands, words: list[str], named: li
 )
 def test_bad_scenario_file_is_named_with_its_key(commands, text: str, named: list[str]) -> None:
     (commands.folder / "mine.toml").write_text(text)
-    done = commands.run_here("run", "mine.toml")
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    for word in named:
-        assert word in done.stderr
+    line = commands.refused("run", "mine.toml")
+    assert [word for word in named if word not in line] == []
 
 
 def test_map_without_free_space_is_refused(commands) -> None:
     pixels = b"P5\n20 20\n255\n" + bytes(400)
     (commands.folder / "black.pgm").write_bytes(pixels)
     (commands.folder / "black.yaml").write_text(MAP.format(image="black.pgm"))
-    done = commands.run_here("run", "--map", "black.yaml")
-    assert done.returncode == 2
-    assert "expected free space" in done.stderr
-    assert "black" in done.stderr
-
-
-def test_empty_map_image_is_refused(commands) -> None:
-    (commands.folder / "empty.pgm").write_bytes(b"")
-    (commands.folder / "empty.yaml").write_text(MAP.format(image="empty.pgm"))
-    done = commands.run_here("run", "--map", "empty.yaml")
-    assert done.returncode == 2
-    assert "empty.pgm" in done.stderr
+    assert "expected free space" in commands.refused("run", "--map", "black.yaml")
+    (commands.folder / "black.pgm").write_bytes(b"")
+    assert "black.pgm" in commands.refused("run", "--map", "black.yaml")
 
 
 @pytest.mark.parametrize("name", ["r*", "r/1", "r#", "r$1", "r?", "", "@r"])
 def test_robot_name_that_is_no_key_is_refused(commands, name: str) -> None:
     (commands.folder / "robot.toml").write_text(f"[robot]\nname = {json.dumps(name)}\n")
-    done = commands.run_here("agent", "robot.toml", "--connect", "tcp/127.0.0.1:9")
-    assert done.returncode == 2
-    assert "robot.toml" in done.stderr
-    assert "name" in done.stderr
-
-
-def test_unknown_key_in_a_robot_file_is_named(commands) -> None:
-    (commands.folder / "robot.toml").write_text('[robot]\nname = "r1"\ncolour = "red"\n')
-    done = commands.run_here("agent", "robot.toml", "--connect", "tcp/127.0.0.1:9")
-    assert done.returncode == 2
-    assert "colour" in done.stderr
+    line = commands.refused("agent", "robot.toml", "--connect", "tcp/127.0.0.1:9")
+    assert "robot.toml" in line
+    assert "name" in line
 
 
 def test_taken_port_is_told(commands) -> None:
@@ -113,25 +87,13 @@ def test_taken_port_is_told(commands) -> None:
         holder.bind(("127.0.0.1", 0))
         holder.listen()
         port = holder.getsockname()[1]
-        hub = commands.run_here("arena", "arena_small", "--listen", f"tcp/127.0.0.1:{port}")
-        page = commands.run_here("run", "arena_small", "--dashboard", "--port", str(port), "--time-limit", "1")
-    for done in (hub, page):
-        assert done.returncode == 2, done.stderr
-        assert str(port) in done.stderr
-        assert "Traceback" not in done.stderr
+        for words in (("arena", "arena_small", "--listen", f"tcp/127.0.0.1:{port}"),
+                      ("run", "arena_small", "--dashboard", "--port", str(port), "--time-limit", "1")):  # fmt: skip
+            assert str(port) in commands.refused(*words)
 
 
 def test_existing_recording_is_not_overwritten(commands) -> None:
     path = commands.folder / "kept.mcap"
     path.write_bytes(b"precious")
-    done = commands.run_here("run", "arena_small", "--record", "kept.mcap")
-    assert done.returncode == 2
-    assert "exists already" in done.stderr
+    assert "exists already" in commands.refused("run", "arena_small", "--record", "kept.mcap")
     assert path.read_bytes() == b"precious"
-
-
-def test_recording_into_a_folder_without_write_permission_is_told(commands) -> None:
-    done = commands.run_here("run", "arena_small", "--record", str(Path("/proc/run.mcap")))
-    assert done.returncode == 2
-    assert "/proc/run.mcap" in done.stderr
-    assert "Traceback" not in done.stderr

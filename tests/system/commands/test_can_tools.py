@@ -23,14 +23,14 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.table.topics import ARENA_TRUTH
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import listening_at, open_session
-from tests.system.conftest import Commands
+from tests.system.conftest import Commands, member_at
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
-WAY_M = 0.3
+DISTANCE_M = 0.3
 WHEELS = ("wheel_1_rad_s", "wheel_2_rad_s", "wheel_3_rad_s")
 
 
@@ -64,23 +64,24 @@ class Driven(NamedTuple):
     """A drive that was logged."""
 
     commands: int
-    way_m: float
+    distance_m: float
     """How far the robot really came."""
 
 
 def log_a_drive(endpoint: str, log: Path) -> Driven:
     """Have python-can's logger write what passes on r1's bus while it is driven ahead, and until it stands."""
-    session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
-    wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
+    words = ("-i", "zenoh", "-c", "r1/can0", "-f", str(log), "--bus-kwargs", f"connect={endpoint}")
     truths = Inbox()
-    wire.subscribe(truths, ARENA_TRUTH)
 
-    def way_m() -> float:
+    def driven_m() -> float:
         truths.drain()
         return float(until(truths.drain)[-1].message.robots[0].distance_m)
 
-    words = ("-i", "zenoh", "-c", "r1/can0", "-f", str(log), "--bus-kwargs", f"connect={endpoint}")
-    with subprocess.Popen(tool("logger", *words), stdout=subprocess.DEVNULL) as logger:
+    with (
+        member_at(endpoint) as wire,
+        subprocess.Popen(tool("logger", *words), stdout=subprocess.DEVNULL) as logger,
+    ):
+        wire.subscribe(truths, ARENA_TRUTH)
         try:
             until(lambda: log.exists() and log.stat().st_size > 10_000, "the logger writes nothing")
             speeds = dict(zip(WHEELS, OmniBase().wheel_speeds_rad_s(Twist2D(0.2)), strict=True))
@@ -90,18 +91,16 @@ def log_a_drive(endpoint: str, log: Path) -> Driven:
                 def drive() -> None:
                     host.send(codec("WheelCommand").pack(next(number) % 256, **speeds))
 
-                until(lambda: way_m() > WAY_M, "the robot does not drive", step=drive, pause_s=0.05)
-            until(lambda: way_m() == way_m(), "the robot does not stand")
+                until(lambda: driven_m() > DISTANCE_M, "the robot does not drive", step=drive, pause_s=0.05)
+            until(lambda: driven_m() == driven_m(), "the robot does not stand")
             # The logger writes by the block: after some more of them, all of the drive is in the file.
             blocks = log.stat().st_size + 2 * io.DEFAULT_BUFFER_SIZE
             until(lambda: log.stat().st_size >= blocks, "the logger writes no more")
             logger.send_signal(signal.SIGINT)
             logger.wait(PATIENCE_S)
-            return Driven(next(number), way_m())
+            return Driven(next(number), driven_m())
         finally:
             logger.kill()
-            wire.close()
-            session.close()
 
 
 def test_the_logger_writes_what_passes_on_a_simulated_robot_s_bus(log: Path, driven: "Driven") -> None:
@@ -148,8 +147,8 @@ def test_a_log_that_is_played_into_a_robot_moves_its_odometry_as_the_drive_did(l
 
         until(are_taken_in, "not every frame was taken in", step=host.step)
         assert device.counters().rejected == 0  # type: ignore[attr-defined]
-        assert device.pose().x_m == pytest.approx(driven.way_m, rel=0.1)  # type: ignore[attr-defined]
-        assert abs(device.pose().y_m) < 0.1 * driven.way_m  # type: ignore[attr-defined]
+        assert device.pose().x_m == pytest.approx(driven.distance_m, rel=0.1)  # type: ignore[attr-defined]
+        assert abs(device.pose().y_m) < 0.1 * driven.distance_m  # type: ignore[attr-defined]
     finally:
         host.close()
         hub.close()

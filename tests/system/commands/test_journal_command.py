@@ -37,13 +37,12 @@ def test_journal_is_backed_up_while_the_coordinator_runs_and_restored_when_it_is
     assert (told["tasks"], told["open"]) == (1, 1)
     assert told["path"].startswith(f"{journal}.backups/")
     submit("t2")
-    refused = commands.run_here("journal", "restore", told["path"], "--journal", str(journal))
-    assert refused.returncode == 2
-    assert "another coordinator writes it" in refused.stderr
+    restore = ("journal", "restore", told["path"], "--journal", str(journal))
+    assert "another coordinator writes it" in commands.refused(*restore)
     first.send_signal(signal.SIGKILL)
     first.wait()
     assert f"{journal}: 2 tasks, 2 of them open" in commands.run_here("journal", "check", str(journal)).stdout
-    restored = commands.run_here("journal", "restore", told["path"], "--journal", str(journal))
+    restored = commands.run_here(*restore)
     assert restored.returncode == 0, restored.stderr
     assert "were put aside as" in restored.stdout
     assert f"{journal}: 1 tasks, 1 of them open" in restored.stdout
@@ -74,6 +73,5 @@ def test_damaged_backup_is_told_and_ends_the_command_with_1(commands, tmp_path) 
 
 
 def test_options_that_do_not_go_together_are_refused(commands, tmp_path) -> None:
-    refused = commands.run_here("journal", "backup", "--output", str(tmp_path / "x"))
-    assert refused.returncode == 2
-    assert "--journal and --output: give both, or neither" in refused.stderr
+    line = commands.refused("journal", "backup", "--output", str(tmp_path / "x"))
+    assert "--journal and --output: give both, or neither" in line

@@ -10,10 +10,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from robrain.dashboard import run_dashboard
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.drawing.palette import FREE
 from tests.system.browser import (
     click_on,
@@ -26,6 +24,7 @@ from tests.system.browser import (
     wait_for,
     window,
 )
+from tests.system.conftest import member_at
 from tests.system.fake_team import FakeTeam
 from tests.waiting import PATIENCE_S
 
@@ -36,44 +35,28 @@ SEEN, HIDDEN = 0.03, 0.003
 """Shares of the picture that have the colour of free floor."""
 
 
-@pytest.fixture(scope="module")
-def everybody() -> Iterator[FakeTeam]:
-    with FakeTeam() as team:
-        yield team
-
-
-@pytest.fixture
-def team(everybody: FakeTeam) -> FakeTeam:
-    everybody.heard.drain()
-    return everybody
-
-
 class Stoppable:
     """A dashboard with a session of its own, as `robrain dashboard` runs it."""
 
-    def __init__(self, address: str) -> None:
-        self._session = open_session(mode="client", connect=(address,))
-        self._endpoint = Endpoint(self._session, "default", LiveClock(), Drive.LIVE)
+    def __init__(self, endpoint: Endpoint) -> None:
         self._stop = threading.Event()
         ready: Queue[str] = Queue()
-        arguments = (self._endpoint, "127.0.0.1", 0, ready.put, self._stop.is_set)
+        arguments = (endpoint, "127.0.0.1", 0, ready.put, self._stop.is_set)
         self._thread = threading.Thread(target=run_dashboard, args=arguments)
         self._thread.start()
         self.url = ready.get(timeout=WAIT_S)
 
     def stop(self) -> None:
-        if not self._stop.is_set():
-            self._stop.set()
-            self._thread.join()
-            self._endpoint.close()
-            self._session.close()  # type: ignore[no-untyped-call]
+        self._stop.set()
+        self._thread.join()
 
 
 @pytest.fixture
 def stoppable(team: FakeTeam) -> Iterator[Stoppable]:
-    dashboard = Stoppable(team.address)
-    yield dashboard
-    dashboard.stop()
+    with member_at(team.address) as endpoint:
+        dashboard = Stoppable(endpoint)
+        yield dashboard
+        dashboard.stop()
 
 
 def test_team_is_seen_and_halted_in_a_browser(browser: Browser, team: FakeTeam, stoppable: Stoppable) -> None:

@@ -5,10 +5,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from robrain.protocol.clock import LiveClock
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
 from tests.system.browser import click_on, keep, open_page, window
+from tests.system.conftest import member_at
 from tests.system.dashboard.test_dashboard_in_browser import next_halt
 from tests.system.fake_team import FakeTeam
 from tests.system.stepped_dashboard import Stepped
@@ -26,26 +24,11 @@ ADD_WHY = """() => document.body.insertAdjacentHTML("beforeend",
 
 
 @pytest.fixture(scope="module")
-def everybody() -> Iterator[FakeTeam]:
-    with FakeTeam() as team:
-        yield team
-
-
-@pytest.fixture
-def team(everybody: FakeTeam) -> FakeTeam:
-    everybody.heard.drain()
-    return everybody
-
-
-@pytest.fixture(scope="module")
 def stepped(everybody: FakeTeam) -> Iterator[Stepped]:
-    session = open_session(mode="client", connect=(everybody.address,))
-    endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
-    stepped = Stepped(endpoint)
-    yield stepped
-    stepped.stop()
-    endpoint.close()
-    session.close()  # type: ignore[no-untyped-call]
+    with member_at(everybody.address) as endpoint:
+        stepped = Stepped(endpoint)
+        yield stepped
+        stepped.stop()
 
 
 @pytest.fixture(scope="module", params=[(1280, 800), (390, 800)], ids=["wide", "narrow"])

@@ -4,23 +4,22 @@ import json
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.table.topic import Delivery, Query, Topic
 from robrain.protocol.table.topics import MOTE_READING, PUBLISHED, RECORDER_STATE, ROBOT_PLUGINS, TASK_LIST, TOPICS
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
+from robrain.protocol.wire.endpoint import Endpoint
 from tests.hostile_payloads import fixed_payloads
-from tests.system.conftest import Commands
+from tests.system.conftest import Commands, member_at
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -44,8 +43,8 @@ class Hub:
         self.process = self.commands.start("up", "arena_small", "--robots", "1", "--motes", "1", "--port", "0",
                                            "--record", "run.mcap")  # fmt: skip
         self.address = self.commands.line_with(self.process, "hub: ").split()[1]
-        self._session = open_session(mode="client", connect=(self.address,), wait_s=PATIENCE_S)
-        self.wire = Endpoint(self._session, "default", LiveClock(), Drive.LIVE)
+        self._closing = ExitStack()
+        self.wire = self._closing.enter_context(member_at(self.address))
         self._recorders = Inbox(every=True)
         self.refused: Counter[str] = Counter()
         """What the recorder has refused, by topic, as it told last."""
@@ -81,8 +80,7 @@ class Hub:
             return False
 
     def close(self) -> None:
-        self.wire.close()
-        self._session.close()  # type: ignore[no-untyped-call]
+        self._closing.close()
         self.commands.stop_all()
 
 

@@ -151,6 +151,5 @@ def test_plain_endpoint_of_another_router_is_refused(commands: Commands) -> None
     init(pki, TEAM, datetime.now(UTC))
     issue(pki, SITE, datetime.now(UTC))
     tls = ("--tls", str(folder_of(pki, SITE)))
-    ended = commands.run(*tls, "router", "--listen", "tls/127.0.0.1:0", "--connect", "tcp/127.0.0.1:1")
-    assert ended.returncode == 2
-    assert "--connect tcp/127.0.0.1:1: expected tls/HOST:PORT" in ended.stderr
+    line = commands.refused(*tls, "router", "--listen", "tls/127.0.0.1:0", "--connect", "tcp/127.0.0.1:1")
+    assert "--connect tcp/127.0.0.1:1: expected tls/HOST:PORT" in line

@@ -17,7 +17,7 @@ import pytest
 
 from robrain.protocol.wire.session import open_session
 from tests.own_hub import OwnHub
-from tests.system.conftest import Commands
+from tests.system.conftest import Commands, member_at
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -217,23 +217,19 @@ def test_robrain_connect_does_not_silence_listen(commands: Commands) -> None:
     words = ["arena", "arena_small", "--robots", "1", "--listen", "tcp/127.0.0.1:0"]
     arena = commands.start(*words, ROBRAIN_CONNECT="tcp/127.0.0.1:9")
     endpoint = commands.line_with(arena, "arena: arena_small at ").split(" at ")[1].split(",")[0]
-    session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
-    session.close()  # type: ignore[no-untyped-call]
+    with member_at(endpoint):
+        pass
 
 
 @pytest.mark.parametrize("command", [["arena", "arena_small"], ["coordinator"]])
 def test_connect_and_listen_together_are_refused(commands: Commands, command: list[str]) -> None:
-    done = commands.run(*command, "--listen", "tcp/127.0.0.1:0", "--connect", "tcp/127.0.0.1:9")
-    assert (done.returncode, done.stdout) == (2, "")
-    (line,) = done.stderr.splitlines()
+    line = commands.refused(*command, "--listen", "tcp/127.0.0.1:0", "--connect", "tcp/127.0.0.1:9")
     assert "--connect tcp/127.0.0.1:9 and --listen tcp/127.0.0.1:0: expected one of the two" in line
 
 
 def test_nobody_on_this_machine_is_told_with_where_was_looked_and_what_to_do(commands: Commands) -> None:
-    done = commands.run("status")
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"robrain: nobody answers at {commands.hub.endpoint}, the hub of this machine: `robrain up`")
-    assert done.returncode == 2
+    said = f"robrain: nobody answers at {commands.hub.endpoint}, the hub of this machine: `robrain up`"
+    assert commands.refused("status").startswith(said)
 
 
 def test_the_hub_of_this_machine_is_zenohs_own_port_on_loopback(tmp_path: Path) -> None:

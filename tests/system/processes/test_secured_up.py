@@ -37,9 +37,7 @@ def test_operators_commands_reach_the_team_and_who_has_no_certificate_does_not(c
     halted = commands.run_until(lambda done: done.returncode == 0, "halt", **operator(hub))
     assert "1 of 1 robots" in halted.stdout
     assert open_raw(hub["endpoint"]) is None
-    refused = commands.run_here("status", "--connect", hub["endpoint"])
-    assert refused.returncode == 2
-    assert "asks for a certificate" in refused.stderr
+    assert "asks for a certificate" in commands.refused("status", "--connect", hub["endpoint"])
     assert Path(hub["tls"]).is_dir()
     process.terminate()
     process.wait(60)
@@ -63,9 +61,8 @@ def test_a_team_file_with_certificates_keeps_them(commands: Commands) -> None:
 
 
 def test_a_plain_endpoint_is_no_place_for_a_secured_team(commands: Commands) -> None:
-    done = commands.run_here(*SMALL[:-1], "--secured", "--listen", "tcp/127.0.0.1:0")
-    assert done.returncode == 2
-    assert done.stderr == "robrain: --listen tcp/127.0.0.1:0: expected tls/HOST:PORT for a secured team\n"
+    line = commands.refused(*SMALL[:-1], "--secured", "--listen", "tcp/127.0.0.1:0")
+    assert line == "robrain: --listen tcp/127.0.0.1:0: expected tls/HOST:PORT for a secured team"
 
 
 def _port() -> int:

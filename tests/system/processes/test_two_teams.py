@@ -11,8 +11,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.table.topics import ROBOT_STATE, TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import listening_at
 from tests.asking import until_answered
+from tests.system.conftest import endpoint_of
 from tests.waiting import until
 
 pytestmark = pytest.mark.system
@@ -24,11 +24,9 @@ TEAMS = ("north", "south")
 @pytest.fixture
 def where(commands, hub) -> str:
     """The hub, with a coordinator of each team."""
-    endpoint = next(at for at in listening_at(hub) if at.startswith("tcp/"))
     for team in TEAMS:
-        coordinator = commands.start("coordinator", "--connect", endpoint, "--team", team)
-        commands.line_with(coordinator, f"coordinator: of team {team}")
-    return endpoint
+        commands.coordinator(endpoint_of(hub), "--team", team)
+    return endpoint_of(hub)
 
 
 def test_two_teams_of_one_hub_do_not_see_each_other(commands, hub, where) -> None:
@@ -95,9 +93,7 @@ def test_two_teams_of_one_hub_do_not_see_each_other(commands, hub, where) -> Non
     ids=" ".join,
 )
 def test_no_command_means_two_teams_at_a_time(commands, words: tuple[str, ...]) -> None:
-    refused = commands.run_here(*words, "--team", "*", "--connect", "tcp/127.0.0.1:1")
-    assert refused.returncode == 2
-    assert "bad team name" in refused.stderr
+    assert "bad team name" in commands.refused(*words, "--team", "*", "--connect", "tcp/127.0.0.1:1")
 
 
 def tasks_of(wire: Endpoint):

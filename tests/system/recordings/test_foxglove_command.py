@@ -9,12 +9,10 @@ import pytest
 import websockets
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ROBOT_STATE
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import listening_at, open_session
+from tests.system.conftest import endpoint_of
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
@@ -50,27 +48,21 @@ async def first_transforms(address: str) -> tuple[dict[str, dict[str, Any]], Fra
                 return channels, FrameTransforms.FromString(message[HEADER_BYTES:])
 
 
-def test_a_live_team_is_served_to_foxglove(commands) -> None:
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
-    try:
-        states = wire.publisher(ROBOT_STATE, robot="r1")
-        process = commands.start("foxglove", "--connect", listening_at(session)[0], "--port", "0")
-        address = commands.line_with(process, "foxglove: ").split("foxglove: ", 1)[1].strip()
-        assert address.startswith("ws://127.0.0.1:")
+def test_a_live_team_is_served_to_foxglove(commands, hub, wire) -> None:
+    states = wire.publisher(ROBOT_STATE, robot="r1")
+    process = commands.start("foxglove", "--connect", endpoint_of(hub), "--port", "0")
+    address = commands.line_with(process, "foxglove: ").split("foxglove: ", 1)[1].strip()
+    assert address.startswith("ws://127.0.0.1:")
 
-        async def speak_and_listen() -> tuple[dict[str, dict[str, Any]], FrameTransforms]:
-            listening = asyncio.create_task(first_transforms(address))
-            deadline_s = time.monotonic() + PATIENCE_S
-            while not listening.done() and time.monotonic() < deadline_s:
-                states.put(RobotState(robot="r1", pose=Pose2D(3.0, 4.0, 0.0), radius_m=0.2))
-                await asyncio.sleep(0.05)
-            return await listening
+    async def speak_and_listen() -> tuple[dict[str, dict[str, Any]], FrameTransforms]:
+        listening = asyncio.create_task(first_transforms(address))
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not listening.done() and time.monotonic() < deadline_s:
+            states.put(RobotState(robot="r1", pose=Pose2D(3.0, 4.0, 0.0), radius_m=0.2))
+            await asyncio.sleep(0.05)
+        return await listening
 
-        channels, transforms = asyncio.run(speak_and_listen())
-    finally:
-        wire.close()
-        session.close()
+    channels, transforms = asyncio.run(speak_and_listen())
     [transform] = transforms.transforms
     assert (transform.parent_frame_id, transform.child_frame_id) == ("arena", "r1")
     assert (transform.translation.x, transform.translation.y) == (3.0, 4.0)

@@ -2,12 +2,10 @@
 
 import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_session
-from tests.waiting import PATIENCE_S, until
+from tests.system.conftest import member_at
+from tests.waiting import until
 
 pytestmark = pytest.mark.system
 
@@ -16,9 +14,7 @@ def test_replayed_states_are_heard_by_another_process(commands) -> None:
     assert commands.run("run", "arena_small", "--time-limit", "5", "--record", "run.mcap").returncode == 0
     process = commands.start("replay", "run.mcap", "--no-dashboard", "--loop", "--speed", "2")
     endpoint = commands.line_with(process, " at tcp/").rsplit(" at ", 1)[1].strip()
-    session = open_session(connect=[endpoint], wait_s=PATIENCE_S)
-    wire = Endpoint(session, "replay", LiveClock(), Drive.LIVE)
-    try:
+    with member_at(endpoint, "replay") as wire:
         inbox, presence = Inbox(), wire.watch(ROBOT_ALIVE)
         wire.subscribe(inbox, ROBOT_STATE)
         heard: set[str] = set()
@@ -33,6 +29,3 @@ def test_replayed_states_are_heard_by_another_process(commands) -> None:
 
         until(hears_both, "their states were never heard")
         until(sees_both, "their tokens were never seen")
-    finally:
-        wire.close()
-        session.close()
