@@ -1,6 +1,7 @@
 """Output of commands: results on stdout, progress and warnings on stderr, each line at once and harmless."""
 
 import sys
+from collections.abc import Iterable
 
 
 def print_result(text: str) -> None:
@@ -27,3 +28,12 @@ def print_json(value: object) -> None:
 
     sys.stdout.write(safe_json(msgspec.json.encode(value, enc_hook=str)) + "\n")
     sys.stdout.flush()
+
+
+def print_either(value: object, lines: Iterable[str], *, as_json: bool) -> None:
+    """Print a value as JSON, or else the lines that say the same."""
+    if as_json:
+        print_json(value)
+        return
+    for line in lines:
+        print_result(line)

@@ -8,7 +8,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
-from robrain.deploy.command_line.output import print_json, print_result
+from robrain.deploy.command_line.output import print_either
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def backup(
         from robrain.coordinator.journal.backup import back_up_closed
 
         found = back_up_closed(journal, output)
-        _print(found, f"{output}: {_words(found)}", as_json=as_json)
+        print_either(found, [f"{output}: {_words(found)}"], as_json=as_json)
         return
     from robrain.deploy.processes.live_process import client_session, live_endpoint
     from robrain.protocol.errors import NobodyThere
@@ -58,11 +58,11 @@ def backup(
     check_name("team", team)
     with client_session(connect) as session, live_endpoint(session, team) as wire:
         try:
-            told = wire.ask(COORDINATOR_BACKUP)
+            made = wire.ask(COORDINATOR_BACKUP)
         except NobodyThere as error:
             raise wrong_team(f"no coordinator of team {team} answers", wire) from error
-    text = f"{told.path} on {told.host}: {told.tasks} tasks, {told.open} of them open, {told.bytes / 1e6:.2f} MB"
-    _print(told, safe_text(text), as_json=as_json)
+    text = f"{made.path} on {made.host}: {made.tasks} tasks, {made.open} of them open, {made.bytes / 1e6:.2f} MB"
+    print_either(made, [safe_text(text)], as_json=as_json)
 
 
 @journal_app.command()
@@ -75,7 +75,7 @@ def restore(
     from robrain.coordinator.journal.backup import restore_backup
 
     done = restore_backup(backup, journal)
-    _print(done, "\n".join([*done.told, f"{journal}: {_words(done.contents)}"]), as_json=as_json)
+    print_either(done, [*done.told, f"{journal}: {_words(done.contents)}"], as_json=as_json)
 
 
 @journal_app.command()
@@ -87,7 +87,7 @@ def check(
     from robrain.coordinator.journal.backup import check_journal
 
     found = check_journal(journal)
-    _print(found, "\n".join([f"{journal}: {_words(found)}", *found.problems]), as_json=as_json)
+    print_either(found, [f"{journal}: {_words(found)}", *found.problems], as_json=as_json)
     if found.problems:
         raise typer.Exit(EXIT_PROBLEMS)
 
@@ -96,11 +96,3 @@ def _words(found: "JournalContents") -> str:
     last = datetime.fromtimestamp(found.last_changed_ns / 1e9, UTC).isoformat(sep=" ", timespec="seconds")
     text = f"{found.tasks} tasks, {found.open} of them open, {found.bytes / 1e6:.2f} MB"
     return f"{text}, last changed {last}" if found.last_changed_ns else text
-
-
-def _print(value: object, text: str, *, as_json: bool) -> None:
-    if as_json:
-        print_json(value)
-        return
-    for line in text.split("\n"):
-        print_result(line)

@@ -10,6 +10,7 @@ from robrain.deploy.command_line.command_group import SET_UP, START
 from robrain.deploy.command_line.output import print_result
 
 if TYPE_CHECKING:
+    from robrain.deploy.pki.issuing import IssuedCertificate
     from robrain.protocol.access.member import Member
 
 pki_app = typer.Typer(
@@ -55,12 +56,10 @@ def issue(
 ) -> None:
     """Issue a certificate, in a folder for its member."""
     from robrain.deploy.pki import issuing
-    from robrain.deploy.pki.issuing import folder_of
 
     wanted = _member(pki, role, team, name)
     life = issuing.DAYS if days is None else days
-    issued = issuing.issue(pki, wanted, datetime.now(UTC), life, host or ())
-    print_result(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
+    _print_issued(pki, issuing.issue(pki, wanted, datetime.now(UTC), life, host or ()))
 
 
 @pki_app.command()
@@ -77,7 +76,6 @@ def renew(
     """
     from robrain.deploy.errors import UsageError
     from robrain.deploy.pki import issuing
-    from robrain.deploy.pki.issuing import folder_of
 
     if not role:
         if team is not None or days is not None:
@@ -86,15 +84,11 @@ def renew(
         if not renewed:
             print_result(f"{pki}: no certificate ends soon; `robrain pki show` lists them")
         for one in renewed:
-            print_result(
-                f"{folder_of(pki, one.member)}: {one.member.common_name} until {one.not_after:%Y-%m-%d %H:%M} UTC"
-            )
+            _print_issued(pki, one)
         return
     if not name:
         raise UsageError(f"expected ROLE and NAME, such as `robrain pki renew {role} NAME`, or neither")
-    wanted = _member(pki, role, team, name)
-    issued = issuing.renew(pki, wanted, datetime.now(UTC), days)
-    print_result(f"{folder_of(pki, wanted)}: {wanted.common_name} until {issued.not_after:%Y-%m-%d %H:%M} UTC")
+    _print_issued(pki, issuing.renew(pki, _member(pki, role, team, name), datetime.now(UTC), days))
 
 
 @pki_app.command()
@@ -153,3 +147,10 @@ def _member(pki: Path, role: str, team: str | None, name: str) -> "Member":
     from robrain.protocol.access.member import member
 
     return member(role, read_members(pki / MEMBERS_FILE).team if team is None else team, name)
+
+
+def _print_issued(pki: Path, issued: "IssuedCertificate") -> None:
+    from robrain.deploy.pki.issuing import folder_of
+
+    until = f"{issued.not_after:%Y-%m-%d %H:%M} UTC"
+    print_result(f"{folder_of(pki, issued.member)}: {issued.member.common_name} until {until}")

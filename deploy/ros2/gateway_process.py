@@ -5,11 +5,10 @@ import re
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
-import zenoh
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.client.team import Team
@@ -236,16 +235,6 @@ class OrderOutcome(NamedTuple):
     """The task as JSON, the robots that have stopped, or why not."""
 
 
-class Orders(Protocol):
-    """Receiver of the gateway's orders."""
-
-    def submit(self, text: str) -> "Future[OrderOutcome]":
-        """Submit a task, given as JSON."""
-
-    def halt(self) -> "Future[OrderOutcome]":
-        """Halt all robots."""
-
-
 class AskedTask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A task as ROS 2 nodes submit it; the fields are those of `Team.submit`."""
 
@@ -274,15 +263,15 @@ class TeamOrders:
     def __init__(self, connect: Callable[[], Team], by: str) -> None:
         self._by = by
         self._tasks, self._halts = connect(), connect()
-        self._submitting = _Desk("ros2-submit")
-        self._halting = _Desk("ros2-halt")
+        self._submitting = _OrderQueue("ros2-submit")
+        self._halting = _OrderQueue("ros2-halt")
 
     def submit(self, text: str) -> "Future[OrderOutcome]":
-        """See `Orders`."""
+        """Submit a task, given as JSON."""
         return self._submitting.put(lambda: submit(self._tasks, text))
 
     def halt(self) -> "Future[OrderOutcome]":
-        """See `Orders`."""
+        """Halt all robots."""
         return self._halting.put(lambda: halt(self._halts, self._by))
 
     def close(self) -> None:
@@ -314,11 +303,11 @@ def halt(team: Team, by: str) -> OrderOutcome:
     except RobrainError as error:
         return OrderOutcome(False, str(error))
     lines = [f"{robot}: halted" for robot in report.confirmed]
-    lines += [f"{robot}: NOT halted: {why}" for robot, why in report.unconfirmed.items()]
+    lines += [f"{robot}: NOT halted: {reason}" for robot, reason in report.unconfirmed.items()]
     return OrderOutcome(not report.unconfirmed, "; ".join(lines))
 
 
-class _Desk:
+class _OrderQueue:
     """Does orders one after the other on a thread."""
 
     def __init__(self, name: str) -> None:
@@ -339,12 +328,6 @@ class _Desk:
         self._pool.shutdown(cancel_futures=True)
 
 
-class _Waiting(NamedTuple):
-    future: "Future[OrderOutcome]"
-    tell: Callable[[OrderOutcome], None]
-    """Passes the answer on."""
-
-
 class Gateway:
     """Shows a team to ROS 2.
 
@@ -356,7 +339,7 @@ class Gateway:
 
     """
 
-    def __init__(self, wire: Endpoint, port: RosPort, orders: Orders | None, *, map_frame: str = MAP_FRAME) -> None:
+    def __init__(self, wire: Endpoint, port: RosPort, orders: TeamOrders | None, *, map_frame: str = MAP_FRAME) -> None:
         self.left_out = 0
         """Messages of robots beyond `ROBOTS_MAX`, or with a name that another has in ROS 2."""
         self._wire = wire
@@ -370,7 +353,8 @@ class Gateway:
         self._states: dict[str, RobotState] = {}
         self._tasks: dict[str, TaskEvent] = {}
         self._due_ns: dict[str, int] = {}
-        self._waiting: list[_Waiting] = []
+        self._waiting: list[tuple[Future[OrderOutcome], Callable[[OrderOutcome], None]]] = []
+        """Orders, and what passes their answers on."""
         if orders is not None:
             self._submissions = port.serve("submit_task", ros.SUBMIT_TASK)
             self._texts = port.subscribe("submit_task", ros.STRING)
@@ -466,19 +450,19 @@ class Gateway:
 
     # -- requests -----------------------------------------------------------------------------------------------
 
-    def _answer(self, orders: Orders) -> None:
+    def _answer(self, orders: TeamOrders) -> None:
         for halt in self._halts.requests():
-            self._waiting.append(_Waiting(orders.halt(), _reply(halt, TriggerResponse)))
+            self._waiting.append((orders.halt(), _reply(halt, TriggerResponse)))
         for asked in self._submissions.requests():
-            self._waiting.append(_Waiting(orders.submit(asked.request.task), _reply(asked, SubmitTaskResponse)))
-        for heard in self._texts.take():
-            self._waiting.append(_Waiting(orders.submit(heard.message.data), self._reply_all))
+            self._waiting.append((orders.submit(asked.request.task), _reply(asked, SubmitTaskResponse)))
+        for received in self._texts.take():
+            self._waiting.append((orders.submit(received.message.data), self._reply_all))
         waiting, self._waiting = self._waiting, []
-        for each in waiting:
-            if each.future.done():
-                each.tell(each.future.result())
+        for future, reply in waiting:
+            if future.done():
+                reply(future.result())
             else:
-                self._waiting.append(each)
+                self._waiting.append((future, reply))
 
     def _reply_all(self, answer: OrderOutcome) -> None:
         text = msgspec.json.encode({"accepted": answer.accepted, "answer": answer.text}).decode()
@@ -542,7 +526,8 @@ def gateway_command(
             if nodes is None:
                 return
             stack.enter_context(closing(nodes))
-            port, failure = _zenoh_port(nodes, domain, wire)
+            failure: Callable[[], str] = str  # it has none
+            port: RosPort = RosNode(nodes, NODE, namespace=NAMESPACE, domain=domain, now_ns=wire.clock.now_ns)
         else:
             port, failure = _rclpy_port(domain)
         stack.enter_context(closing(port))
@@ -553,14 +538,10 @@ def gateway_command(
             )
         shown = Gateway(wire, port, orders, map_frame=frame)
         should_stop.ready()
-        taken = "no orders are taken" if read_only else f"orders: {NAMESPACE}/submit_task, {NAMESPACE}/halt"
-        print_result(f"{NAME}: team {team} in ROS domain {domain}; {taken}")
+        accepted = "no orders are taken" if read_only else f"orders: {NAMESPACE}/submit_task, {NAMESPACE}/halt"
+        print_result(f"{NAME}: team {team} in ROS domain {domain}; {accepted}")
         for _ in steps(lambda: should_stop() or bool(failure()), PERIOD_S):
             shown.step()
-
-
-def _zenoh_port(session: zenoh.Session, domain: int, wire: Endpoint) -> tuple[RosPort, Callable[[], str]]:
-    return RosNode(session, NODE, namespace=NAMESPACE, domain=domain, now_ns=wire.clock.now_ns), lambda: ""
 
 
 def _rclpy_port(domain: int) -> tuple[RosPort, Callable[[], str]]:

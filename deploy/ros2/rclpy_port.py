@@ -64,8 +64,7 @@ class RclpyPort:
         known = _class_of(kind.name)
         if known is None:
             return RclpyReader(kind, None)
-        heard = self._link.subscribe(known, self._full(topic), _profile(qos), _ignore, raw=True)
-        return RclpyReader(kind, heard)
+        return RclpyReader(kind, self._link.subscribe(known, self._full(topic), _profile(qos), lambda: None, raw=True))
 
     def serve(self, service: str, kind: ServiceType[Q, R]) -> "RclpyServer[Q, R]":
         """As RosPort."""
@@ -122,15 +121,15 @@ class RclpyReader(Generic[M]):
 
     def take(self) -> list[ReceivedMessage[M]]:
         """As Reader."""
-        heard = []
+        received = []
         for arrived in self._subscription.drain() if self._subscription is not None else ():
             try:
                 message = self._kind.decode(arrived.message)
             except BadCdr:
                 self.refused += 1
                 continue
-            heard.append(ReceivedMessage(message, arrived.arrived_ns, b"", arrived.number))
-        return heard
+            received.append(ReceivedMessage(message, arrived.arrived_ns, b"", arrived.number))
+        return received
 
     def close(self) -> None:
         """As Reader."""
@@ -226,7 +225,3 @@ def _profile(qos: Qos) -> QoSProfile:
         else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if qos.is_latched else DurabilityPolicy.VOLATILE,
     )
-
-
-def _ignore() -> None:
-    """The gateway looks by itself."""

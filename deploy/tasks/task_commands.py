@@ -12,7 +12,7 @@ import typer
 from robrain.client.submission import AS_SENT, TaskFields
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team
-from robrain.deploy.command_line.output import print_json, print_result
+from robrain.deploy.command_line.output import print_either, print_json
 from robrain.deploy.tasks.task_files import verdict_line
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D
@@ -163,11 +163,8 @@ def add(
                 records.append(client.submit(kind, id=given.pop("id", None), parameters=given))
             except CallError as error:
                 refused.append(str(error))
-    if as_json:
-        print_json(records if Path(what).suffix else records[0] if records else None)
-    else:
-        for record in records:
-            print_result(line_of(record))
+    value = records if Path(what).suffix else records[0] if records else None
+    print_either(value, map(line_of, records), as_json=as_json)
     for text in refused:
         sys.stderr.write(f"robrain: {text}\n")
     if refused:
@@ -193,11 +190,7 @@ def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_jso
     with connect_team(connect, team) as client:
         found = [client.dry_run(kind, id=given.pop("id", None), parameters=given) for kind, given in tasks]
     for one in found:
-        if as_json:
-            print_json(one)
-            continue
-        for line in dry_run_lines(one):
-            print_result(line)
+        print_either(one, dry_run_lines(one), as_json=as_json)
     if any(one.refused for one in found):
         raise typer.Exit(EXIT_REFUSED)
 
@@ -276,17 +269,14 @@ def kinds(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_jso
     """List the kinds of task that the robots of the team do, with their parameters."""
     with connect_team(connect, team) as client:
         known = client.kinds()
-    if as_json:
-        print_json(known)
-        return
-    if not known:
-        print_result("no robot has announced its kinds of task yet")
+    lines = [] if known else ["no robot has announced its kinds of task yet"]
     for one in known:
-        print_result(f"{one.kind}: {one.doc} ({', '.join(one.robots)})")
+        lines.append(f"{one.kind}: {one.doc} ({', '.join(one.robots)})")
         needed = one.parameters.get("required", [])
         for name, shape in one.parameters.get("properties", {}).items():
             meaning = shape.get("description", "") if isinstance(shape, dict) else ""
-            print_result(f"  {name}{'' if name in needed else ' (optional)'}{f': {meaning}' if meaning else ''}")
+            lines.append(f"  {name}{'' if name in needed else ' (optional)'}{f': {meaning}' if meaning else ''}")
+    print_either(known, lines, as_json=as_json)
 
 
 @task_app.command()
@@ -294,19 +284,15 @@ def show(
     task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
 ) -> None:
     """Print one task with all its fields."""
-    import msgspec
-
     with connect_team(connect, team) as client:
         record = client.get(task_id)
-    if as_json:
-        print_json(record)
-        return
-    print_result(line_of(record))
-    for name, value in msgspec.to_builtins(record.task).items():
-        if name != "id":
-            print_result(f"  {name}: {value if isinstance(value, str) else msgspec.json.encode(value).decode()}")
-    for name, value in record.result.items():
-        print_result(f"  result {name}: {msgspec.json.encode(value).decode()}")
+    fields = {name: value for name, value in msgspec.to_builtins(record.task).items() if name != "id"}
+    fields |= {f"result {name}": msgspec.json.encode(value).decode() for name, value in record.result.items()}
+    texts = {
+        name: value if isinstance(value, str) else msgspec.json.encode(value).decode() for name, value in fields.items()
+    }
+    lines = [line_of(record), *(f"  {name}: {text}" for name, text in texts.items())]
+    print_either(record, lines, as_json=as_json)
 
 
 @task_app.command()
@@ -320,10 +306,7 @@ def cancel(
     """Cancel a task; the robot that works on it stops."""
     with connect_team(connect, team) as client:
         record = client.cancel(task_id, reason)
-    if as_json:
-        print_json(record)
-    else:
-        print_result(line_of(record))
+    print_either(record, [line_of(record)], as_json=as_json)
 
 
 @task_app.command()
@@ -348,10 +331,7 @@ def watch(
             return
         try:
             for event in client.events(wanted, timeout_s=timeout):
-                if as_json:
-                    print_json(event)
-                else:
-                    print_result(line_of(event))
+                print_either(event, [line_of(event)], as_json=as_json)
                 not_done += event.state.ended and event.state is not TaskState.DONE
         except TimeoutError as error:
             raise UsageError(str(error)) from error
@@ -366,15 +346,10 @@ def why(
     """Explain the state of a task: its conditions, its cost for each robot, and its history so far."""
     with connect_team(connect, team) as client:
         found = client.why(task_id)
-    if as_json:
-        print_json(found)
-        return
-    print_result(f"{task_id}: {found.now}")
-    for verdict in found.robots:
-        print_result(verdict_line(verdict))
     first_ns = found.changes[0].stamp_ns if found.changes else 0
-    for change in found.changes:
-        print_result(f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}")
+    lines = [f"{task_id}: {found.now}", *map(verdict_line, found.robots)]
+    lines += [f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}" for change in found.changes]
+    print_either(found, lines, as_json=as_json)
 
 
 @task_app.command()
@@ -390,27 +365,22 @@ def objective(
     """Print or change the planning objective of the team."""
     with connect_team(connect, team) as client:
         found = client.planning() if chosen is None else client.set_objective(chosen)
-    if as_json:
-        print_json(found)
-        return
-    print_result(f"{found.objective}, by {found.method}: {found.planned} planned, {found.skipped} left out")
+    text = f"{found.objective}, by {found.method}: {found.planned} planned, {found.skipped} left out"
+    print_either(found, [text], as_json=as_json)
 
 
 @task_app.command()
 def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """Print the schedule of the chargers: which robots charge where and until when, and which wait."""
     with connect_team(connect, team) as client:
-        found = client.planning()
-    if as_json:
-        print_json(found.charges)
-        return
-    if not found.charges:
-        print_result("no robot charges or is to charge")
-    for one in found.charges:
+        charges = client.planning().charges
+    lines = [] if charges else ["no robot charges or is to charge"]
+    for one in charges:
         at = f"({one.charger.x_m:.1f}, {one.charger.y_m:.1f})"
         words = "charges" if one.is_there else "goes to charge" if one.has_set_out else "is to charge"
         behind = f": {one.why}" if one.why else ""
-        print_result(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
+        lines.append(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
+    print_either(charges, lines, as_json=as_json)
 
 
 def _open_states() -> "list[TaskState]":

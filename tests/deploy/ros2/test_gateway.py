@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from robrain.deploy.ros2 import gateway_process
-from robrain.deploy.ros2.gateway_process import Gateway, OrderOutcome
+from robrain.deploy.ros2.gateway_process import Gateway, OrderOutcome, TeamOrders
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
@@ -130,7 +130,7 @@ class KeptPort:
     def close(self) -> None: ...
 
 
-class KeptOrders:
+class KeptOrders(TeamOrders):
     """Orders that end when the test says so."""
 
     def __init__(self) -> None:
