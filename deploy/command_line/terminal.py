@@ -4,10 +4,12 @@ import os
 import shlex
 import shutil
 import sys
+from collections.abc import Collection
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import TextColumn
+from rich.table import Table
 
 from robrain.deploy.command_line.output import print_result
 from robrain.protocol.safe_text import safe_lines
@@ -46,6 +48,15 @@ def results() -> Console:
     """Console for result tables, on stdout."""
     found = new_console()
     return found if found.is_terminal else new_console(width=PLAIN_WIDTH)
+
+
+def new_table(*headings: str, right: Collection[str] = (), title: str | None = None) -> Table:
+    """A table without rules; the columns that are numbers are at the right, and never broken."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for heading in headings:
+        is_number = heading in right
+        table.add_column(heading, justify="right" if is_number else "left", no_wrap=is_number, overflow="fold")
+    return table
 
 
 def both_at_a_terminal() -> bool:

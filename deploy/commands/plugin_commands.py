@@ -55,7 +55,7 @@ def load(
     """Load a plugin, and those that it requires, into a running robot."""
     wanted = _name_or_path(plugin)
     with _client(connect, team, robot) as client:
-        _tell(client.load(robot, wanted))
+        _print_states(client.load(robot, wanted))
 
 
 @plugin_app.command()
@@ -69,7 +69,7 @@ def unload(
     """Unload a plugin; refused while others require it."""
     check_name("plugin", plugin)
     with _client(connect, team, robot) as client:
-        _tell(client.unload(robot, plugin, cascade=cascade))
+        _print_states(client.unload(robot, plugin, cascade=cascade))
 
 
 @plugin_app.command()
@@ -79,7 +79,7 @@ def reload(
     """Load a plugin again after an edit; if that fails, the old one keeps running."""
     check_name("plugin", plugin)
     with _client(connect, team, robot) as client:
-        _tell(client.reload(robot, plugin))
+        _print_states(client.reload(robot, plugin))
 
 
 @plugin_app.command()
@@ -138,10 +138,7 @@ def _name_or_path(text: str) -> str:
 
 
 def _show(infos: "list[PluginInfo]") -> None:
-    from rich.console import JustifyMethod
-    from rich.table import Table
-
-    from robrain.deploy.command_line.terminal import results
+    from robrain.deploy.command_line.terminal import new_table, results
     from robrain.protocol.safe_text import safe_lines
 
     headings = ("plugin", "level", "state", "visible to", "holder", "functions", "distribution", "why")
@@ -158,13 +155,10 @@ def _show(infos: "list[PluginInfo]") -> None:
         )
         for info in infos
     ]
-    said = [index for index in range(len(headings)) if any(row[index] for row in rows)]  # no empty columns
-    table = Table(box=None, pad_edge=False)
-    for index in said:
-        justify: JustifyMethod = "right" if headings[index] == "functions" else "left"
-        table.add_column(headings[index], justify=justify, overflow="fold")
+    given = [index for index in range(len(headings)) if any(row[index] for row in rows)]  # no empty columns
+    table = new_table(*(headings[index] for index in given), right=["functions"])
     for row in rows:
-        table.add_row(*(safe_lines(row[index]) for index in said))
+        table.add_row(*(safe_lines(row[index]) for index in given))
     results().print(table)
     for info in infos:
         if info.detail:
@@ -172,7 +166,7 @@ def _show(infos: "list[PluginInfo]") -> None:
             print_result(f"{info.name}: {info.where}\n{info.detail}")
 
 
-def _tell(infos: "list[PluginInfo]") -> None:
+def _print_states(infos: "list[PluginInfo]") -> None:
     for info in infos:
         where = f" ({info.where})" if info.where else ""
         print_result(f"{info.name}: {info.state}{f': {info.why}{where}' if info.why else ''}")

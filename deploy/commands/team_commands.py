@@ -190,14 +190,9 @@ def scenarios(as_json: JsonOption = False) -> None:
 
 
 def _show(found: "list[ListedScenario]") -> None:
-    from rich.table import Table
+    from robrain.deploy.command_line.terminal import new_table, results
 
-    from robrain.deploy.command_line.terminal import results
-
-    table = Table(box=None, pad_edge=False)
-    for heading in ("name", "floor", "robots", "motes"):
-        table.add_column(heading, justify="left" if heading == "name" else "right", no_wrap=True)
-    table.add_column("about")
+    table = new_table("name", "floor", "robots", "motes", "about", right=("floor", "robots", "motes"))
     for one in found:
         size = f"{one.width_m:g} × {one.height_m:g} m"
         table.add_row(one.name, size, str(one.robots), str(one.motes), one.about)

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.progress import BarColumn, Progress, ProgressColumn, Task
-from rich.table import Table
 from rich.text import Text
 
 from robrain.deploy.command_line.terminal import (
     both_at_a_terminal,
     clock_of,
     console,
+    new_table,
     own_command,
     print_line,
     results,
@@ -83,9 +83,8 @@ def show_result(result: RunResult) -> None:
         "time_limit": "time limit",
         "interrupted": "interrupted",
     }
-    table = Table(title=f"{result.scenario}, seed {result.seed}", title_justify="left", box=None, pad_edge=False)
-    for heading in ("robot", "distance", "energy", "collisions"):
-        table.add_column(heading, justify="left" if heading == "robot" else "right")
+    numbers = ("distance", "energy", "collisions")
+    table = new_table("robot", *numbers, right=numbers, title=f"{result.scenario}, seed {result.seed}")
     for robot in result.per_robot:
         table.add_row(robot.name, f"{robot.distance_m:.1f} m", f"{robot.energy_j:.0f} J", str(robot.collisions))
     table.add_section()
@@ -130,9 +129,8 @@ def print_exploration_left(left: ExplorationLeft) -> None:
         )
     if not regions and not left.more:
         return
-    table = Table(title="left to explore, by the team's map", title_justify="left", box=None, pad_edge=False)
-    for heading in ("kind", "x, y", "area", "box", "why"):
-        table.add_column(heading, justify="right" if heading == "area" else "left")
+    headings = ("kind", "x, y", "area", "box", "why")
+    table = new_table(*headings, right=["area"], title="left to explore, by the team's map")
     for region in regions[:LEFT_ROWS]:
         place, low, high = region.place, region.low, region.high
         table.add_row(

@@ -117,7 +117,6 @@ def record(
 ) -> None:
     """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
     from robrain.deploy.command_line.options import next_file
-    from robrain.deploy.errors import UsageError
     from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
     from robrain.deploy.recordings.recording_display import record_display, show_recorded
     from robrain.deploy.recordings.recording_live import keep_of, read_provenance, record_team, split_for, split_of
@@ -147,15 +146,7 @@ def record(
             rotation = Rotation(path.parent, own_recordings(path, is_given=output is not None), keep)
         with record_display(path, quiet=as_json) as show:
             summary = record_team(
-                wire,
-                path,
-                split,
-                visual=visual,
-                should_stop=should_stop,
-                on_progress=show,
-                provenance=comes_from,
-                on_ready=should_stop.ready,
-                rotation=rotation,
+                wire, path, split, rotation, comes_from, visual=visual, should_stop=should_stop, on_progress=show
             )
     _print(summary, lambda: show_recorded(summary), as_json=as_json)
 
@@ -276,7 +267,6 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Export a recording for other tools: tables, a page that plays it, its map, or channels that Foxglove draws."""
-    from robrain.deploy.errors import UsageError
     from robrain.deploy.recordings.recording_display import progress, show_files
 
     if with_map and form is not None:

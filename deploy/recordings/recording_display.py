@@ -11,10 +11,9 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 
-from robrain.deploy.command_line.terminal import console, results, text_column
+from robrain.deploy.command_line.terminal import console, new_table, print_line, results, text_column
 from robrain.protocol.safe_text import safe_text
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.invariants.invariant import INVARIANTS, InvariantState, Ruling
@@ -64,13 +63,12 @@ def record_display(path: Path, *, quiet: bool = False) -> Iterator[Callable[[Rec
 
 def show_recorded(summary: RecordingSummary) -> None:
     """Files, messages and losses of a recording."""
-    console = results()
-    files = ", ".join(shown(path) for path in summary.paths)
-    console.print(f"{files}: {summary.messages} messages, {_bytes(summary.bytes)}", soft_wrap=True)
+    files = ", ".join(map(str, summary.paths))
+    print_line(f"{files}: {summary.messages} messages, {_bytes(summary.bytes)}")
     if summary.removed:
-        console.print(f"{summary.removed} older files were removed to make room", soft_wrap=True)
+        print_line(f"{summary.removed} older files were removed to make room")
     for topic, messages in sorted(summary.lost_by_topic.items()):
-        console.print(Text.assemble(("lost", "red"), f": {messages} of {shown(topic)}"), soft_wrap=True)
+        results().print(Text.assemble(("lost", "red"), f": {messages} of {shown(topic)}"), soft_wrap=True)
 
 
 def show_contents(contents: RecordingContents, *, every_key: bool = False) -> None:
@@ -91,10 +89,8 @@ def show_contents(contents: RecordingContents, *, every_key: bool = False) -> No
     attached += [f"{len(contents.manifests)} manifests"] if contents.manifests else []
     if attached:
         _line(console, "attached", ", ".join(attached))
-    table = Table(box=None, pad_edge=False)
-    table.add_column("key", overflow="fold")
-    for heading in ("messages", "rate", "bytes", "first", "last", "longest gap", "at", "gaps", "missing"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    numbers = ("messages", "rate", "bytes", "first", "last", "longest gap", "at", "gaps", "missing")
+    table = new_table("key", *numbers, right=numbers)
     for key in contents.keys if every_key else folded(contents.keys):
         table.add_row(*_contents_row(key))
     console.print()
@@ -105,7 +101,7 @@ def show_difference(first: Path, second: Path, difference: Difference | None, sa
     """First difference of two runs."""
     lines = [f"equal: {same} messages"] if difference is None else where_different(first, second, difference)
     for line in lines:
-        results().print(line, soft_wrap=True)
+        print_line(line)
 
 
 def where_different(first: Path, second: Path, difference: Difference) -> list[str]:
@@ -121,19 +117,16 @@ def where_different(first: Path, second: Path, difference: Difference) -> list[s
 
 def show_recovery(recovery: Recovery) -> None:
     """Result of a recovery."""
-    console = results()
-    console.print(
-        f"{shown(recovery.path)}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
-        f"{recovery.damaged_chunks} damaged chunks left out, {recovery.unread_bytes} bytes at the end unreadable",
-        soft_wrap=True,
+    print_line(
+        f"{recovery.path}: {recovery.messages} messages, {_bytes(recovery.bytes)}; "
+        f"{recovery.damaged_chunks} damaged chunks left out, {recovery.unread_bytes} bytes at the end unreadable"
     )
 
 
 def show_files(files: list[Path]) -> None:
     """Result of an export."""
-    console = results()
     for path in files:
-        console.print(f"{shown(path)}, {_bytes(path.stat().st_size)}", soft_wrap=True)
+        print_line(f"{path}, {_bytes(path.stat().st_size)}")
 
 
 def _contents_row(key: KeyContents) -> tuple[str, ...]:
@@ -199,12 +192,8 @@ NAME_SHOWN = 40
 
 def show_two_runs(runs: TwoRuns) -> None:
     """Print the table of two runs: the run, explored shares, each robot, each task; equal lines are dim."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("")
-    table.add_column("")
-    for run in (runs.first, runs.second):
-        table.add_column(shown(run.recording.stem, NAME_SHOWN), justify="right", overflow="fold")
-    table.add_column("difference", justify="right")
+    names = [shown(run.recording.stem, NAME_SHOWN) for run in (runs.first, runs.second)]
+    table = new_table("", "", *names, "difference", right=[*names, "difference"])
     before = ""
     for row in runs.rows:
         if row.group != before and before:
@@ -234,9 +223,7 @@ def show_verdict(verdict: Verdict) -> None:
 
 
 def _show_findings(console: Console, verdict: Verdict) -> None:
-    table = Table(box=None, pad_edge=False)
-    for heading in ("", "what", "at", "key", "found"):
-        table.add_column(heading, overflow="fold")
+    table = new_table("", "what", "at", "key", "found")
     for finding in verdict.findings:
         color = "red" if finding.severity is Severity.PROBLEM else "yellow"
         row = (f"{finding.time_s:.3f} s", finding.key, finding.text)
@@ -248,9 +235,7 @@ def _show_findings(console: Console, verdict: Verdict) -> None:
 
 
 def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for heading in ("invariant", "", "cases"):
-        table.add_column(heading, overflow="fold")
+    table = new_table("invariant", "", "cases")
     for ruling in rulings:
         table.add_row(INVARIANTS[ruling.invariant], *_verdict(ruling))
     console.print(table)
@@ -258,9 +243,9 @@ def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
         if ruling.breaches:
             console.print(Text.assemble("\n", (INVARIANTS[ruling.invariant], "red"), ": broken"), soft_wrap=True)
         for breach in ruling.breaches:
-            console.print(f"  {shown(breach.text)}", soft_wrap=True)
+            print_line(f"  {shown(breach.text)}")
         if ruling.more:
-            console.print(f"  and {ruling.more} more")
+            print_line(f"  and {ruling.more} more")
     console.print()
 
 

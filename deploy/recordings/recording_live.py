@@ -8,7 +8,7 @@ import msgspec
 
 from robrain.deploy.command_line.options import above_zero
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import steps
+from robrain.deploy.processes.live_process import LiveStop, steps
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -69,13 +69,12 @@ def record_team(
     wire: Endpoint,
     path: Path,
     split: SplitAt,
+    rotation: Rotation | None,
+    provenance: Provenance | None,
     *,
     visual: bool,
-    should_stop: Callable[[], bool],
+    should_stop: LiveStop,
     on_progress: Callable[[Recorder], None],
-    rotation: Rotation | None = None,
-    provenance: Provenance | None = None,
-    on_ready: Callable[[], None] = lambda: None,
 ) -> RecordingSummary:
     """Record a live team until `should_stop()`.
 
@@ -86,12 +85,11 @@ def record_team(
         wire: of the team.
         path: the file.
         split: limits at which it continues in another file.
-        visual: whether channels are written that Foxglove and its like draw.
-        should_stop: asked often.
-        on_progress: called after each step.
         rotation: removes the oldest recordings; None keeps all.
         provenance: origin of the team, if it is known; its robots are not asked for their plugins then.
-        on_ready: called once all topics of the team are subscribed.
+        visual: whether channels are written that Foxglove and its like draw.
+        should_stop: of this process; it reports that all topics of the team are subscribed.
+        on_progress: called after each step.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -102,7 +100,7 @@ def record_team(
         provenance = Provenance("", "", 0, None, Drive.LIVE.value, wire.team, plugins_of(wire, robots))
     recorder = Recorder(wire, path, provenance, split=split, visual=visual, rotation=rotation)
     try:
-        on_ready()
+        should_stop.ready()
         recorder.ask_maps(wire, robots)
         for _ in steps(should_stop, PERIOD_S):
             recorder.step()

@@ -15,13 +15,12 @@ from rich.progress import BarColumn, Progress
 
 from robrain.dashboard.html.elements import clock_text
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.command_line.terminal import console, text_column
+from robrain.deploy.command_line.terminal import console, print_line, text_column
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import DASHBOARD_READY
 from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, client_session, live_endpoint, open_hub
-from robrain.protocol.clock import Clock, LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import check_name
-from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 
 if TYPE_CHECKING:
@@ -55,17 +54,37 @@ def check_replay(speed: float, start_s: float, only_on_wire: Sequence[str]) -> N
         raise UsageError(f"{', '.join(only_on_wire)}: only for a replay on the wire; add --no-dashboard")
 
 
-class ReplayKeys:
-    """Applies keys of a terminal to a replay.
+NAMES = {" ": "space", "=": "+", "c-c": "q"}
+"""Maps the terminal's names of keys to those of `ReplayTerminal.press`."""
+
+
+class ReplayTerminal:
+    """Shows the position of a replay, and applies keys to it.
 
     Args:
         replay: the running one.
+        bars: shows its position; None shows nothing.
+        read_keys: the pressed keys, by the terminal's names.
+
     """
 
-    def __init__(self, replay: "Replay") -> None:
-        self._replay = replay
+    def __init__(
+        self, replay: "Replay", bars: Progress | None = None, read_keys: Callable[[], list[str]] = list
+    ) -> None:
+        self._replay, self._bars, self._read_keys = replay, bars, read_keys
+        self._bar = bars.add_task("", total=1.0) if bars is not None else None
         self.ended = False
         """Whether q was pressed."""
+
+    def update(self) -> None:
+        """Draw the position, and apply pressed keys."""
+        for key in self._read_keys():
+            self.press(NAMES.get(key, key))
+        if self._bars is not None and self._bar is not None:
+            player = self._replay.player
+            state = f"× {player.speed:g}" if player.playing else "paused"
+            words = f"{clock_text(player.position_s)} of {clock_text(player.duration_s)}  {state}"
+            self._bars.update(self._bar, completed=self._replay.progress, description=words)
 
     def press(self, key: str) -> None:
         """Apply a key: `space`, `left`, `right`, `+`, `-`, `0`, `q`; others have no effect."""
@@ -91,93 +110,11 @@ class ReplayKeys:
                 player.pause()
 
 
-def run_replay(
-    endpoint: Endpoint,
-    clock: Clock,
-    path: Path,
-    speed: float,
-    *,
-    loop: bool,
-    should_stop: Callable[[], bool],
-    on_progress: Callable[[float], None],
-    on_open: "Callable[[Replay], None] | None" = None,
-) -> bool:
-    """Publish a recording on the wire.
-
-    Args:
-        endpoint: team whose keys are used.
-        clock: the wall clock.
-        path: an MCAP file.
-        speed: recorded seconds per second.
-        loop: begin again at the end.
-        should_stop: called at every step.
-        on_progress: called with the published share, 0 to 1.
-        on_open: called with the replay before it begins, to seek or pause it.
-
-    Returns:
-        Whether the end was reached.
-
-    Raises:
-        RecordingError: the file is not a robrain recording, or cannot be read.
-
-    """
-    from robrain.recording.replay.replay import Replay  # loads numba, which the page of a live team does not need
-
-    replay = Replay(endpoint, path, speed=speed, loop=loop)
-    try:
-        if on_open is not None:
-            on_open(replay)
-        while not replay.done:
-            if should_stop():
-                return False
-            replay.step(clock.now_ns())
-            on_progress(replay.progress)
-            time.sleep(PERIOD_S)
-        return True
-    finally:
-        replay.close()
-
-
-NAMES = {" ": "space", "=": "+", "c-c": "q"}
-"""Maps the terminal's names of keys to those of `ReplayKeys`."""
-
-
-class ReplayTerminal:
-    """Shows the position of a replay, and passes on pressed keys."""
-
-    def __init__(self, bars: Progress | None, read_keys: Callable[[], list[str]]) -> None:
-        self._bars = bars
-        self._bar = bars.add_task("", total=1.0) if bars is not None else None
-        self._read_keys = read_keys
-        self._keys: ReplayKeys | None = None
-        self._replay: Replay | None = None
-
-    def open(self, replay: "Replay") -> None:
-        """The replay begins."""
-        self._replay, self._keys = replay, ReplayKeys(replay)
-
-    @property
-    def ended(self) -> bool:
-        """Whether q was pressed."""
-        return self._keys is not None and self._keys.ended
-
-    def show(self, share: float) -> None:
-        """Draw the position, and apply pressed keys."""
-        if self._keys is not None:
-            for key in self._read_keys():
-                self._keys.press(NAMES.get(key, key))
-        if self._bars is not None and self._bar is not None and self._replay is not None:
-            player = self._replay.player
-            state = f"× {player.speed:g}" if player.playing else "paused"
-            words = f"{clock_text(player.position_s)} of {clock_text(player.duration_s)}  {state}"
-            self._bars.update(self._bar, completed=share, description=words)
-
-
 @contextmanager
-def replay_terminal() -> Iterator[ReplayTerminal]:
+def replay_terminal(replay: "Replay") -> Iterator[ReplayTerminal]:
     """Progress bar and keys for the duration of the block, if stdin and stdout are a terminal."""
     if not console.is_terminal or not sys.stdin.isatty():
-        yield ReplayTerminal(None, list)
+        yield ReplayTerminal(replay)
         return
     console.print(KEYS)
     keyboard = create_input()
@@ -188,7 +125,7 @@ def replay_terminal() -> Iterator[ReplayTerminal]:
 
     columns = (text_column("{task.description}"), BarColumn(bar_width=40))
     with keyboard.raw_mode(), Progress(*columns, console=console, auto_refresh=True) as bars:
-        yield ReplayTerminal(bars, pressed)
+        yield ReplayTerminal(replay, bars, pressed)
 
 
 DEFAULT_DASHBOARD_PORT = 8080
@@ -226,33 +163,26 @@ def replay_on_wire(
     recording: Path, speed: float, *, loop: bool, connect: list[str], team: str, start_s: float, paused: bool
 ) -> None:
     """Publish a recording on the wire, once or in a loop."""
-    from robrain.deploy.command_line.terminal import print_line
+    from robrain.recording.replay.replay import Replay  # loads numba, which the page of a live team does not need
 
     check_name("team", team)
-    should_stop = LiveStop()
+    should_stop, clock = LiveStop(), LiveClock()
     session = open_session(mode="client", connect=connect) if connect else open_hub(ANY_PORT)[0]
-    with closing(session), live_endpoint(session, team) as wire:
-        where = connect or listening_at(session)
-        with replay_terminal() as terminal:
-
-            def begin(replay: "Replay") -> None:
-                print_line(f"{recording} as team {team} at {where[0]}")
-                terminal.open(replay)
-                if start_s:
-                    replay.seek(start_s)
-                if paused:
-                    replay.player.pause()
-
-            run_replay(
-                wire,
-                LiveClock(),
-                recording,
-                speed,
-                loop=loop,
-                should_stop=lambda: should_stop() or terminal.ended,
-                on_progress=terminal.show,
-                on_open=begin,
-            )
+    with (
+        closing(session),
+        live_endpoint(session, team) as wire,
+        closing(Replay(wire, recording, speed=speed, loop=loop)) as replay,
+    ):
+        print_line(f"{recording} as team {team} at {(connect or listening_at(session))[0]}")
+        if start_s:
+            replay.seek(start_s)
+        if paused:
+            replay.player.pause()
+        with replay_terminal(replay) as terminal:
+            while not (replay.done or should_stop() or terminal.ended):
+                replay.step(clock.now_ns())
+                terminal.update()
+                time.sleep(PERIOD_S)
 
 
 def _page_port(port: int | None) -> int:

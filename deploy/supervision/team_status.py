@@ -7,11 +7,10 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import msgspec
-from rich.table import Table
 
 from robrain.client.members import team_found
 from robrain.coordinator.team.roster import Roster
-from robrain.deploy.command_line.terminal import print_line, results
+from robrain.deploy.command_line.terminal import new_table, print_line, results
 from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
 from robrain.protocol.clock import NS_PER_S
@@ -115,11 +114,18 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
 
 def status_by(wire: Endpoint) -> TeamStatus:
     """The members of the endpoint's team."""
-    inbox = Inbox()
-    wire.subscribe(inbox, ROBOT_STATE)
-    wire.subscribe(inbox, COORDINATOR_STATE)
+    monitor = TeamMonitor(wire)
     found = team_found(wire)
-    refused, summary, states = _told(inbox, len(found.robots) + found.coordinator)
+    until_s = time.monotonic() + STATE_S
+    while len(monitor.states) < len(found.robots) or (found.coordinator and monitor.team_state is None):
+        if time.monotonic() > until_s:
+            break
+        time.sleep(POLL_S)
+        monitor.update()
+    summary, states = monitor.team_state, monitor.states
+    refused = {name: state.refused or [] for name, state in sorted(states.items())}
+    if summary is not None:
+        refused = {COORDINATOR: summary.refused or [], **refused}
     standing = {name: robot_status(name, states.get(name)) for name in found.robots}
     standing |= {
         robot.name: RobotStanding(
@@ -133,7 +139,7 @@ def status_by(wire: Endpoint) -> TeamStatus:
         coordinator=found.coordinator,
         robots=found.robots,
         standing=[standing[name] for name in sorted(standing, key=natural_key)],
-        refused=refused,
+        refused={name: each for name, each in refused.items() if each},
         mote_field=None if summary is None else summary.mote_field or None,
         stand_by=None if summary is None else summary.stand_by or None,
         lead=None if summary is None else summary.lead or None,
@@ -144,9 +150,8 @@ def status_by(wire: Endpoint) -> TeamStatus:
 def show_status(found: TeamStatus) -> None:
     """Print one line for each robot of a team, and below them the reasons, each once."""
     print_line(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
-    table = Table(box=None, pad_edge=False)
-    for heading in ("robot", "state", "battery", "place", "task", "plugins out"):
-        table.add_column(heading, justify="right" if heading in ("battery", "plugins out") else "left", overflow="fold")
+    headings = ("robot", "state", "battery", "place", "task", "plugins out")
+    table = new_table(*headings, right=("battery", "plugins out"))
     for robot in found.standing:
         table.add_row(*map(safe_lines, _cells(robot)))
     if found.standing:
@@ -218,26 +223,6 @@ def robot_status(robot: str, state: RobotState | None) -> RobotStanding:
     )
 
 
-_Told = tuple[dict[str, list[Refusal]], TeamState | None, dict[str, RobotState]]
-
-
-def _told(inbox: Inbox, members: int) -> _Told:
-    """Members' refusals, the coordinator's summary, and the robots' states, as published within `STATE_S`."""
-    told: dict[str, list[Refusal]] = {}
-    states: dict[str, RobotState] = {}
-    summary: TeamState | None = None
-    until_s = time.monotonic() + STATE_S
-    while len(told) < members and time.monotonic() < until_s:
-        for received in inbox.drain():
-            refused = received.message.refused
-            told[received.names.get("robot", COORDINATOR)] = refused if isinstance(refused, list) else []
-            summary = received.message if isinstance(received.message, TeamState) else summary
-            if isinstance(received.message, RobotState):
-                states[received.message.robot] = received.message
-        time.sleep(POLL_S)
-    return {name: refused for name, refused in sorted(told.items()) if refused}, summary, states
-
-
 STATES, RECEIVED, TRUTHS = "states", "heard", "truths"
 OVER_NS = 3 * NS_PER_S
 """Time over which rates are averaged."""
@@ -295,7 +280,7 @@ class TeamMonitor:
         self._presence = wire.watch(ROBOT_ALIVE)
         self._coordinator = wire.watch(COORDINATOR_ALIVE)
         self._inbox = Inbox()
-        self._states: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
         self._rates: dict[str, Rate] = {}
         self._truths = 0
         self._sim_time_s = self._before_s = 0.0
@@ -314,8 +299,8 @@ class TeamMonitor:
                 self._record_rate(ARENA, TRUTHS, now_ns, self._truths)
             elif received.topic is ROBOT_STATE:
                 self._roster.record_state(message, now_ns)
-                self._states[message.robot] = self._states.get(message.robot, 0) + 1
-                self._record_rate(message.robot, STATES, now_ns, self._states[message.robot])
+                self._counts[message.robot] = self._counts.get(message.robot, 0) + 1
+                self._record_rate(message.robot, STATES, now_ns, self._counts[message.robot])
             elif received.topic is COORDINATOR_STATE:
                 self.team_state = message
                 self._record_rate(COORDINATOR, RECEIVED, now_ns, message.messages)
@@ -323,6 +308,11 @@ class TeamMonitor:
                 self._record_rate(RECORDER, RECEIVED, now_ns, message.messages)
         self._coordinator.changes()
         self.has_coordinator = bool(self._coordinator.present)
+
+    @property
+    def states(self) -> dict[str, RobotState]:
+        """The last state of each robot."""
+        return {name: robot.state for name, robot in self._roster.robots.items() if robot.state is not None}
 
     @property
     def explored_fraction(self) -> float:

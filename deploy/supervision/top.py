@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from robrain.deploy.command_line.output import print_json
-from robrain.deploy.command_line.terminal import console, print_line
+from robrain.deploy.command_line.terminal import console, new_table, results
 from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint
 from robrain.deploy.supervision.part import (
     ARENA,
@@ -36,42 +36,26 @@ from robrain.protocol.wire.hub import team_endpoints, wrong_team
 
 COLOURS = {Phase.UP: "green", Phase.GIVEN_UP: "red", Phase.KILLED: "red"}
 UNKNOWN = "–"
-TITLES = ("part", "process", "CPU", "memory", "messages", "restarts", "state")
 
 
-def drawn(heading: str, parts: Sequence[MemberStatus]) -> Group:
-    """A table below a line: one row for each process; unknown figures are dashes."""
-    table = Table(box=None, pad_edge=False)
-    for title in TITLES:
-        is_text = title in ("part", "state")
-        table.add_column(title, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
+def members_table(parts: Sequence[MemberStatus]) -> Table:
+    """One row for each process; unknown figures are dashes, and texts from elsewhere made safe for a terminal."""
+    numbers = ("process", "CPU", "memory", "messages", "restarts")
+    table = new_table("part", *numbers, "state", right=numbers)
     for part in parts:
-        *cells, state = cells_of(part)
-        table.add_row(*cells, Text(state, COLOURS.get(part.phase, "yellow")))
-    return Group(heading, table)
-
-
-def cells_of(part: MemberStatus) -> list[str]:
-    """The cells of a line; texts from elsewhere are made safe for a terminal."""
-    state = part.phase.value
-    if part.phase is Phase.UP and part.words:
-        state = f"{f'on {part.host}, ' if part.host and part.cpu_share is None else ''}{part.words}"
-    return [
-        safe_text(part.name),
-        UNKNOWN if part.pid is None else str(part.pid),
-        UNKNOWN if part.cpu_share is None else f"{part.cpu_share:.0%}",
-        UNKNOWN if part.memory_mb is None else f"{part.memory_mb:.0f} MB",
-        safe_text(part.messages or "") or UNKNOWN,
-        UNKNOWN if part.restarts is None else str(part.restarts),
-        safe_text(state),
-    ]
-
-
-def lines_of(parts: Sequence[MemberStatus]) -> list[str]:
-    """The same as lines of text, for a file or a pipe."""
-    rows = [list(TITLES), *map(cells_of, parts)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        state = part.phase.value
+        if part.phase is Phase.UP and part.words:
+            state = f"{f'on {part.host}, ' if part.host and part.cpu_share is None else ''}{part.words}"
+        table.add_row(
+            safe_text(part.name),
+            UNKNOWN if part.pid is None else str(part.pid),
+            UNKNOWN if part.cpu_share is None else f"{part.cpu_share:.0%}",
+            UNKNOWN if part.memory_mb is None else f"{part.memory_mb:.0f} MB",
+            safe_text(part.messages or "") or UNKNOWN,
+            UNKNOWN if part.restarts is None else str(part.restarts),
+            Text(safe_text(state), COLOURS.get(part.phase, "yellow")),
+        )
+    return table
 
 
 PERIOD_S = 0.1
@@ -195,10 +179,10 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
                 if prints_once and is_time:
                     break
                 if live is not None:
-                    live.update(drawn(f"team {team}", members))
+                    live.update(Group(f"team {team}", members_table(members)))
                 time.sleep(PERIOD_S)
         if prints_once and not should_stop():
             if as_json:
                 print_json(members)
             else:
-                print_line("\n".join(lines_of(members)))
+                results().print(members_table(members))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 import msgspec
+from rich.console import Group
 from rich.live import Live
 
 from robrain.deploy.command_line.options import new_recording, next_file
@@ -38,7 +39,7 @@ from robrain.deploy.supervision.part import (
 from robrain.deploy.supervision.supervisor import Supervisor
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.team_status import TeamMonitor
-from robrain.deploy.supervision.top import drawn
+from robrain.deploy.supervision.top import members_table
 from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.errors import PortTaken, RobrainError
 from robrain.protocol.keys import DEFAULT_TEAM
@@ -562,7 +563,7 @@ class DrawnTable(PlainLines):
             each.status(now_s, team.messages(name), words.get(name, ""))
             for name, each in zip(names, supervisor.all, strict=True)
         ]
-        self._live.update(drawn(heading, parts))
+        self._live.update(Group(heading, members_table(parts)))
 
 
 def print_result_of(result: UpResult) -> None:

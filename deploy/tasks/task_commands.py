@@ -41,14 +41,10 @@ def text_of(change: Any) -> str:
 
 def show_table(records: list[Any]) -> None:
     """Tasks as a table."""
-    from rich.table import Table
-
-    from robrain.deploy.command_line.terminal import results
+    from robrain.deploy.command_line.terminal import new_table, results
     from robrain.protocol.safe_text import safe_lines
 
-    table = Table(box=None, pad_edge=False)
-    for heading in ("task", "kind", "state", "robot", "priority", "by", "why"):
-        table.add_column(heading, overflow="fold")
+    table = new_table("task", "kind", "state", "robot", "priority", "by", "why")
     for record in records:
         task = record.task
         row = (task.id, task.kind, record.state, record.robot, f"{task.priority:g}", record.by, record.why)

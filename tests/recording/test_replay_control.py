@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.deploy.recordings.replaying import ReplayKeys
+from robrain.deploy.recordings.replaying import ReplayTerminal
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
@@ -40,7 +40,7 @@ class Stage:
         for topic in ShownTeam().topics:
             self.ear.subscribe(self.inbox, topic)
         self.replay = Replay(self.wire, run)
-        self.keys = ReplayKeys(self.replay)
+        self.terminal = ReplayTerminal(self.replay)
 
     def step(self, seconds: float) -> int:
         for _ in range(round(seconds * 10)):
@@ -127,12 +127,12 @@ def test_keys_do_what_they_say(
     stage.replay.step(0)
     stage.replay.step(NS_PER_S)
     for key in pressed:
-        stage.keys.press(key)
+        stage.terminal.press(key)
     player = stage.replay.player
     assert (player.position_s, player.speed, player.playing) == (pytest.approx(position_s), speed, playing)
-    assert not stage.keys.ended
+    assert not stage.terminal.ended
 
 
 def test_q_ends_it(stage: Stage) -> None:
-    stage.keys.press("q")
-    assert stage.keys.ended
+    stage.terminal.press("q")
+    assert stage.terminal.ended
