@@ -1,23 +1,37 @@
-"""An assistant at a team in lockstep: rehearsal, confirmation, refusal, log."""
+"""An assistant at a team in lockstep: rehearsal, confirmation, refusal, log, map."""
 
+import io
 import itertools
 import json
+import math
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
+import numpy as np
 import pytest
+from PIL import Image
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.slam.map_patch import to_message
 from robrain.client.team import Team
 from robrain.deploy.assistant import team_reader
 from robrain.deploy.assistant.arguments import ANSWER_MAX, CallVerdict, ToolAnswer, answer, harmless
 from robrain.deploy.assistant.assistant import Assistant, Confirmations, ToolCall
-from robrain.deploy.assistant.audit_log import AuditLog
+from robrain.deploy.assistant.audit_log import ARGUMENTS_MAX, AuditLog, AuditRecord
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, AuditError, Ban, Order
+from robrain.deploy.assistant.team_reader import MARGIN_M, SIDE_PX, map_png
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.model import grid_geometry
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.recording.drawing.drawn_map import ComposedMap
+from robrain.recording.drawing.palette import FREE, OCCUPIED, UNKNOWN
 from robrain.sim.lockstep.lockstep import LockstepTransport
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -282,3 +296,167 @@ def test_text_of_the_team_is_cut_and_cannot_steer_a_terminal() -> None:
     for _ in range(100):
         deep = [deep]
     assert json.dumps(harmless(deep)).count("[") < 10
+
+
+class Clock:
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def orders(clock: Clock) -> Confirmations:
+    numbers = itertools.count(1)
+    return Confirmations(clock, lambda: f"token-{next(numbers)}", life_s=10.0, capacity=3)
+
+
+def test_a_token_has_its_order_carried_out_once(orders: Confirmations) -> None:
+    token = orders.keep("scripted", b"order", "plan")
+    assert orders.redeem(token, "scripted", b"order") == "plan"
+    assert orders.redeem(token, "scripted", b"order") is Ban.NO_TOKEN
+
+
+@pytest.mark.parametrize(("who", "order"), [("scripted", b"another"), ("another", b"order"), ("", b"")])
+def test_a_token_is_void_after_it_was_given_for_another_order_or_by_another_client(
+    orders: Confirmations, who: str, order: bytes
+) -> None:
+    token = orders.keep("scripted", b"order", "plan")
+    assert orders.redeem(token, who, order) is Ban.ANOTHER_ORDER
+    assert orders.redeem(token, "scripted", b"order") is Ban.NO_TOKEN
+
+
+def test_a_token_expires(orders: Confirmations, clock: Clock) -> None:
+    early, late = orders.keep("scripted", b"1", "early"), orders.keep("scripted", b"2", "late")
+    clock.now_s = 9.9
+    assert orders.redeem(early, "scripted", b"1") == "early"
+    clock.now_s = 10.0
+    assert orders.redeem(late, "scripted", b"2") is Ban.EXPIRED
+
+
+def test_of_too_many_orders_the_oldest_is_dropped_and_counted(orders: Confirmations) -> None:
+    tokens = [orders.keep("scripted", b"order", f"plan-{number}") for number in range(5)]
+    assert (len(orders), orders.dropped) == (3, 2)
+    assert orders.redeem(tokens[1], "scripted", b"order") is Ban.NO_TOKEN
+    assert orders.redeem(tokens[2], "scripted", b"order") == "plan-2"
+
+
+def test_expired_orders_make_room_without_being_counted_as_dropped(orders: Confirmations, clock: Clock) -> None:
+    for number in range(3):
+        orders.keep("scripted", b"order", f"plan-{number}")
+    clock.now_s = 20.0
+    orders.keep("scripted", b"order", "new")
+    assert (len(orders), orders.dropped) == (1, 0)
+
+
+RECORD = AuditRecord(
+    stamp="2026-01-01T00:00:00.000+00:00", call=1, by="assistant:ann", client="scripted 1.0", tool="halt",
+    arguments="{}", verdict="done",
+)  # fmt: skip
+
+
+def numbers(path: Path) -> list[int]:
+    return [json.loads(line)["call"] for line in path.read_text().splitlines()]
+
+
+def test_each_record_is_a_line_of_json_that_only_the_owner_may_read(tmp_path: Path) -> None:
+    log = AuditLog(tmp_path / "deep" / "log.jsonl")
+    log.write(RECORD)
+    log.write(msgspec.structs.replace(RECORD, call=2, words="two\nlines"))
+    log.close()
+    assert numbers(log.path) == [1, 2]
+    assert log.path.stat().st_mode & 0o777 == 0o600
+    assert json.loads(log.path.read_text().splitlines()[0])["by"] == "assistant:ann"
+
+
+def test_a_log_is_continued_by_the_next_process(tmp_path: Path) -> None:
+    for call in (1, 2):
+        log = AuditLog(tmp_path / "log.jsonl")
+        log.write(msgspec.structs.replace(RECORD, call=call))
+        log.close()
+    assert numbers(tmp_path / "log.jsonl") == [1, 2]
+
+
+def test_long_arguments_are_cut(tmp_path: Path) -> None:
+    log = AuditLog(tmp_path / "log.jsonl")
+    log.write(msgspec.structs.replace(RECORD, arguments="x" * 100_000, tool="y" * 100_000, client="z" * 100_000))
+    log.close()
+    found = json.loads(log.path.read_text())
+    assert len(found["arguments"]) == ARGUMENTS_MAX
+    assert log.path.stat().st_size < 2 * ARGUMENTS_MAX
+
+
+def test_a_full_file_is_followed_by_the_next_and_the_oldest_is_gone(tmp_path: Path) -> None:
+    line = len(msgspec.json.encode(RECORD)) + 1
+    log = AuditLog(tmp_path / "log.jsonl", file_bytes=2 * line, files=3)
+    for call in range(1, 10):
+        log.write(msgspec.structs.replace(RECORD, call=call))
+    log.close()
+    assert numbers(tmp_path / "log.jsonl") == [9]
+    assert numbers(tmp_path / "log.jsonl.1") == [7, 8]
+    assert numbers(tmp_path / "log.jsonl.2") == [5, 6]
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_log_that_could_not_be_written_is_opened_again_for_the_next_record(tmp_path: Path) -> None:
+    log = AuditLog(tmp_path / "log.jsonl")
+    log.close()
+    log.path.unlink()
+    log.path.mkdir()
+    with pytest.raises(AuditError):
+        log.write(RECORD)
+    log.path.rmdir()
+    log.write(RECORD)
+    log.close()
+    assert numbers(log.path) == [1]
+
+
+WIDTH_M, HEIGHT_M = 12.0, 6.0
+ORIGIN = (-20.0, -10.0)
+
+
+@pytest.fixture(scope="module")
+def floor() -> ComposedMap:
+    """A free room from (0, 0) to (12, 6) with a wall one metre thick on the right, on a larger grid."""
+    classes = np.full((60, 120), grid_geometry.FREE, np.int8)
+    classes[:, 110:] = grid_geometry.OCCUPIED
+    view = ComposedMap()
+    geometry = GridGeometry(0.1, *ORIGIN, 400, 300)
+    view.merge(to_message("r1", geometry, PatchCells(100, 200, classes, 1000)))
+    return view
+
+
+def pixel(png: bytes, x_m: float, y_m: float, bounds: tuple[float, float, float, float]) -> tuple[int, ...]:
+    """The colour at a place of the arena, for a map with these bounds."""
+    with Image.open(io.BytesIO(png)) as image:
+        px_per_m = image.width / (bounds[2] - bounds[0] + 2 * MARGIN_M)
+        at = int((x_m - bounds[0] + MARGIN_M) * px_per_m), int((bounds[3] + MARGIN_M - y_m) * px_per_m)
+        found = image.convert("RGB").getpixel(at)
+    assert isinstance(found, tuple)
+    return found
+
+
+def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: ComposedMap) -> None:
+    bounds = floor.known_bounds_m()
+    assert bounds == pytest.approx((0.0, 0.0, WIDTH_M, HEIGHT_M))
+    png = map_png(floor, [], [])
+    assert pixel(png, 0.53, 0.53, bounds) == FREE
+    assert pixel(png, 10.53, 5.53, bounds) == FREE
+    assert pixel(png, 11.53, 0.53, bounds) == OCCUPIED
+    assert pixel(png, -0.53, 3.53, bounds) == UNKNOWN
+    assert pixel(png, 12.53, 3.53, bounds) == UNKNOWN
+    with Image.open(io.BytesIO(png)) as image:
+        assert max(image.size) == pytest.approx(min(SIDE_PX, 60 * (WIDTH_M + 2 * MARGIN_M)), abs=1)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
+def test_places_that_are_none_do_not_spoil_the_picture(bad: float) -> None:
+    far = RobotState(robot="r\u00e4\u2603" * 100, pose=Pose2D(bad, 0.0, 0.0), radius_m=1e9)
+    near = RobotState(robot="r2", pose=Pose2D(1.0, 1.0, 0.0), radius_m=0.2)
+    with Image.open(io.BytesIO(map_png(ComposedMap(), [near, far], []))) as image:
+        assert max(image.size) <= SIDE_PX + 1

@@ -1,16 +1,93 @@
-"""A simulated robot, a file of it that is wrong, and bring-up of the two."""
+"""A bring-up of a simulated robot, in lockstep, and the people beside it."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import msgspec
 
 from robrain import Scenario
+from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.robot_file import RobotFile
+from robrain.deploy.bringup.bench import Bench, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions, patched
 from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, FindingKind, Operator
+from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.session import open_lockstep_session
+from robrain.sim.world.arena import TICK_S, Arena
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import World
-from tests.deploy.bringup.lockstep_bench import LockstepBench
+
+
+class Watcher(Operator):
+    """Answers as a function of the question says; notes what it was told to do."""
+
+    def __init__(self, answer: Callable[[str, str], str] = lambda question, default: default) -> None:
+        self._answer = answer
+        self.told: list[str] = []
+        self.asked: list[str] = []
+        self.numbers: list[float] = []
+
+    def prepare(self, what: str) -> None:
+        self.told.append(what)
+
+    def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
+        self.asked.append(question)
+        answer = self._answer(question, default)
+        assert answer in choices
+        return answer
+
+    def number(self, question: str) -> float:
+        self.asked.append(question)
+        return self.numbers.pop(0)
+
+
+class LockstepBench(Bench):
+    """See Bench; the arena is moved on with the host."""
+
+    def __init__(self, world: World) -> None:
+        self._session = open_lockstep_session()
+        self.clock = VirtualClock()
+        self._wire = Endpoint(self._session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
+        self.arena: Arena = world.arena(self._wire)
+        self._host: AgentHost | None = None
+
+    def start(self, robot_file: RobotFile, *, with_lidar: bool, with_imu: bool = False) -> None:
+        self._end_host()
+        own = bench_file(robot_file, Path(), with_lidar=with_lidar, with_imu=with_imu)
+        self.host = self._host = AgentHost(own, Path(), self._session, self.clock, Drive.LOCKSTEP)
+        self._host.start()
+        self.pass_time(0.5)
+
+    def pass_time(self, seconds: float) -> None:
+        for _ in range(max(1, round(seconds / TICK_S))):
+            self.clock.advance_to(self.clock.now_ns() + to_ns(TICK_S))
+            self.arena.step()
+            if self._host is not None:
+                self._host.step()
+
+    def close(self) -> None:
+        self._end_host()
+        self.arena.close()
+        self._wire.close()
+        self._session.close()
+
+    def _end_host(self) -> None:
+        host, self._host = self._host, None
+        if host is not None:
+            host.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
 
 AIR, FLOOR = BringUpOptions(floor=False), BringUpOptions(air=False)
 NO_SQUARES = BringUpOptions(air=False, rounds=0)

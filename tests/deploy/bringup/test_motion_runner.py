@@ -26,9 +26,7 @@ from robrain.deploy.bringup.wheel_checks import check_bus
 from robrain.plugins.device.mocdevice.frame_map import Checksum, SignalFrame, read_dbc
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.keys import DEFAULT_TEAM
-from tests.deploy.bringup.brought_up import AIR, BroughtUp, value, wrong
-from tests.deploy.bringup.lockstep_bench import LockstepBench
-from tests.deploy.bringup.operators import Watcher
+from tests.deploy.bringup.brought_up import AIR, BroughtUp, LockstepBench, Watcher, value, wrong
 from tests.plugins.unit.bare_driver import BareDriver
 
 

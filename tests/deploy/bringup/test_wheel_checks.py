@@ -1,23 +1,33 @@
-"""What bring-up concludes from what the encoders say, and after what it goes no further."""
+"""What the checks of wheels and of an inertial unit find."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
-from robrain.algorithms.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
 from robrain.deploy.bringup.bench import EncoderSample, Motion, Record, StopMode, TurnWheels
 from robrain.deploy.bringup.findings import CheckFinding, FindingKind, Operator
+from robrain.deploy.bringup.floor_checks import SCALE_TOLERANCE, _imu_findings
 from robrain.deploy.bringup.wheel_checks import (
     COUPLED,
     STOP_MAX_S,
     WATCHDOG_MAX_S,
+    base_patch,
     check_battery,
     check_halt,
     check_watchdog,
     check_wheels,
+    frames_of,
+    positive_direction,
+    slots_of,
+    wheel_names,
 )
+from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
+from robrain.plugins.device.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D
 
@@ -133,3 +143,101 @@ def test_two_commands_that_turn_one_encoder_end_bring_up() -> None:
 def test_a_battery_that_cannot_be_one_is_named(changes: dict[str, float], found: FindingKind, ok: bool | None) -> None:
     finding = check_battery(Told(battery=WELL | changes))  # type: ignore[arg-type]
     assert (finding.found, finding.ok) == (found, ok)
+
+
+SIZES = {"wheel_radius_m": 0.05, "encoder_ticks_per_turn": 4096}
+TWO = Differential(track_m=0.3, **SIZES)
+
+
+@pytest.mark.parametrize(
+    ("base", "names"),
+    [
+        (OmniBase(), ("wheel at 60°", "wheel at 180°", "wheel at 300°")),
+        (Omni(wheel_distance_m=0.2, wheel_angles_deg=(45, 135, 225, 315), **SIZES), ("wheel at 45°", "wheel at 135°")),
+        (Mecanum(wheelbase_m=0.3, track_m=0.3, **SIZES), ("front left", "front right", "rear left", "rear right")),
+        (TWO, ("left", "right")),
+        (Differential(track_m=0.3, wheels_per_side=2, **SIZES), ("left 1", "left 2", "right 1", "right 2")),
+        (Ackermann(wheelbase_m=0.3, track_m=0.2, steering_max_rad=0.5, **SIZES), ("rear left", "rear right")),
+    ],
+)
+def test_each_wheel_has_a_name_in_the_order_of_its_base(base: WheelBase, names: tuple[str, ...]) -> None:
+    assert wheel_names(base)[: len(names)] == names
+    assert len(wheel_names(base)) == base.wheels
+    assert ("counter-clockwise" in positive_direction(base)) == isinstance(base, OmniBase | Omni)
+
+
+def test_signals_keep_their_units_and_signs_in_another_order() -> None:
+    frames = (
+        FrameSignals(frame="A", signals=("a", "b"), units=(SignalUnit.RPM, SignalUnit.RAD_S), signs=(1, -1)),
+        FrameSignals(frame="B", signals=("c",), units=(SignalUnit.M_S,)),
+    )
+    a, b, c = slots_of(frames)
+    assert (b.sign, b.unit, c.sign) == (-1, SignalUnit.RAD_S, 1)
+    tables = frames_of([c, b.turned(-1), a])
+    assert tables is not None
+    read = msgspec.convert(tables, tuple[FrameSignals, ...])
+    assert slots_of(read) == [c, b.turned(-1), a]
+    assert frames_of([a, c, b]) is None  # frame A would be needed twice
+
+
+def test_defaults_are_left_out_of_tables() -> None:
+    assert frames_of(slots_of(FrameMap().encoders)) == [
+        {"frame": "WheelEncoders", "signals": ["wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks"]}
+    ]
+
+
+def test_a_patch_of_a_base_is_a_whole_base_with_figures_of_four_digits() -> None:
+    table = base_patch(TWO, wheel_radius_m=0.0512345)["mocdevice"]["base"]
+    assert table["wheel_radius_m"] == 0.05123
+    assert msgspec.convert(table, WheelBase) == msgspec.structs.replace(TWO, wheel_radius_m=0.05123)
+    assert base_patch(TWO, encoder_ticks_per_turn=16384)["mocdevice"]["base"]["encoder_ticks_per_turn"] == 16384
+
+
+def bench_with(parameters: Any) -> Any:
+    return SimpleNamespace(parameters=lambda plugin: parameters)
+
+
+def lines(unit: str) -> dict[str, Any]:
+    """A file with these lines; `columns` stays."""
+    whole = msgspec.to_builtins(LineFormat(columns=3))
+    return {
+        "imu": {"lines": {key: value for key, value in whole.items() if value is not None} | {"yaw_rate_unit": unit}}
+    }
+
+
+def of_lines(unit: RateUnit) -> SerialImu.Parameters:
+    return SerialImu.Parameters(protocol=ImuProtocol.LINES, lines=LineFormat(columns=3, yaw_rate_unit=unit))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "ratio", "patches"),
+    [
+        (SerialImu.Parameters(), 1.0 + 0.9 * SCALE_TOLERANCE, [{}]),
+        (SerialImu.Parameters(), 1.0 + 1.1 * SCALE_TOLERANCE, [{}]),
+        (of_lines(RateUnit.RAD_S), 57.3, [lines("deg/s")]),
+        (of_lines(RateUnit.DEG_S), 1 / 57.3, [lines("rad/s")]),
+        (of_lines(RateUnit.DEG_S), 57.3, [{}]),
+        (of_lines(RateUnit.RAD_S), 2.0, [{}]),
+        (
+            of_lines(RateUnit.RAD_S),
+            -57.3,
+            [{"imu": {"upside_down": True}}, lines("deg/s")],
+        ),
+        (SerialImu.Parameters(upside_down=True), -1.0, [{"imu": {"upside_down": False}}]),
+        (SimpleNamespace(), -1.0, [{}]),
+    ],
+)
+def test_what_the_file_should_say_follows_from_how_far_the_unit_turns(
+    parameters: Any, ratio: float, patches: list[dict[str, Any]]
+) -> None:
+    found = _imu_findings(bench_with(parameters), 0.7 * ratio, 0.7, 0.0)
+    assert [finding.patch for finding in found] == patches
+    assert [bool(finding.remedy) for finding in found] == [
+        finding.ok is False and not finding.patch for finding in found
+    ]
+    assert (found[0].ok is True) == (abs(ratio - 1.0) <= SCALE_TOLERANCE)
+
+
+def test_a_unit_that_does_not_turn_at_all_is_not_called_inverted() -> None:
+    (finding,) = _imu_findings(bench_with(SerialImu.Parameters()), -0.001, 0.7, 0.0)
+    assert finding.found is FindingKind.WRONG_IMU_SCALE
