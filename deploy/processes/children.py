@@ -32,7 +32,7 @@ class Child:
         on_line: called with each line, on a thread of the child's own.
         lifeline: a new one, whose other end the child gets; closed with the child's end. None for a child that is not
             supervised.
-        module: its program; a program other than `robrain` receives lines, and prints only answers.
+        module: its program; a program other than `robrain` has a pipe as its input, which ends with this process.
 
     """
 
@@ -84,15 +84,8 @@ class Child:
         last = next((line for line in reversed(self.lines) if line.strip()), "it printed nothing")
         return last.removeprefix("robrain: ")
 
-    def send(self, line: str) -> None:
-        """Send it a line; one that has ended gets none."""
-        if self._process.stdin is not None and not self._process.stdin.closed:
-            with suppress(OSError):
-                self._process.stdin.write(f"{line}\n")
-                self._process.stdin.flush()
-
     def end_input(self) -> None:
-        """Close its input: no line follows."""
+        """Close its input, at whose end a program other than `robrain` ends."""
         if self._process.stdin is not None:
             with suppress(OSError):
                 self._process.stdin.close()

@@ -1,14 +1,13 @@
-"""`python -m robrain.deploy.processes.compile_worker`: compiles parts of the kernels, started by `KernelCompiler`.
+"""`python -m robrain.deploy.processes.compile_worker PART …`: compiles parts of the kernels for `KernelCompiler`.
 
-It reads names of parts from stdin, one a line. It writes a name to stdout when its part is compiled and stored in
-numba's cache. At the end of stdin it exits, after the kernel that is being compiled is stored.
+It writes a name to stdout when its part is compiled and stored in numba's cache. At the end of stdin it exits, once the
+kernel that is being compiled is stored.
 """
 
 import os
 import signal
 import sys
 import threading
-from queue import SimpleQueue
 
 from robrain.deploy.processes.process_setup import limit_native_threads
 
@@ -17,13 +16,12 @@ NICENESS = 5
 
 
 def main() -> None:
-    """Compile until stdin ends."""
+    """Compile the parts of the command line, until stdin ends."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # its parent ends it
     os.nice(NICENESS)
     limit_native_threads()
-    asked: SimpleQueue[str] = SimpleQueue()
-    threading.Thread(target=_read, args=(asked,), daemon=True).start()
+    threading.Thread(target=_wait_for_parent, daemon=True).start()
     # Here: it needs a second, and this process must end with its parent from the beginning.
     from numba.core import event
 
@@ -41,8 +39,10 @@ def main() -> None:
                 os._exit(0)
 
     event.register(COMPILING, StopBetween())  # type: ignore[no-untyped-call] # numba has no types here
-    while name := asked.get():
+    for name in sys.argv[1:]:
         PARTS[name].warm_up()
+        if _stopping.is_set():
+            return
         sys.stdout.write(f"{name}\n")
         sys.stdout.flush()
 
@@ -50,11 +50,9 @@ def main() -> None:
 _stopping = threading.Event()
 
 
-def _read(asked: "SimpleQueue[str]") -> None:
-    for line in sys.stdin:
-        asked.put(line.strip())
+def _wait_for_parent() -> None:
+    os.read(0, 1)  # not by `sys.stdin`, whose lock would be held at the exit
     _stopping.set()
-    asked.put("")
 
 
 if __name__ == "__main__":

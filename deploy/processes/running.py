@@ -3,11 +3,8 @@
 import math
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
-from queue import Empty, SimpleQueue
+from contextlib import ExitStack, contextmanager
 from typing import NamedTuple, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress
@@ -51,10 +48,8 @@ class CompileProgress(NamedTuple):
 class KernelCompiler:
     """Compiles parts of the kernels in processes: first those that a run needs at its start. Use it in a `with` block.
 
-    One of the processes compiles the remaining parts later, because by then the run needs the processors.
-
-    Its owner calls `step` several times a second. The processes end with it in every case: they read from a pipe, which
-    closes with this process.
+    One of the processes compiles the remaining parts later, because by then the run needs the processors. They end with
+    this process in every case: they read from a pipe, which closes with it.
 
     Args:
         parts: by name, in the order in which they are begun.
@@ -63,70 +58,47 @@ class KernelCompiler:
     """
 
     def __init__(self, parts: Mapping[str, KernelPart], processes: int) -> None:
-        self._at_start = {name for name, part in parts.items() if part.at_start}
-        self._waiting = deque(parts)
+        self._at_start = [name for name, part in parts.items() if part.at_start]
+        shares = [self._at_start[number::processes] for number in range(processes)]
+        shares[0] += [name for name, part in parts.items() if not part.at_start]
         self._ready: set[str] = set()
-        self._finished: SimpleQueue[tuple[int, str]] = SimpleQueue()
         self._began_s = time.monotonic()
-        self.failure = ""
-        """Reason why a process has failed; empty if none has."""
-        self._workers: dict[int, Child] = {}
+        self._refusal = ""
+        """Reason why a process could not be started."""
+        self._workers: list[Child] = []
         try:
-            for number in range(processes):
-                on_line = partial(self._put, number)
-                self._workers[number] = Child("compiler", [], on_line, module=MODULE)
-            for number in self._workers:
-                self._give(number)
+            for share in filter(None, shares):
+                self._workers.append(Child("compiler", share, self._ready.add, module=MODULE))
         except OSError as error:
-            self.failure = str(error)
+            self._refusal = str(error)
 
     @property
     def is_done(self) -> bool:
-        """Whether all kernels that a run needs at its start are compiled."""
-        return self._ready >= self._at_start or not self._workers
+        """Whether all kernels that a run needs at its start are compiled, or nobody compiles any more."""
+        return self._ready.issuperset(self._at_start) or all(one.exit_status is not None for one in self._workers)
+
+    @property
+    def failure(self) -> str:
+        """Reason why a process has failed; empty if none has."""
+        status = next((one.exit_status for one in self._workers if one.exit_status), 0)
+        return self._refusal or (f"a compiling process ended with status {status}" if status else "")
 
     @property
     def progress(self) -> CompileProgress:
         """How far it is."""
-        ready, parts = len(self._ready & self._at_start), len(self._at_start)
+        ready, parts = len(self._ready.intersection(self._at_start)), len(self._at_start)
         passed_s = time.monotonic() - self._began_s
         left_s = passed_s * (parts - ready) / ready if ready >= SURE_PARTS else None
         return CompileProgress(ready, parts, left_s)
 
-    def step(self) -> None:
-        """Hand out the next parts."""
-        ended = [number for number, worker in self._workers.items() if worker.exit_status is not None]
-        for number in ended:
-            if status := self._workers[number].wait(STOP_S):  # which waits for its last line
-                self.failure = f"a compiling process ended with status {status}"
-        with suppress(Empty):
-            while True:
-                number, part = self._finished.get_nowait()
-                self._ready.add(part)
-                if number not in ended:
-                    self._give(number)
-        for number in ended:
-            del self._workers[number]
-
-    def __enter__(self) -> "KernelCompiler":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for worker in self._workers.values():
+        for worker in self._workers:
             worker.end_input()
-        for worker in self._workers.values():
+        for worker in self._workers:
             worker.wait(STOP_S)
-        self._workers.clear()
-
-    def _give(self, number: int) -> None:
-        worker = self._workers[number]
-        if self._waiting and (self._waiting[0] in self._at_start or number == min(self._workers)):
-            worker.send(self._waiting.popleft())
-        else:
-            worker.end_input()
-
-    def _put(self, number: int, part: str) -> None:
-        self._finished.put((number, part))
 
 
 POLL_S = 0.05
@@ -190,8 +162,6 @@ class Preparing:
             while self._waits_for_page() or (self._compiler is not None and not self._compiler.is_done):
                 if interrupt.requested:
                     raise KeyboardInterrupt
-                if self._compiler is not None:
-                    self._compiler.step()
                 if time.monotonic() - shown_s > SHOWN_S:
                     shown_s = time.monotonic()
                     draw(self._show())
@@ -208,8 +178,6 @@ class Preparing:
         if time.monotonic() >= self._later_s:
             self._later_s = math.inf
             self._compile({name: part for name, part in PARTS.items() if not part.at_start})
-        if self._compiler is not None:
-            self._compiler.step()
 
     def __enter__(self) -> Self:
         return self
