@@ -9,7 +9,7 @@ from rich.console import Console
 
 from robrain.deploy.supervision.part import MemberStatus, Phase, ProcessFigures
 from robrain.deploy.supervision.team_status import RECEIVED, Rate, TeamMonitor, robot_status
-from robrain.deploy.supervision.top import cells_of, drawn, lines_of
+from robrain.deploy.supervision.top import members_table
 from robrain.protocol.clock import NS_PER_S, VirtualClock
 from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
@@ -114,22 +114,21 @@ def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> No
         MemberStatus("arena", pid=12, cpu_share=0.254, memory_mb=281.6, messages="5.0 truths/s", restarts=0),
         MemberStatus("r1", "\x1b[31mred", phase=Phase.WAITING),
     ]
-    assert cells_of(parts[0]) == ["arena", "12", "25%", "282 MB", "5.0 truths/s", "0", "up"]
-    assert cells_of(parts[1])[1:] == [*["–"] * 5, "waiting"]
-    assert not any("\x1b" in line for line in lines_of(parts))
     console = Console(record=True, width=80, file=io.StringIO(), markup=False)
-    console.print(drawn("12.0% [b]explored", parts))
-    heading, titles, *rows = console.export_text().splitlines()
-    assert heading == "12.0% [b]explored"
+    console.print(members_table(parts))
+    titles, *rows = console.export_text().splitlines()
     assert titles.split() == ["part", "process", "CPU", "memory", "messages", "restarts", "state"]
     assert rows[0].split() == ["arena", "12", "25%", "282", "MB", "5.0", "truths/s", "0", "up"]
+    assert rows[1].split() == ["r1", *["–"] * 5, "waiting"]
+    assert "\x1b" not in rows[1]
 
 
 def test_table_of_long_words_is_whole_at_80_columns() -> None:
     words = "position lost: scans do not agree with the map"
     part = MemberStatus("transporter-12", words, None, 4194304, None, 1.5, 1024.0, "130.5 states/s", restarts=12)
     console = Console(record=True, width=80, file=io.StringIO())
-    console.print(drawn("", [part]))
-    _, titles, *rows = console.export_text().splitlines()
-    assert all(cell in rows[0] for cell in cells_of(part)[:-1])
+    console.print(members_table([part]))
+    titles, *rows = console.export_text().splitlines()
+    cells = ("transporter-12", "4194304", "150%", "1024 MB", "130.5 states/s", "12")
+    assert all(cell in rows[0] for cell in cells)
     assert " ".join(row[titles.index("state") :].strip() for row in rows) == words

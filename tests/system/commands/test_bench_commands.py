@@ -55,5 +55,5 @@ def test_life_of_a_mote_field_is_told_with_its_bounds(commands, tmp_path: Path) 
     assert "first dead d" in done.stdout
     told = json.loads(file.read_text())
     assert told["all_kept"]
-    assert [run["case"]["way"] for run in told["runs"]] == ["tree", "routes", "relief"]
+    assert [run["case"]["method"] for run in told["runs"]] == ["tree", "routes", "relief"]
     assert len(told["figures"]) == 2
