@@ -2,21 +2,26 @@
 
 import json
 import signal
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import zenoh
 
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ROBOT_STATE
+from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.reader.checking import Severity, check_recording
 from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.recording.reader.recovering import recover
-from tests.system.speaker import Speaker
-from tests.waiting import PATIENCE_S
+from tests.system.conftest import endpoint_of
+from tests.system.small_disk import SmallDisk, can_have_small_disks
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
@@ -25,36 +30,43 @@ KILLS, ATTEMPTS = 2, 3
 """Of three kills, two must lose no more than LOST_S; a busy machine may delay the recorder at any of them."""
 
 
-class StateSpeaker(Speaker):
-    """Says its state."""
+class Speaker:
+    """Robot r1, of which only its states are real, and what a recorder says of what it heard."""
 
-    def speak_until(self, heard: int, limit_s: float = PATIENCE_S) -> RecorderState:
-        """Speak at 50 Hz until a recorder says that it has heard so many messages."""
-        deadline_s = time.monotonic() + limit_s
-        while time.monotonic() < deadline_s:
-            self.publisher.put(RobotState(robot="r1", pose=Pose2D(self.said, 0.0, 0.0)))
-            self.said += 1
-            time.sleep(0.02)
-            for received in self.inbox.drain():
-                if received.message.messages >= heard:
-                    state: RecorderState = received.message
-                    return state
-        raise AssertionError(f"no recorder has heard {heard} messages")
+    def __init__(self, hub: zenoh.Session, wire: Endpoint) -> None:
+        self.address = endpoint_of(hub)
+        wire.token(ROBOT_ALIVE, robot="r1")
+        self._states = wire.publisher(ROBOT_STATE, robot="r1")
+        self.inbox = Inbox(every=True)
+        wire.subscribe(self.inbox, RECORDER_STATE)
+        self._said = 0
+
+    def speak_until(self, is_wanted: Callable[[RecorderState], bool]) -> RecorderState:
+        """Speak at 50 Hz until a recorder says what is wanted."""
+
+        def speak() -> RecorderState | None:
+            self._states.put(RobotState(robot="r1", pose=Pose2D(self._said, 0.0, 0.0)))
+            self._said += 1
+            return next((one.message for one in self.inbox.drain() if is_wanted(one.message)), None)
+
+        return until(speak, "no recorder has said it", pause_s=0.02)
+
+    def speak_until_heard(self, messages: int) -> RecorderState:
+        """Speak until a recorder has heard so many messages."""
+        return self.speak_until(lambda state: state.messages >= messages)
 
 
 @pytest.fixture
-def speaker() -> Iterator[StateSpeaker]:
-    speaker = StateSpeaker(ROBOT_STATE)
-    yield speaker
-    speaker.close()
+def speaker(hub: zenoh.Session, wire: Endpoint) -> Speaker:
+    return Speaker(hub, wire)
 
 
-def test_kill_9_costs_the_last_moment_alone(commands, speaker: StateSpeaker, tmp_path: Path) -> None:
+def test_kill_9_costs_the_last_moment_alone(commands, speaker: Speaker, tmp_path: Path) -> None:
     kept = 0
     for attempt in range(ATTEMPTS):
         path = commands.folder / f"killed{attempt}.mcap"
         process = commands.start("record", "--connect", speaker.address, "--output", str(path))
-        speaker.speak_until(heard=80)
+        speaker.speak_until_heard(80)
         killed_ns = time.time_ns()
         process.send_signal(signal.SIGKILL)
         process.wait(PATIENCE_S)
@@ -71,9 +83,9 @@ def test_kill_9_costs_the_last_moment_alone(commands, speaker: StateSpeaker, tmp
     assert not recording_info(recovered).truncated
 
 
-def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: StateSpeaker) -> None:
+def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: Speaker) -> None:
     process = commands.start("record", "--connect", speaker.address, "--output", "run.mcap", "--split-s", "1")
-    state = speaker.speak_until(heard=100)
+    state = speaker.speak_until_heard(100)
     assert (state.recorder, state.lost, state.why) == ("rec_run", [], "")
     process.send_signal(signal.SIGINT)
     said, _ = process.communicate(timeout=PATIENCE_S)
@@ -88,7 +100,7 @@ def test_ctrl_c_finishes_the_file_and_says_what_is_in_it(commands, speaker: Stat
     assert numbers == list(range(numbers[0], numbers[-1] + 1))
 
 
-def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, speaker: StateSpeaker) -> None:
+def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, speaker: Speaker) -> None:
     (commands.folder / "run.mcap").write_bytes(b"mine")
     nobody = "tcp/127.0.0.1:1"
     for where, words, named in (
@@ -99,3 +111,30 @@ def test_a_recording_is_never_overwritten_and_a_wrong_split_is_told(commands, sp
         assert named in commands.refused("record", "--connect", where, *words)
     assert (commands.folder / "run.mcap").read_bytes() == b"mine"
     assert not (commands.folder / "other.mcap").exists()
+
+
+def test_a_recording_outlasts_a_full_disk(commands, speaker: Speaker, tmp_path: Path) -> None:
+    if not can_have_small_disks():
+        pytest.skip("a file system of one's own needs unshare(1) and user namespaces, which are not to be had here")
+    disk = tmp_path / "disk"
+    record = [sys.executable, "-m", "robrain.cli", "record"]
+    started = SmallDisk(disk, [*record, "--connect", speaker.address, "--output", str(disk / "run.mcap")])
+    process = started.process
+    commands.adopt(process)
+    speaker.speak_until(lambda state: state.file == "run.mcap" and not state.why and state.messages >= 50)
+    with started.full():
+        speaker.speak_until(lambda state: "No space left" in state.why)
+    again = speaker.speak_until(lambda state: state.file == "run_0002.mcap" and not state.why)
+    told = speaker.speak_until_heard(again.messages + 50)
+    process.send_signal(signal.SIGTERM)
+    said, _ = process.communicate(timeout=PATIENCE_S)
+    assert "No space left" in said
+    assert "continues in" in said
+    parts = sorted(started.kept.iterdir())
+    assert [part.name for part in parts] == ["run.mcap", "run_0002.mcap"]
+    info = recording_info(parts[1])
+    assert not info.truncated
+    lost, messages = int(info.summary["lost"]), int(info.summary["messages"])
+    assert lost >= sum(topic.messages for topic in told.lost) > 0
+    in_files = sum(1 for part in parts for message in read_messages(part) if "/robot/r1/" in message.topic_key)
+    assert in_files + lost == messages
