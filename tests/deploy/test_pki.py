@@ -212,12 +212,7 @@ def test_certificate_of_another_team_of_the_same_ca_has_a_folder_of_its_own(pki:
 
 
 @pytest.mark.parametrize(
-    ("days", "says"),
-    [
-        (4.0, ""),
-        (6.0, "the certificate of robot:r1 ends in 24 hours"),
-        (6.99, "ends in 864 s"),
-    ],
+    ("days", "says"), [(4.0, ""), (6.0, "the certificate of robot:r1 ends in 24 hours"), (6.99, "ends in 864 s")]
 )
 def test_certificate_is_to_be_renewed_when_a_third_of_its_life_is_left(pki: Path, days: float, says: str) -> None:
     issue(pki, ROBOT, NOW, days=7)

@@ -57,7 +57,7 @@ def test_robot_that_has_gone_is_shown_with_its_last_task(capsys: pytest.CaptureF
 def test_state_of_the_field_is_a_line_of_its_own(capsys) -> None:
     show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, mote_field=FIELD))
     assert capsys.readouterr().out.splitlines()[3:] == [
-        "10 motes, 1 dead, 6 off duty; 97 % of the readings arrived, newest 5 s old (oldest 34 s); 96 % covered",
+        "10 motes, 1 dead, 6 off duty; 97 % of the readings arrived, newest 5 s old (oldest 34 s); 96 % covered"
     ]
 
 

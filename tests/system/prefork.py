@@ -190,12 +190,7 @@ def import_everything(missing: tuple[type[Exception], ...] = ()) -> None:
         missing: errors that a module may raise when it is imported.
 
     """
-    for name in (
-        "cli",
-        "agent.host.live_drive",
-        "coordinator.live",
-        "dashboard.server.server",
-    ):
+    for name in ("cli", "agent.host.live_drive", "coordinator.live", "dashboard.server.server"):
         with suppress(*missing):
             importlib.import_module(f"robrain.{name}")
     for package in ("robrain.deploy", "robrain.lab"):

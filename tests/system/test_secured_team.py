@@ -125,9 +125,11 @@ def test_router_cuts_nobody_off_when_only_a_certificate_was_renewed(router: Secu
     assert router.session is not before
 
 
-def test_certificate_is_not_left_unused_on_a_plain_endpoint(as_robot: None) -> None:
+def test_certificate_is_not_left_unused_on_a_plain_endpoint(as_robot: None, pki: Path) -> None:
     with pytest.raises(WireError, match=r"tcp/127\.0\.0\.1:1: expected tls/HOST:PORT, since a certificate"):
         open_session(connect=["tcp/127.0.0.1:1"], wait_s=0.1)
+    with pytest.raises(WireError, match="expected tls/HOST:PORT beside a certificate"):
+        open_session(connect=["tcp/127.0.0.1:1"], identity=read_identity(folder_of(pki, ROBOT)))
     with pytest.raises(WireError, match="a peer without endpoints: expected tls/HOST:PORT"):
         open_session(mode="peer")
 
@@ -246,16 +248,6 @@ def test_certificate_that_soon_ends_is_told(pki: Path, as_robot: None) -> None:
     assert "agent: the certificate of robot:r1 ends in 24 hours" in said[0]
 
 
-def test_plain_endpoints_ask_for_no_certificate() -> None:
-    assert check_certificate("agent", pytest.fail, ["tcp/127.0.0.1:1"], TEAM, MemberRole.ROBOT, "r1") is None
-
-
-def test_secured_endpoint_without_a_certificate_says_how_to_get_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(TLS_VARIABLE, raising=False)
-    with pytest.raises(WireError, match="asks for a certificate: give `robrain --tls FOLDER"):
-        open_session(connect=["tls/127.0.0.1:1"])
-
-
 @pytest.mark.parametrize("mode", ["router", "peer"])
 def test_router_without_rules_is_refused_whatever_its_certificate(
     pki: Path, monkeypatch: pytest.MonkeyPatch, mode: str
@@ -263,12 +255,6 @@ def test_router_without_rules_is_refused_whatever_its_certificate(
     monkeypatch.setenv(TLS_VARIABLE, str(folder_of(pki, ROUTER)))
     with pytest.raises(WireError, match="only `robrain router` listens on tls/"):
         open_session(mode=mode, listen=["tls/127.0.0.1:0"])
-
-
-def test_certificate_beside_a_plain_endpoint_is_refused(pki: Path) -> None:
-    identity = read_identity(folder_of(pki, ROBOT))
-    with pytest.raises(WireError, match="expected tls/HOST:PORT beside a certificate"):
-        open_session(connect=["tcp/127.0.0.1:1"], identity=identity)
 
 
 def test_endpoint_of_another_team_is_refused(pki: Path, router: SecuredRouter) -> None:

@@ -218,11 +218,7 @@ def of_lines(unit: RateUnit) -> SerialImu.Parameters:
         (of_lines(RateUnit.DEG_S), 1 / 57.3, [lines("rad/s")]),
         (of_lines(RateUnit.DEG_S), 57.3, [{}]),
         (of_lines(RateUnit.RAD_S), 2.0, [{}]),
-        (
-            of_lines(RateUnit.RAD_S),
-            -57.3,
-            [{"imu": {"upside_down": True}}, lines("deg/s")],
-        ),
+        (of_lines(RateUnit.RAD_S), -57.3, [{"imu": {"upside_down": True}}, lines("deg/s")]),
         (SerialImu.Parameters(upside_down=True), -1.0, [{"imu": {"upside_down": False}}]),
         (SimpleNamespace(), -1.0, [{}]),
     ],

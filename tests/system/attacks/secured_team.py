@@ -65,10 +65,7 @@ class SecuredTeam:
 
     def variables(self, name: str) -> dict[str, str]:
         """The environment of somebody's commands."""
-        return {
-            TLS_VARIABLE: str(self.folder_of(member_named(name))),
-            CONNECT_VARIABLE: getattr(self, "endpoint", ""),
-        }
+        return {TLS_VARIABLE: str(self.folder_of(member_named(name))), CONNECT_VARIABLE: getattr(self, "endpoint", "")}
 
     def session(self, who: Member) -> zenoh.Session:
         """A raw session with somebody's certificate: what an attacker with his files opens."""

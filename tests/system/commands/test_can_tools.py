@@ -77,10 +77,7 @@ def log_a_drive(endpoint: str, log: Path) -> Driven:
         truths.drain()
         return float(until(truths.drain)[-1].message.robots[0].distance_m)
 
-    with (
-        member_at(endpoint) as wire,
-        subprocess.Popen(tool("logger", *words), stdout=subprocess.DEVNULL) as logger,
-    ):
+    with member_at(endpoint) as wire, subprocess.Popen(tool("logger", *words), stdout=subprocess.DEVNULL) as logger:
         wire.subscribe(truths, ARENA_TRUTH)
         try:
             until(lambda: log.exists() and log.stat().st_size > 10_000, "the logger writes nothing")

@@ -173,10 +173,7 @@ class Command:
 
 def shell(drive=Drive.LIVE, **parameters):
     env = SimpleNamespace(
-        robot="r1",
-        plugin="interactive_shell",
-        wire=SimpleNamespace(drive=drive),
-        use=lambda name, interface: Command(),
+        robot="r1", plugin="interactive_shell", wire=SimpleNamespace(drive=drive), use=lambda name, interface: Command()
     )
     plugin = InteractiveShell(env, InteractiveShell.Parameters(**parameters))
     plugin.init()

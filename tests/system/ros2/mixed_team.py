@@ -27,10 +27,7 @@ class Kind(StrEnum):
     ROS2 = "ros2"
 
 
-SPECS = {
-    Kind.STOCK: "",
-    Kind.DESCRIBED: 'type = "two_wheels"\n[robots.hardware.lidar]\nprotocol = "ld19"\n',
-}
+SPECS = {Kind.STOCK: "", Kind.DESCRIBED: 'type = "two_wheels"\n[robots.hardware.lidar]\nprotocol = "ld19"\n'}
 
 
 class MixedTeam:
