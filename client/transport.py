@@ -14,7 +14,7 @@ from robrain.protocol.answers.asked import BY
 from robrain.protocol.clock import Clock, LiveClock
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
-from robrain.protocol.links.radio_exchange import EVERYWHERE
+from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, OPERATOR
 from robrain.protocol.table.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -16,9 +16,9 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.soak.fault_script import FaultScript
 from robrain.lab.soak.operator import OPERATOR, Operator
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.faults.fault_spec import FaultSpec
-from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.process import Process
 from robrain.sim.firmware.battery import J_PER_WH, BatterySpec
 from robrain.sim.firmware.power_model import PowerModel
@@ -99,8 +99,7 @@ class SoakRun(LockstepRun):
         """By component."""
         self.wire = self.wire_of()
         """An endpoint that no fault touches."""
-        with self.acting(OPERATOR):
-            self.operator = Operator(self.wire_of(), script)
+        self.operator = Operator(self.wire_of(party=OPERATOR), script)
 
     @property
     def leader(self) -> Coordinator | None:
@@ -127,20 +126,18 @@ class SoakRun(LockstepRun):
 
     def is_linked(self, one: str, other: str) -> bool:
         """Whether no cut is between two components."""
-        wire = self.team_faults.wire
-        assert isinstance(wire, FaultyExchange)  # a hall has no radio
-        return wire.faults.is_linked(one, other)
+        return self.team_faults.wire.reaches(one, other)
 
     def tick(self) -> None:
         """Move the run on; the operator acts last."""
         super().tick()
-        with self.acting(OPERATOR):
-            self.operator.step(self.now_ns)
+        self.operator.step(self.now_ns)
 
-    def wire_of(self, process: Process | None = None) -> Endpoint:
-        """An endpoint of a process, or one by the run's clock."""
-        clock = self.clock if process is None else process.clock
-        return Endpoint(self.session, DEFAULT_TEAM, clock, Drive.LOCKSTEP)
+    def wire_of(self, process: Process | None = None, party: str = EVERYWHERE) -> Endpoint:
+        """An endpoint of a process, or one of another party by the run's clock."""
+        if process is not None:
+            return Endpoint(self.session, DEFAULT_TEAM, process.clock, Drive.LOCKSTEP, party=process.name)
+        return Endpoint(self.session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP, party=party)
 
 
 @contextmanager

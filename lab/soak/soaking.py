@@ -36,6 +36,7 @@ from robrain.lab.sweep.execution import execute_all
 from robrain.lab.sweep.run_outcome import RunState
 from robrain.lab.sweep.worker import is_asked_to_stop
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -141,9 +142,9 @@ class _Trial:
 
     def __init__(self, run: LockstepRun, script: FaultScript) -> None:
         self._run = run
-        with run.acting(OPERATOR):
-            wire = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
-            self._operator = Operator(wire, script, repeats=True)
+        party = OPERATOR if run.world.links is None else EVERYWHERE  # the operator has no radio
+        wire = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP, party=party)
+        self._operator = Operator(wire, script, repeats=True)
         self._script = script
         self._promises = Promises({order.task.id: order.task for order in script.tasks}, self._operator)
         self._ticks = 0
@@ -155,8 +156,7 @@ class _Trial:
         self._run.tick()
         self._ticks += 1
         if self._ticks % OPERATOR_TICKS == 0:
-            with self._run.acting(OPERATOR):
-                self._operator.step(self._run.clock.now_ns())
+            self._operator.step(self._run.clock.now_ns())
 
     @property
     def done(self) -> int:

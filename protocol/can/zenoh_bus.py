@@ -323,7 +323,7 @@ class ZenohBus(can.BusABC):
         if self._segment is not None and self._exchange is not None:
             self._segment.deliver(payload, self)
             if self._exchange.routes.get(self._key) is not NOBODY:  # only nodes receive most frames
-                self._exchange.deliver(ARENA_CAN, self._key, payload)
+                self._exchange.deliver(self._exchange.infrastructure, ARENA_CAN, self._key, payload)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame, or None if none arrives in time; 0 does not wait, for devices that poll many times a tick.

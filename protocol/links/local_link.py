@@ -1,154 +1,81 @@
 """The link of an endpoint in a lockstep run that no other process can join."""
 
-from collections.abc import Callable
+from functools import partial
 from threading import Event
 from typing import Any
 
-import zenoh
-
-from robrain.protocol.answers.asked import Answer, Asked
-from robrain.protocol.border.border import Heard
-from robrain.protocol.clock import Clock
-from robrain.protocol.links.exchange import NOBODY, Exchange, is_wild
-from robrain.protocol.links.inbox import Inbox, Sample
+from robrain.protocol.answers.asked import Answer
+from robrain.protocol.clock import Clock, to_ns
+from robrain.protocol.links.exchange import EVERYWHERE, Exchange
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.link import Declaration, Replies, TakeAnswer, TakeChange, TakeQuery, TakeSample
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.table.topic import Topic, Urgency
+from robrain.protocol.table.topic import ANSWER_S, Topic, Urgency
 
 
-class PartyExchange(Exchange):
-    """Declarations of the endpoints of one party, and the tokens that they see.
-
-    Args:
-        party: owner.
-        changed: called when other samples are taken than before.
-        token_changed: called with the key of a token of this party that has come or gone.
-
-    """
-
-    def __init__(self, party: str, changed: Callable[[], None], token_changed: Callable[[str], None]) -> None:
-        self.party = party
-        self.links = 0
-        """Endpoints that are open."""
-        self.seen: dict[str, None] = {}
-        """Keys of the tokens that the party sees, in the order in which they came."""
-        self._changed = changed
-        self._on_token = token_changed
-        super().__init__(is_alone=True)
-
-    @property
-    def own_tokens(self) -> set[str]:
-        """Keys of the party's own tokens."""
-        return self._present
-
-    def takes(self, topic: Heard, key: str) -> bool:
-        """Whether any inbox takes a key."""
-        route = self.routes.get(key) or self._route(topic, key)
-        return route is not NOBODY
-
-    def hand(self, sample: Sample) -> None:
-        """Give a sample, which other parties may get as well, to all inboxes that take its key."""
-        topic, key, payload, _ = sample
-        route = self.routes.get(key)
-        if route is None or (route is not NOBODY and route.topic is not topic):
-            route = self._route(topic, key)
-        if route.plain:
-            Inbox.put_into(route.plain, sample)
-        for inbox in route.special:
-            inbox.take(sample)
-        for subscription in route.others:
-            subscription.inbox.append(subscription.topic, key, payload)
-
-    def answerers(self, key: str) -> list[Callable[[Asked], None]]:
-        """Handlers of queries to a key."""
-        return self._queryables.reached(key)
-
-    def tokens(self, selector: str) -> list[str]:
-        """Keys of the tokens that the party sees, in the order in which they came."""
-        if not is_wild(selector):
-            return [selector] if selector in self.seen else []
-        wanted = zenoh.KeyExpr(selector)
-        return [key for key in self.seen if wanted.intersects(zenoh.KeyExpr(key))]
-
-    def show(self, key: str, *, is_there: bool) -> None:
-        """A token has come or gone, or is as it was, for this party."""
-        if is_there == (key in self.seen):
-            return
-        if is_there:
-            self.seen[key] = None
-        else:
-            del self.seen[key]
-        for take in self._watchers.reached(key):
-            take(key, is_there)
-
-    def _token_changed(self, key: str) -> None:
-        is_present = bool(self._tokens.reached(key))
-        if is_present != (key in self._present):
-            self._present.symmetric_difference_update({key})
-            self._on_token(key)
-
-    def _forget_routes(self, selector: str) -> None:
-        super()._forget_routes(selector)
-        self._changed()
-
-
-class DeclaringLink:
-    """Common state of all links within this process; nothing is declared to Zenoh."""
-
-    def __init__(self, home: Exchange | PartyExchange) -> None:
-        self.declarations: list[Declaration] = []
-        self._declared_at = home
-
-    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
-        """See `Link`."""
-        self.declarations.append(self._declared_at.subscribe(selector, topic, inbox))
-
-    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
-        """See `Link`."""
-        self.declarations.append(self._declared_at.queryable(selector, take))
-
-    def token(self, key: str) -> None:
-        """See `Link`."""
-        self.declarations.append(self._declared_at.token(key))
-
-    def watch(self, selector: str, take: TakeChange) -> None:
-        """See `Link`."""
-        self.declarations.append(self._declared_at.watch(selector, take))
-
-    def tokens(self, selector: str, timeout_s: float) -> list[str]:
-        """See `Link`."""
-        return self._declared_at.tokens(selector)
-
-    def close(self) -> None:
-        """See `Link`."""
-        while self.declarations:
-            self.declarations.pop().undeclare()
-
-
-class LocalLink(DeclaringLink):
-    """A `Link` to all other endpoints of this process.
+class LocalLink:
+    """A `Link` to the other endpoints of this process; nothing is declared to Zenoh.
 
     Args:
         exchange: of the run.
+        party: of the endpoint: a robot's name, `COORDINATOR`, or `EVERYWHERE` for arena, recorder and scripts.
+
+    Raises:
+        ValueError: there is no such party.
 
     """
 
-    def __init__(self, exchange: Exchange) -> None:
-        super().__init__(exchange)
+    def __init__(self, exchange: Exchange, party: str = EVERYWHERE) -> None:
+        self.declarations: list[Declaration] = []
         self._exchange = exchange
+        self._party = exchange.join(party)
+        self._is_open = True
 
     def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
         """See `Link`."""
-        return Publisher(topic, key, clock, self._exchange)
+        return Publisher(topic, key, clock, partial(self._exchange.deliver, self._party))
+
+    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.subscribe(selector, topic, inbox, self._party))
+
+    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.queryable(selector, take, self._party))
+
+    def token(self, key: str) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.token(key, self._party))
+
+    def watch(self, selector: str, take: TakeChange) -> None:
+        """See `Link`."""
+        self.declarations.append(self._exchange.watch(selector, take, self._party))
+
+    def tokens(self, selector: str, timeout_s: float) -> list[str]:
+        """See `Link`."""
+        return self._exchange.tokens(selector, self._party)
 
     def ask(self, selector: str, payload: bytes | None, urgency: Urgency, timeout_s: float) -> Replies:
-        """See `Link`."""
+        """See `Link`; a query that is too late has failed at once."""
         answers: list[Answer] = []
         is_over = Event()
-        self._exchange.ask(selector, payload or b"", answers.append, is_over.set)
+        limit_ns = to_ns(timeout_s)
+        is_in_time = self._exchange.ask(
+            self._party, selector, payload or b"", limit_ns, answers.append, is_over.set, waits=True
+        )
+        if not answers and not is_in_time:
+            return Replies((), in_time=False)
         in_time = bool(answers) or is_over.wait(timeout_s)
         return Replies(answers, in_time, from_outside=not in_time)
 
     def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
         """See `Link`."""
-        self._exchange.ask(key, payload or b"", take, lambda: None)
+        self._exchange.ask(self._party, key, payload or b"", to_ns(ANSWER_S), take, lambda: None, waits=False)
+
+    def close(self) -> None:
+        """See `Link`."""
+        while self.declarations:
+            self.declarations.pop().undeclare()
+        if self._is_open:
+            self._is_open = False
+            self._exchange.leave(self._party)

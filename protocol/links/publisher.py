@@ -5,8 +5,8 @@ from typing import Any
 
 import msgspec
 
+from robrain.protocol.border.border import Heard
 from robrain.protocol.clock import Clock
-from robrain.protocol.links.exchange import Delivering
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.messages.message import Message
 from robrain.protocol.table.topic import Topic
@@ -19,7 +19,7 @@ class Publisher:
         topic: message.
         key: where.
         clock: stamps messages.
-        exchange: delivers within the process, in lockstep.
+        deliver: delivers within the process, in lockstep.
         declare: declares the key to Zenoh, for other processes; None where there can be none.
         forget: called with the declaration, once it is undeclared.
 
@@ -30,7 +30,7 @@ class Publisher:
         topic: Topic[Any],
         key: str,
         clock: Clock,
-        exchange: Delivering | None = None,
+        deliver: Callable[[Heard, str, bytes], None] | None = None,
         declare: Callable[[], Any] | None = None,
         forget: Callable[[Any], None] = lambda _: None,
     ) -> None:
@@ -38,9 +38,9 @@ class Publisher:
         self.key = key
         self.thinning: Thinning | None = None
         """Limit that decides whether the link has room; None sends everything."""
-        self._exchange = exchange
+        self._deliver = deliver
         self._declare = declare
-        self._declared: Any = declare() if declare is not None and exchange is None else None
+        self._declared: Any = declare() if declare is not None and deliver is None else None
         """In lockstep declared with the first put that others may receive: most events of most robots never happen."""
         self._clock = clock
         self._forget = forget
@@ -68,15 +68,15 @@ class Publisher:
         self._seq += 1
         if self._declare is not None:
             self._put_outside(self._declare, encoded)
-        if self._exchange is not None:
-            self._exchange.deliver(self.topic, self.key, encoded)
+        if self._deliver is not None:
+            self._deliver(self.topic, self.key, encoded)
 
     def put_bytes(self, payload: bytes) -> None:
         """Send bytes as they are, on topics that carry a foreign protocol or a recorded payload."""
         if self._declare is not None:
             self._put_outside(self._declare, payload)
-        if self._exchange is not None:
-            self._exchange.deliver(self.topic, self.key, payload)
+        if self._deliver is not None:
+            self._deliver(self.topic, self.key, payload)
 
     def _put_outside(self, declare: Callable[[], Any], payload: bytes) -> None:
         if self._declared is None:

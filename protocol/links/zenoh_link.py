@@ -1,6 +1,7 @@
 """The link of an endpoint to its Zenoh session: live, and in a lockstep run that other processes may join."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -155,7 +156,8 @@ class ZenohLink:
             self.declarations.append(declared)
             return declared
 
-        return Publisher(topic, key, clock, self._exchange, declare, self.declarations.remove)
+        deliver = None if self._exchange is None else partial(self._exchange.deliver, self._exchange.infrastructure)
+        return Publisher(topic, key, clock, deliver, declare, self.declarations.remove)
 
     def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
         """See `Link`."""
@@ -171,7 +173,7 @@ class ZenohLink:
             take(key, sample.payload.to_bytes())
 
         if self._exchange is not None:
-            self.declarations.append(self._exchange.subscribe(selector, topic, inbox))
+            self.declarations.append(self._exchange.subscribe(selector, topic, inbox, self._exchange.infrastructure))
         declared: Any
         if self._exchange is None and topic.delivery is Delivery.LOSSLESS:
             lost = LostSamples(topic, selector, inbox.border)

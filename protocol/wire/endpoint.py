@@ -35,12 +35,11 @@ from robrain.protocol.clock import Clock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
 from robrain.protocol.keys import check_name
-from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.links.exchange import EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import NOTHING, Inbox
 from robrain.protocol.links.link import Link
 from robrain.protocol.links.local_link import LocalLink
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.links.radio_exchange import EVERYWHERE, LocalRadioLink, RadioExchange
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.links.zenoh_link import DeclaredKeys, ZenohLink, query_options
 from robrain.protocol.refusals import RefusalCode, Refusals
@@ -124,8 +123,8 @@ class Endpoint:
             it, unless a recorded topic has it.
         workers: how many queries to one queryable are answered at a time, with Serve.POOL.
         refusals: counts refused messages and requests, where several endpoints are counted together.
-        party: party whose radio it uses, where a lockstep run simulates radios. It is a robot's name, `COORDINATOR` of
-            `radio_network.py`, or `EVERYWHERE`, which needs none.
+        party: owner, for the network that a lockstep run simulates: a robot's name, `COORDINATOR`, or `EVERYWHERE`,
+            which receives everything.
         thinning: drops telemetry that the link has no room for; None sends everything.
 
     """
@@ -542,6 +541,4 @@ def _link(session: zenoh.Session, drive: Drive, party: str) -> Link:
     if drive is Drive.LIVE:
         return ZenohLink(session, None)
     exchange = Exchange.of(session)
-    if isinstance(exchange, RadioExchange):
-        return LocalRadioLink(exchange, party)
-    return LocalLink(exchange) if exchange.is_alone else ZenohLink(session, exchange)
+    return LocalLink(exchange, party) if exchange.is_alone else ZenohLink(session, exchange)

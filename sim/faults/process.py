@@ -2,11 +2,11 @@
 
 import logging
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any, Protocol
 
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.errors import RobrainError
+from robrain.protocol.links.exchange import Exchange
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 
@@ -44,38 +44,6 @@ class Component(Protocol):
         """End, as a process does that is asked to."""
 
 
-class FaultyWire(Protocol):
-    """A wire whose components die, hang, and are cut off: `FaultyExchange`, or `RadioFaults` with `[links]`."""
-
-    @property
-    def lost(self) -> int:
-        """Messages, requests and replies that faults of the wire have lost so far."""
-
-    def begin(self, number: int, fault: FaultSpec) -> None:
-        """A fault of the wire begins."""
-
-    def end(self, number: int) -> None:
-        """It ends."""
-
-    def step(self) -> None:
-        """Deliver late messages that are due now; call it once a tick, before the components' steps."""
-
-    def acting(self, component: str) -> AbstractContextManager[None]:
-        """Everything within the block is done by this component."""
-
-    def begin_life(self, component: str) -> None:
-        """Its process is started."""
-
-    def drop(self, component: str) -> None:
-        """It has died."""
-
-    def sleep(self, component: str, *, is_hung: bool) -> None:
-        """It does not answer, because it hangs or because it is slow."""
-
-    def wake(self, component: str) -> None:
-        """It answers again."""
-
-
 def _forget(_component: Component) -> None:
     """Do nothing: a killed component has already ended."""
 
@@ -96,7 +64,7 @@ class Process:
         self,
         name: str,
         clock: Clock,
-        exchange: FaultyWire,
+        exchange: Exchange,
         start: "Callable[[Process], Any]",
         end: Callable[[Component], None] = _forget,
     ) -> None:
@@ -110,7 +78,7 @@ class Process:
         self._start = start
         self._end = end
         self._faults: dict[int, FaultSpec] = {}
-        self._is_hanging = self._is_slow = False
+        self.is_hanging = self._is_slow = False
         self._true_clock = clock
         self._step_ns = 0
         self._start_ns = 0
@@ -118,7 +86,7 @@ class Process:
     @property
     def is_awake(self) -> bool:
         """Whether it runs, and does not hang."""
-        return self.component is not None and not self._is_hanging
+        return self.component is not None and not self.is_hanging
 
     @property
     def period_s(self) -> float:
@@ -133,14 +101,12 @@ class Process:
         # As live processes do, it reads the machine's wall clock once.
         skews_s = (each.skew_s or 0.0 for each in self._faults.values())
         self.clock = SkewedClock(self._true_clock, to_ns(sum(skews_s)))
-        self._exchange.begin_life(self.name)
-        with self._exchange.acting(self.name):
-            try:
-                self.component = self._start(self)
-            except RobrainError as error:
-                self._exchange.drop(self.name)
-                self._start_ns = self.since_ns + RESTART_NS
-                logger.warning("%s cannot start: %s", self.name, error)
+        try:
+            self.component = self._start(self)
+        except RobrainError as error:
+            self._exchange.drop(self.name)
+            self._start_ns = self.since_ns + RESTART_NS
+            logger.warning("%s cannot start: %s", self.name, error)
 
     def set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
         """A fault of the process begins or ends."""
@@ -153,9 +119,9 @@ class Process:
                 self._kill()
             else:
                 self.start()
-        self._is_hanging, self._is_slow = self._has(FaultKind.HANG), self._has(FaultKind.SLOW)
-        if self.component is not None and (self._is_hanging or self._is_slow):
-            self._exchange.sleep(self.name, is_hung=self._is_hanging)
+        self.is_hanging, self._is_slow = self._has(FaultKind.HANG), self._has(FaultKind.SLOW)
+        if self.component is not None and (self.is_hanging or self._is_slow):
+            self._exchange.sleep(self.name)
         else:
             self._exchange.wake(self.name)
 
@@ -164,29 +130,26 @@ class Process:
         if self.component is None and now_ns >= self._start_ns:
             self.start()
         component, exchange = self.component, self._exchange
-        if component is None or self._is_hanging or (self._is_slow and now_ns < self._step_ns):
+        if component is None or self.is_hanging or (self._is_slow and now_ns < self._step_ns):
             return
-        with exchange.acting(self.name):
-            if self._is_slow:
-                self._step_ns = now_ns + to_ns(self.period_s)
-                exchange.wake(self.name)
-            component.step()
-            if self._is_slow:
-                exchange.sleep(self.name, is_hung=False)
+        if self._is_slow:
+            self._step_ns = now_ns + to_ns(self.period_s)
+            exchange.wake(self.name)
+        component.step()
+        if self._is_slow:
+            exchange.sleep(self.name)
 
     def close(self) -> None:
         """End it."""
         if self.component is not None:
-            with self._exchange.acting(self.name):
-                self.component.close()
+            self.component.close()
             self.component = None
 
     def _kill(self) -> None:
         component, self.component = self.component, None
         self._exchange.drop(self.name)
         if component is not None:
-            with self._exchange.acting(self.name):
-                self._end(component)
+            self._end(component)
 
     def _has(self, kind: FaultKind) -> bool:
         return any(fault.kind is kind for fault in self._faults.values())

@@ -6,7 +6,6 @@ delivered before the put returns; so equal seeds give equal runs. Zenoh is used 
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -27,9 +26,8 @@ from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.answers.collector import CalmCollector
 from robrain.protocol.clock import Clock, VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.links.exchange import COORDINATOR, EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.radio_exchange import COORDINATOR, EVERYWHERE
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.model.geometry import Point2D
@@ -37,22 +35,26 @@ from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.reasons import IdleReason
 from robrain.protocol.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import listening_at, open_lockstep_session
+from robrain.protocol.wire.session import LEASE_MS, listening_at, open_lockstep_session
 from robrain.recording.provenance import Provenance, RunSetup
 from robrain.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
 from robrain.sim.errors import RunFailed
 from robrain.sim.faults.fault_spec import check_faults_alone
 from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
+from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.lockstep.team_faults import ComponentStarts, TeamFaults
-from robrain.sim.world.link_spec import check_alone
-from robrain.sim.world.radio_run import RadioRun
+from robrain.sim.motes.gateway import gateway_motes
+from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.referee import FloorLeft, floor_left, overlap
+from robrain.sim.world.team_radio import TeamRadio
 from robrain.sim.world.time_use import TimeUseMeter
 from robrain.sim.world.world import World, manifest_texts
 
 WATCH_S = 0.2
+ANSWERS_AFTER_S = 0.4
+"""After a cut, queryables are declared again this much later than tokens (chosen)."""
 OUTSIDE_BYTES = 1_048_576
 """Size limit of a payload from outside; the recording drops the rest."""
 
@@ -119,19 +121,26 @@ class LockstepRun:
         check_alone(world.links, scenario or world.plan.name, is_alone=is_alone)
         self.session = open_lockstep_session(listen) if session is None else session
         self._closers.append(self.session.close)
-        self._radio = RadioRun(world, self.session, self.clock) if world.links is not None else None
-        self._faults: TeamFaults | None = None
         self.memories = {robot.name: WitnessInMemory() for robot in world.robots}
         """Answers of robots as witnesses; they outlive the robots' agents."""
-        if processes or any(not fault.is_plain for fault in world.faults):
+        self._wire_faults = WireFaults(world.seed)
+        self._radio = None if world.links is None else _radio(world, world.links, self._wire_faults)
+        has_processes = processes or any(not fault.is_plain for fault in world.faults)
+        if has_processes:
             check_faults_alone(scenario or world.plan.name, is_alone=is_alone)
-            self._faults = TeamFaults(world, self.session, self.clock, self._radio)
-        if self._faults is not None:
-            self._exchange: Exchange = self._faults.exchange
-        elif self._radio is not None:
-            self._exchange = self._radio.exchange
+        if is_alone:
+            self._exchange = Exchange(
+                is_alone=True,
+                network=self._wire_faults if has_processes and self._radio is None else self._radio,
+                clock=self.clock,
+                lost_after_s=LEASE_MS / 1000 if world.links is None else world.links.lost_after_s,
+                answers_after_s=ANSWERS_AFTER_S if world.links is None else 0.0,
+            ).serve(self.session)
         else:
-            self._exchange = Exchange.alone(self.session) if is_alone else Exchange.of(self.session)
+            self._exchange = Exchange.of(self.session)
+        self._faults: TeamFaults | None = None
+        if has_processes:
+            self._faults = TeamFaults(world, self.clock, self._exchange, self._wire_faults, self._radio)
         try:
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
@@ -301,14 +310,7 @@ class LockstepRun:
     @property
     def lost_by_faults(self) -> int:
         """Messages, requests and replies that faults of the wire have lost."""
-        return 0 if self._faults is None else self._faults.wire.lost
-
-    def acting(self, party: str) -> AbstractContextManager[None]:
-        """Within the block, faults of the wire treat a script's declarations and messages as those of that party.
-
-        Elsewhere it belongs to no party and is not affected. With `[links]` an endpoint names its owner.
-        """
-        return nullcontext() if self._faults is None else self._faults.wire.acting(party)
+        return self._wire_faults.lost
 
     def follow(self, on_recorded: OnRecorded) -> None:
         """Call a function with the messages that each tick records, and with those at the end."""
@@ -364,9 +366,10 @@ class LockstepRun:
         self._ticks += 1
         self.clock.advance_to(to_ns(self._ticks * self.tick_s))
         self.arena.step()
-        if self._radio is not None:
-            self._radio.step()
         now_ns = self.clock.now_ns()
+        self._exchange.step()
+        if self._radio is not None:
+            self._radio.publish(now_ns)
         if self._faults is not None:
             self._step_with_faults(self._faults, now_ns)
         else:
@@ -454,6 +457,14 @@ class LockstepRun:
 
     def _poses(self) -> NDArray[np.float64]:
         return np.array([(body.x_m, body.y_m, body.yaw_rad) for body in self.arena.bodies])
+
+
+def _radio(world: World, links: LinkSpec, faults: WireFaults) -> TeamRadio:
+    starts_m = np.array([(robot.start.x_m, robot.start.y_m) for robot in world.robots], dtype=float)
+    names = [robot.name for robot in world.robots]
+    motes = gateway_motes(world.motes, world.network.motes.gateways)
+    standing = {mote.name: (mote.place.x_m, mote.place.y_m) for mote in motes}
+    return TeamRadio(links, world.plan, names, starts_m.reshape(-1, 2), world.seed, standing, faults)
 
 
 class LockstepTransport:

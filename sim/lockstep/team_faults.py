@@ -8,8 +8,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-import zenoh
-
 from robrain.agent.host.agent_host import AgentHost
 from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.clock import Clock
@@ -20,11 +18,11 @@ from robrain.protocol.table.topics import TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.faults.fault_spec import COORDINATOR, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec
 from robrain.sim.faults.fault_times import FaultTimes
-from robrain.sim.faults.faulty_exchange import FaultyExchange
 from robrain.sim.faults.kept_journal import JournalDisk
-from robrain.sim.faults.process import Component, FaultyWire, Process
+from robrain.sim.faults.process import Component, Process
+from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.world.arena import Arena
-from robrain.sim.world.radio_run import RadioRun
+from robrain.sim.world.team_radio import TeamRadio
 from robrain.sim.world.world import World
 
 BY_HAND = -1
@@ -46,21 +44,19 @@ class TeamFaults:
 
     Args:
         world: with faults.
-        session: of the run, which no other process can join; nothing is declared on it yet.
         clock: of the run.
+        exchange: of the run.
+        wire: faults of the wire, which the exchange's network asks.
         radio: of the run, if it has `[links]`.
 
     """
 
-    def __init__(self, world: World, session: zenoh.Session, clock: Clock, radio: RadioRun | None) -> None:
-        self.exchange: Exchange
-        """Of the run."""
-        self.wire: FaultyWire
-        """The same, as faults use it."""
-        if radio is None:
-            self.exchange = self.wire = FaultyExchange.on(session, clock, world.seed)
-        else:
-            self.exchange, self.wire = radio.exchange, radio.wire
+    def __init__(
+        self, world: World, clock: Clock, exchange: Exchange, wire: WireFaults, radio: TeamRadio | None
+    ) -> None:
+        self.wire = wire
+        self._exchange = exchange
+        self._radio = radio
         faults = [fault for fault in world.faults if not fault.is_plain]
         self.times = FaultTimes(faults, world.seed)
         """Times of the faults."""
@@ -111,10 +107,9 @@ class TeamFaults:
         return self.times.is_over
 
     def begin_tick(self, now_ns: int) -> None:
-        """Begin and end the faults that are due, and deliver late messages that are due now."""
+        """Begin and end the faults that are due."""
         for number, fault, begins in self.times.due(now_ns):
             self.set(number, fault, begins=begins)
-        self.wire.step()
 
     def step(self, now_ns: int, is_paused: Callable[[str], bool]) -> None:
         """Run the steps of all agents, then the coordinator's."""
@@ -141,7 +136,7 @@ class TeamFaults:
 
     def add(self, name: str, start: Callable[[Process], object], end: Callable[[Component], None]) -> None:
         """Start a component as a process."""
-        self.processes[name] = process = Process(name, self._clock, self.wire, start, end)
+        self.processes[name] = process = Process(name, self._clock, self._exchange, start, end)
         process.start()
 
     def _end_host(self, name: str, host: Component) -> None:
@@ -160,7 +155,10 @@ class TeamFaults:
             else:
                 self.wire.end(number)
         elif fault.kind in PROCESS:
-            self.processes[fault.robot].set(number, fault, begins=begins)
+            process = self.processes[fault.robot]
+            process.set(number, fault, begins=begins)
+            if self._radio is not None:
+                self._radio.set_hung(fault.robot, is_hung=process.is_hanging)
         elif fault.kind is FaultKind.DISK_FULL:
             self.disk.is_full = begins
         else:

@@ -20,7 +20,7 @@ from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
-from robrain.protocol.links.radio_exchange import EVERYWHERE
+from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError

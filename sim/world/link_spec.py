@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from robrain.protocol.links.radio_exchange import COORDINATOR
+from robrain.protocol.links.exchange import COORDINATOR
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import NotNegative, NotNegativeOrInfinite, Positive, PositiveOrInfinite

@@ -177,15 +177,15 @@ def test_puts_reach_the_inboxes_of_their_keys_until_they_are_undeclared():
     for inbox, names in zip(inboxes, ({"robot": "r1"}, {}), strict=True):
         link.subscribe(ROBOT_STATE.selector("t", **names), ROBOT_STATE, inbox, lambda *_: None, waits=False)
     key = ROBOT_STATE.key("t", robot="r1")
-    exchange.deliver(ROBOT_STATE, key, b"{}")
+    exchange.deliver(exchange.infrastructure, ROBOT_STATE, key, b"{}")
     assert [len(inbox) for inbox in inboxes] == [1, 1]
     link.declarations[0].undeclare()
     for inbox in inboxes:
         inbox.drain_raw()
-    exchange.deliver(ROBOT_STATE, key, b"{}")
+    exchange.deliver(exchange.infrastructure, ROBOT_STATE, key, b"{}")
     assert [len(inbox) for inbox in inboxes] == [0, 1]
     link.declarations[1].undeclare()
-    exchange.deliver(ROBOT_STATE, key, b"{}")
+    exchange.deliver(exchange.infrastructure, ROBOT_STATE, key, b"{}")
     assert [len(inbox) for inbox in inboxes] == [0, 1]
 
 

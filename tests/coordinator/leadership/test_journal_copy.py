@@ -16,6 +16,7 @@ from robrain.coordinator.leadership.leadership import ElectedLeadership
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.links.exchange import EVERYWHERE, Exchange
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
@@ -25,7 +26,7 @@ from robrain.protocol.table.topics import ROBOT_WITNESS, TASK_CANCEL, TASK_SUBMI
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.faults.faulty_exchange import FaultyExchange
+from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.faults.kept_journal import JournalDisk
 
 shared_session = cache(open_lockstep_session)
@@ -44,7 +45,9 @@ class Pair:
     def __init__(self, seed: int = 1, path=None) -> None:
         self.clock = VirtualClock()
         self.clock.advance_to(to_ns(100.0))
-        self.exchange = FaultyExchange.on(shared_session(), self.clock, seed)
+        self.faults = WireFaults(seed)
+        self.exchange = Exchange(is_alone=True, network=self.faults, clock=self.clock, lost_after_s=2.0)
+        self.exchange.serve(shared_session())
         self.disk, self.other_disk = JournalDisk(), JournalDisk()
         witness = Witness(WitnessInMemory(), self.clock.now_ns())
         self.endpoint().answer(
@@ -58,33 +61,29 @@ class Pair:
         self.acknowledged: list[str] = []
         self.waiting: list[str] = []
 
-    def endpoint(self) -> Endpoint:
-        return Endpoint(shared_session(), DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
+    def endpoint(self, party: str = EVERYWHERE) -> Endpoint:
+        return Endpoint(shared_session(), DEFAULT_TEAM, self.clock, Drive.LOCKSTEP, party=party)
 
     def begin(self) -> None:
         """Start the coordinator on its journal."""
         self.elections += 1
-        with self.exchange.acting(COORDINATOR):
-            self.journal = self.disk.open()
-            won = Won(self.elections, self.clock.now_ns(), is_after_another=False)
-            elected = Elected((WITNESS,), (WITNESS,), self.journal.name, won)
-            self.coordinator = Coordinator(self.endpoint(), self.journal, elected=elected)
-            self.coordinator.step()
+        self.journal = self.disk.open()
+        won = Won(self.elections, self.clock.now_ns(), is_after_another=False)
+        elected = Elected((WITNESS,), (WITNESS,), self.journal.name, won)
+        self.coordinator = Coordinator(self.endpoint(COORDINATOR), self.journal, elected=elected)
+        self.coordinator.step()
 
     def join(self) -> None:
-        with self.exchange.acting(OTHER):
-            wire = self.endpoint()
-            self.candidate = Candidate(wire, self.copy, OTHER, Election(wire, (WITNESS,), self.copy.name))
+        wire = self.endpoint(OTHER)
+        self.candidate = Candidate(wire, self.copy, OTHER, Election(wire, (WITNESS,), self.copy.name))
 
     def run(self, time_s: float) -> None:
         for _ in range(round(time_s / TICK_S)):
             self.clock.advance_to(self.clock.now_ns() + to_ns(TICK_S))
             self.exchange.step()
-            with self.exchange.acting(COORDINATOR):
-                self.coordinator.step()
+            self.coordinator.step()
             if self.candidate is not None:
-                with self.exchange.acting(OTHER):
-                    self.candidate.step()
+                self.candidate.step()
             self.waiting = [name for name in self.waiting if not self.submit(name)]
 
     def submit(self, name: str) -> bool:
@@ -161,7 +160,7 @@ def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: 
     pair.join()
     pair.run(1.0)
     cut = FaultSpec(robot=OTHER, kind=FaultKind.PARTITION, at_s=0.0)
-    pair.exchange.begin(1, cut)
+    pair.faults.begin(1, cut)
     pair.waiting = ["t1"]
     pair.run(0.8)
     assert pair.acknowledged == []
@@ -170,7 +169,7 @@ def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: 
     feed = pair.coordinator.part(ElectedLeadership).feed
     assert not feed.status().in_step
     assert feed.status().why == "it is silent"
-    pair.exchange.end(1)
+    pair.faults.end(1)
     pair.run(0.5)
     assert pair.following is Following.BEHIND
     pair.run(6.0)
@@ -209,7 +208,6 @@ def test_a_coordinator_that_begins_anew_is_copied_anew(pair: Pair) -> None:
     pair.run(1.0)
     pair.disk.pull()
     pair.exchange.drop(COORDINATOR)
-    pair.exchange.begin_life(COORDINATOR)
     pair.begin()
     pair.run(1.0)
     assert pair.following is Following.IN_STEP
@@ -259,13 +257,13 @@ def test_a_copy_in_step_has_all_that_was_acknowledged(seed, faults, joins_after)
             FaultKind.REORDER: {"late_s": (0.0, 0.5)},
             FaultKind.DELAY: {"late_s": (0.0, 0.5)},
         }.get(kind, {})
-        pair.exchange.begin(place, FaultSpec(robot=OTHER, kind=kind, at_s=0.0, **options))
+        pair.faults.begin(place, FaultSpec(robot=OTHER, kind=kind, at_s=0.0, **options))
         pair.waiting += [f"t{place}-{number}" for number in range(tasks)]
         for _ in range(round(time_s / TICK_S)):
             pair.run(TICK_S)
             if pair.coordinator.part(ElectedLeadership).feed.stand_by:
                 assert pair.missing == []
-        pair.exchange.end(place)
+        pair.faults.end(place)
         pair.run(0.3)
     pair.run(8.0)
     assert pair.waiting == []

@@ -52,8 +52,7 @@ class Team:
             consensus=False, faults=(),
         )  # fmt: skip
         self.run = ElectedRun(script, ())
-        with self.run.acting(OPERATOR):
-            self._wire = self.run.wire_of()
+        self._wire = self.run.wire_of(party=OPERATOR)
         self._faults = 0
         self.acknowledged: list[str] = []
         self.refused: dict[str, CallError] = {}
@@ -70,13 +69,12 @@ class Team:
         """Ask, and in the next ticks again, until the task is acknowledged."""
         self._waiting.add(name)
         asked = TaskSubmission(task=Task(id=name, kind="visit", place=Point2D(5.0, 5.0)))
-        with self.run.acting(OPERATOR):
-            try:
-                self._wire.ask(TASK_SUBMIT, asked, timeout_s=NOT_NOW_S)
-            except (CallError, NobodyThere) as error:
-                if isinstance(error, CallError):
-                    self.refused[name] = error
-                return
+        try:
+            self._wire.ask(TASK_SUBMIT, asked, timeout_s=NOT_NOW_S)
+        except (CallError, NobodyThere) as error:
+            if isinstance(error, CallError):
+                self.refused[name] = error
+            return
         self._waiting.discard(name)
         self.acknowledged.append(name)
 
@@ -292,8 +290,7 @@ def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: 
 
 
 def lead_by_word(team: Team) -> list[str]:
-    with team.run.acting(OPERATOR):
-        return team._wire.ask(COORDINATOR_LEAD, LeadRequest(by="ann")).skipped
+    return team._wire.ask(COORDINATOR_LEAD, LeadRequest(by="ann")).skipped
 
 
 def test_by_the_operators_word_one_leads_whose_journal_may_lack_something(team: Team) -> None:

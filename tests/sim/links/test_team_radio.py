@@ -6,7 +6,7 @@ import pytest
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.sim.maps.drawing import FloorDrawing, Wall, rasterise
 from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
-from robrain.sim.world.radio_run import TeamRadio, walls_between
+from robrain.sim.world.team_radio import TeamRadio, walls_between
 
 CHAIN = {"r1": (5.0, 5.0), "r2": (14.0, 5.0), "r3": (23.0, 5.0), "r4": (32.0, 5.0)}
 
@@ -18,19 +18,19 @@ def floor(*walls):
 
 def radio(places=CHAIN, *, walls=(), seed=1, now_s=0.0, off=(), **spec):
     made = TeamRadio(LinkSpec(**spec), floor(*walls), list(places), np.array(list(places.values())), seed)
-    made.look(to_ns(now_s), [party for party in made.parties if party not in off])
+    made.update(to_ns(now_s), [party for party in made.parties if party not in off])
     return made
 
 
-def took_s(network, hearer, *, size=100, now_s=0.0, speaker="r1"):
+def took_s(network, hearer, *, size=100, now_s=0.0, source="r1"):
     """How long a sample takes; None if it does not arrive."""
-    took_ns = network.spread(speaker, [hearer], size, to_ns(now_s))
+    took_ns = network.spread(source, [hearer], size, to_ns(now_s))
     return to_seconds(took_ns[hearer]) if hearer in took_ns else None
 
 
 def test_without_limits_everybody_hears_everybody():
     network = radio()
-    assert all(len(network.hears(party)) == 4 for party in network.parties)
+    assert all(len(network.neighbours(party)) == 4 for party in network.parties)
     assert took_s(network, "r4", size=10_000_000) == 0.0
 
 
@@ -56,7 +56,7 @@ def test_nobody_is_reached_over_who_does_not_relay():
 def test_coordinator_stands_where_the_first_robot_starts_unless_it_has_a_place():
     assert radio().places_m["coordinator"] == (5.0, 5.0)
     network = radio(range_m=10.0, relays=False, coordinator_m=(32.0, 6.0))
-    assert network.hears("coordinator") == ["r3", "r4"]
+    assert network.neighbours("coordinator") == ["r3", "r4"]
 
 
 @pytest.mark.parametrize(
@@ -98,8 +98,8 @@ def test_a_radio_sends_one_message_after_the_other_and_drops_those_that_would_wa
 
 def test_a_relay_sends_what_others_say_besides_its_own():
     network = radio(range_m=10.0, bandwidth_bytes_s=1000.0)
-    assert took_s(network, "r3", speaker="r1") == pytest.approx(0.2)
-    assert took_s(network, "r1", speaker="r2") == pytest.approx(0.2)
+    assert took_s(network, "r3", source="r1") == pytest.approx(0.2)
+    assert took_s(network, "r1", source="r2") == pytest.approx(0.2)
     assert network.counters.relayed == 1
 
 
@@ -154,7 +154,7 @@ def test_a_partition_is_in_force_from_its_begin_until_its_end():
     heard = {}
     network = radio(partitions=(cut,))
     for now_s in (0.9, 1.0, 1.9, 2.0):
-        network.look(to_ns(now_s), list(network.parties))
+        network.update(to_ns(now_s), list(network.parties))
         heard[now_s] = network.reaches("r1", "r3"), network.reaches("r3", "r4"), network.reaches("r1", "coordinator")
     assert heard == {0.9: (True,) * 3, 1.0: (False, True, True), 1.9: (False, True, True), 2.0: (True,) * 3}
 
@@ -162,15 +162,15 @@ def test_a_partition_is_in_force_from_its_begin_until_its_end():
 def test_two_partitions_at_a_time_both_cut():
     cuts = (PartitionSpec(groups=(("r1", "r2"),)), PartitionSpec(groups=(("r1", "r3"),)))
     network = radio(partitions=cuts)
-    assert not any(network.hears(name) for name in ("r1", "r2", "r3"))
-    assert network.hears("coordinator") == ["r4"]
+    assert not any(network.neighbours(name) for name in ("r1", "r2", "r3"))
+    assert network.neighbours("coordinator") == ["r4"]
 
 
 def test_who_hears_whom_follows_the_robots():
     network = radio(range_m=10.0)
     network.where = lambda: np.array([(5.0, 5.0), (14.0, 5.0), (23.0, 5.0), (24.0, 5.0)])
     assert network.hops("r1", "r4") == 3
-    network.look(to_ns(0.02), list(network.parties))
+    network.update(to_ns(0.02), list(network.parties))
     assert network.hops("r1", "r4") == 3  # measured ten times a second
-    network.look(to_ns(0.1), list(network.parties))
+    network.update(to_ns(0.1), list(network.parties))
     assert network.hops("r2", "r4") == 1

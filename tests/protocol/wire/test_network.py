@@ -6,9 +6,9 @@ import pytest
 
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.links import radio_exchange
+from robrain.protocol.links import exchange
+from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.radio_exchange import RadioExchange
 from robrain.protocol.messages.robots.plugin_messages import Event
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.arena_messages import LinkCounters
@@ -20,7 +20,9 @@ CACHE = ROBOT_EVENT.cache
 
 
 class Air:
-    """A network whose ways a test opens and closes, and which loses what a test says."""
+    """A network whose paths a test opens and closes, and which loses samples as a test wants."""
+
+    is_open = False
 
     def __init__(self):
         self.counters = LinkCounters()
@@ -31,25 +33,25 @@ class Air:
         """How many of the next samples get lost."""
         self.on = ()
 
-    def look(self, now_ns, on):
+    def update(self, now_ns, on):
         self.on = on
         return True
 
-    def reaches(self, speaker, hearer):
-        return not self.apart & {speaker, hearer}
+    def reaches(self, source, target):
+        return not self.apart & {source, target}
 
-    def spread(self, speaker, hearers, size, now_ns):
-        reached = [hearer for hearer in hearers if self.reaches(speaker, hearer)]
+    def spread(self, source, targets, size, now_ns):
+        reached = [target for target in targets if self.reaches(source, target)]
         if reached and self.lose:
             self.lose -= 1
             return {}
         return dict.fromkeys(reached, self.delay_ns)
 
-    def overtakes(self, speaker, hearer):
+    def overtakes(self, source, target):
         return False
 
-    def carry(self, speaker, hearer, size, now_ns, limit_ns):
-        return self.delay_ns if self.reaches(speaker, hearer) and self.delay_ns <= limit_ns else None
+    def carry(self, source, target, size, now_ns, limit_ns):
+        return self.delay_ns if self.reaches(source, target) and self.delay_ns <= limit_ns else None
 
 
 class Team:
@@ -57,7 +59,8 @@ class Team:
 
     def __init__(self):
         self.air, self.clock, self.session = Air(), VirtualClock(), open_lockstep_session()
-        self.exchange = RadioExchange.open(self.session, self.air, self.clock, lost_after_s=2.0)
+        self.exchange = Exchange(is_alone=True, network=self.air, clock=self.clock, lost_after_s=2.0)
+        self.exchange.serve(self.session)
         self.ends = {}
         for party in ("r1", "r2", "coordinator", ""):
             self.ends[party] = self.open(party)
@@ -137,7 +140,7 @@ def test_sample_arrives_after_its_delay_and_never_before_an_earlier_one(team):
 
 
 def test_what_is_on_its_way_is_bounded_and_the_rest_is_counted(team, monkeypatch):
-    monkeypatch.setattr(radio_exchange, "IN_FLIGHT_MAX", 3)
+    monkeypatch.setattr(exchange, "IN_FLIGHT_MAX", 3)
     inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
     team.air.delay_ns = to_ns(0.1)
     for number in range(5):
@@ -351,7 +354,6 @@ def test_what_is_on_its_way_to_a_process_that_dies_does_not_reach_the_next_one(t
     team.air.delay_ns = to_ns(0.5)
     team.ends["r2"].publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2"))
     team.exchange.drop("r1")
-    team.exchange.begin_life("r1")
     team.ends["r1"] = team.open("r1")
     heard = team.hear("r1", ROBOT_STATE)
     team.go(1.0)
@@ -367,7 +369,6 @@ def test_dead_process_undeclares_what_it_had_without_harm_to_the_next_one(team):
     inbox = team.hear("r1", ROBOT_STATE)
     assert not inbox.drain()
     team.exchange.drop("r1")
-    team.exchange.begin_life("r1")
     team.ends["r1"] = team.open("r1")
     team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
     team.go(0.1)
