@@ -262,14 +262,14 @@ class Judge:
                 self._record_done(robot, status, now_ns)
 
     def _record_done(self, robot: str, status: TaskStatus, now_ns: int) -> None:
-        since_ns = self._run.processes[robot].since_ns
-        end = (robot, since_ns, status.id, status.epoch)
+        life = self._run.processes[robot].starts
+        end = (robot, life, status.id, status.epoch)
         if end in self._ends_seen:
             return
         self._ends_seen.add(end)
-        if (robot, since_ns) in self._done.get(status.id, ()):
+        if (robot, life) in self._done.get(status.id, ()):
             self._break(TeamRule.DONE_TWICE, status.id, f"{robot} has done {status.id} twice")
-        self._done.setdefault(status.id, []).append((robot, since_ns))
+        self._done.setdefault(status.id, []).append((robot, life))
         if now_ns + self._skew_ns < self._asked[status.id].earliest_ns:
             self._break(TeamRule.TOO_EARLY, status.id, f"{status.id} is done before its earliest time")
 

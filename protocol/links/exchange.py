@@ -1,8 +1,8 @@
 """Delivery within one process: puts, queries and tokens between the endpoints of a lockstep run.
 
-Each endpoint belongs to a party: a robot, the coordinator, or the infrastructure (arena, recorder, scripts). A `Network`
-decides when a message of a party reaches other parties, if at all. The endpoints of the same party and those of the
-infrastructure receive it at once, and all receive messages of the infrastructure at once. Without a network all
+Each endpoint belongs to a party: a robot, the coordinator, or the infrastructure (arena, recorder, scripts). A
+`Network` decides when a message of a party reaches other parties, if at all. The endpoints of the same party and those
+of the infrastructure receive it at once, and all receive messages of the infrastructure at once. Without a network all
 endpoints belong to the infrastructure.
 
 - A sample on a LATEST or EVERY topic is sent once. On a LOSSLESS topic the sender keeps the last `cache` samples of a
@@ -23,7 +23,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
 from heapq import heappop, heappush
 from threading import Lock, get_ident
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 from weakref import WeakValueDictionary
 
 import zenoh

@@ -19,13 +19,13 @@ class SkewedClock:
 
     """
 
-    def __init__(self, clock: Clock, skew_ns: int = 0) -> None:
-        self.skew_ns = skew_ns
+    def __init__(self, clock: Clock, skew_ns: int) -> None:
+        self._skew_ns = skew_ns
         self._clock = clock
 
     def now_ns(self) -> int:
         """See Clock; never below 0."""
-        return max(0, self._clock.now_ns() + self.skew_ns)
+        return max(0, self._clock.now_ns() + self._skew_ns)
 
 
 logger = logging.getLogger(__name__)
@@ -42,10 +42,6 @@ class Component(Protocol):
 
     def close(self) -> None:
         """End, as a process does that is asked to."""
-
-
-def _forget(_component: Component) -> None:
-    """Do nothing: a killed component has already ended."""
 
 
 class Process:
@@ -65,15 +61,15 @@ class Process:
         name: str,
         clock: Clock,
         exchange: Exchange,
-        start: "Callable[[Process], Any]",
-        end: Callable[[Component], None] = _forget,
+        start: "Callable[[Process], Component]",
+        end: Callable[[Any], None],
     ) -> None:
         self.name = name
-        self.clock = SkewedClock(clock)
+        self.clock: Clock = clock
         self.component: Component | None = None
         """The running component; None while the process is dead."""
-        self.since_ns = 0
-        """Time of its start."""
+        self.starts = 0
+        """Number of times that it was started."""
         self._exchange = exchange
         self._start = start
         self._end = end
@@ -97,15 +93,16 @@ class Process:
         """Start it, if it is dead and no fault keeps it so; a failed start is repeated, as by a supervisor."""
         if self.component is not None or self._has(FaultKind.KILL):
             return
-        self.since_ns = self._true_clock.now_ns()
+        self.starts += 1
         # As live processes do, it reads the machine's wall clock once.
         skews_s = (each.skew_s or 0.0 for each in self._faults.values())
-        self.clock = SkewedClock(self._true_clock, to_ns(sum(skews_s)))
+        skew_ns = to_ns(sum(skews_s))
+        self.clock = SkewedClock(self._true_clock, skew_ns) if skew_ns else self._true_clock
         try:
             self.component = self._start(self)
         except RobrainError as error:
             self._exchange.drop(self.name)
-            self._start_ns = self.since_ns + RESTART_NS
+            self._start_ns = self._true_clock.now_ns() + RESTART_NS
             logger.warning("%s cannot start: %s", self.name, error)
 
     def set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:

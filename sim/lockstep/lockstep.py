@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from robrain.agent.consensus.witness import WitnessExtension, WitnessInMemory
 from robrain.agent.host.agent_host import AgentHost
-from robrain.agent.host.robot_file import RobotFile
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.plugin import PluginState
 from robrain.coordinator.coordinator import Coordinator
@@ -24,7 +23,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.answers.collector import CalmCollector
-from robrain.protocol.clock import Clock, VirtualClock, to_ns
+from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import COORDINATOR, EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
@@ -40,11 +39,10 @@ from robrain.recording.provenance import Provenance, RunSetup
 from robrain.recording.writer.recorder import OnRecorded, Recorder, RecordingSummary
 from robrain.sim.errors import RunFailed
 from robrain.sim.faults.fault_spec import check_faults_alone
-from robrain.sim.faults.kept_journal import JournalDisk
 from robrain.sim.faults.process import Component, Process
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.firmware.disturbance import Disturbance
-from robrain.sim.lockstep.team_faults import ComponentStarts, TeamFaults
+from robrain.sim.lockstep.team_faults import TeamFaults
 from robrain.sim.motes.gateway import gateway_motes
 from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.referee import FloorLeft, floor_left, overlap
@@ -74,7 +72,7 @@ class LockstepRun:
         rules: by which the coordinator makes tasks.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: data that repeats the run, for the recording.
-        processes: whether components are processes that a script may kill, also in a world without faults.
+        processes: whether the wire may fail, also in a world without such faults.
 
     Raises:
         RobrainError: naming the port or file that cannot be opened.
@@ -103,8 +101,6 @@ class LockstepRun:
         self.nothing_left = False
         self.idle: dict[str, IdleReason] = {}
         """Reasons why robots are idle, by name, as last published by the coordinator."""
-        self.has_coordinator = True
-        """Whether the coordinator runs."""
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
         self.tick_s = world.tick_s
@@ -138,9 +134,6 @@ class LockstepRun:
             ).serve(self.session)
         else:
             self._exchange = Exchange.of(self.session)
-        self._faults: TeamFaults | None = None
-        if has_processes:
-            self._faults = TeamFaults(world, self.clock, self._exchange, self._wire_faults, self._radio)
         try:
             self._build(team, record, scenario, scenario_toml, setup)
         except BaseException:
@@ -170,78 +163,71 @@ class LockstepRun:
         self.time_use = TimeUseMeter(self._poses())
         self._closers.append(self.arena.close)
         disturbance = Disturbance(world.disturbance, world.seed)
-        self._pauses = [disturbance.steps(index) for index in range(len(world.robots))]
-        self.hosts: list[AgentHost] = []
+        drawn = {robot.name: disturbance.steps(index) for index, robot in enumerate(world.robots)}
+        self._pauses = {name: pauses for name, pauses in drawn.items() if pauses is not None}
         self._distributions = entry_point_places()
         self._manifests_found: dict[Path, list[Path]] = {}
-        if self._faults is not None:
-            self._closers += [lambda: self._coordinator_wire.close(), self._faults.close]
-            self._faults.start(
-                self.arena,
-                self._watcher,
-                ComponentStarts(self._start_coordinator, self._start_host, self._end_killed_coordinator),
-                self._should_stop,
-            )
-            self._apply_faults()
-            collector.settle()
-            return
-        self._coordinator_wire = self._endpoint(team, COORDINATOR)
-        self.coordinator = Coordinator(self._coordinator_wire, policy=self._planning, rules=self._rules)
-        for robot in world.robots:
+        self.team_faults = TeamFaults(world, self.clock, self._exchange, self._wire_faults, self._radio, self.arena)
+        """Processes of the run and their faults."""
+        self.team_faults.watch_tasks(self._watcher)
+        self._closers += [lambda: self._coordinator_wire.close(), self.team_faults.close]
+        self.team_faults.add(COORDINATOR, self._start_coordinator, self._end_coordinator)
+        for number, robot in enumerate(world.robots):
             if self._should_stop():
                 raise KeyboardInterrupt
-            self.hosts.append(self._host(world.robot_file(robot, team=team), self.clock))
+            self.team_faults.add(robot.name, partial(self._start_host, number), self._end_host)
         collector.settle()
 
-    def _host(self, robot_file: RobotFile, clock: Clock) -> AgentHost:
+    def _start_host(self, number: int, process: Process) -> AgentHost:
+        world, name = self.world, process.name
+        is_restart = process.starts > 1
         host = AgentHost(
-            robot_file,
+            world.robot_file(world.robots[number], team=self._watcher.team, is_restart=is_restart),
             Path(),
             self.session,
-            clock,
+            process.clock,
             Drive.LOCKSTEP,
-            seed=self.world.seed,
+            seed=world.seed,
             on_outside=self._on_outside,
             has_one_thread=True,
             distributions=self._distributions,
             manifests=self._manifests_found,
-            extensions={"witness": partial(WitnessExtension, memory=self.memories[robot_file.robot.name])},
+            extensions={"witness": partial(WitnessExtension, memory=self.memories[name])},
         )
-        if self._faults is None:
-            self._closers.append(host.close)
-        host.board.hardware = self.arena.robot(host.name)
+        host.board.hardware = self.arena.robot(name)
         host.start()
         return host
 
-    def _start_host(self, number: int, process: Process, is_restart: bool) -> AgentHost:
-        world, team = self.world, self._watcher.team
-        return self._host(world.robot_file(world.robots[number], team=team, is_restart=is_restart), process.clock)
+    def _end_host(self, host: AgentHost) -> None:
+        with self.arena.unplugged(host.name):
+            host.close()
 
-    def _start_coordinator(self, process: Process, disk: JournalDisk) -> Coordinator:
-        team, on_outside = self._watcher.team, self._on_outside
+    def _start_coordinator(self, process: Process) -> Component:
         self._coordinator_wire = wire = Endpoint(
-            self.session, team, process.clock, Drive.LOCKSTEP, on_outside=on_outside, party=COORDINATOR
+            self.session,
+            self._watcher.team,
+            process.clock,
+            Drive.LOCKSTEP,
+            on_outside=self._on_outside,
+            party=COORDINATOR,
         )
-        return Coordinator(wire, disk.open(), self._planning, self._rules)
+        self.coordinator = Coordinator(wire, self.team_faults.disk.open(), self._planning, self._rules)
+        return self.coordinator
 
-    def _end_killed_coordinator(self, coordinator: Component) -> None:
+    def _end_coordinator(self, coordinator: Coordinator) -> None:
+        self.team_faults.disk.pull()
         coordinator.close()
         self._coordinator_wire.close()
 
     @property
-    def team_faults(self) -> TeamFaults:
-        """Processes and faults of a run that has some."""
-        assert self._faults is not None
-        return self._faults
+    def hosts(self) -> list[AgentHost]:
+        """The agents that run, in the order of their robots."""
+        return self.team_faults.hosts
 
-    def _apply_faults(self) -> None:
-        """Record the running component."""
-        assert self._faults is not None
-        self.hosts = self._faults.hosts
-        coordinator = self._faults.coordinator
-        self.has_coordinator = coordinator is not None
-        if coordinator is not None:
-            self.coordinator = coordinator
+    @property
+    def has_coordinator(self) -> bool:
+        """Whether the coordinator runs."""
+        return self.team_faults.coordinator is not None
 
     @property
     def sim_time_s(self) -> float:
@@ -305,7 +291,7 @@ class LockstepRun:
     @property
     def faults_are_over(self) -> bool:
         """Whether no fault begins or ends any more, unless a fault still waits for an event."""
-        return self._faults is None or self._faults.is_over
+        return self.team_faults.times.is_over
 
     @property
     def lost_by_faults(self) -> int:
@@ -325,36 +311,17 @@ class LockstepRun:
             KeyError: there is no such robot, or it is off already.
 
         """
-        index = next((index for index, host in enumerate(self.hosts) if host.name == robot), None)
-        if index is None:
+        if all(host.name != robot for host in self.hosts):
             raise KeyError(robot)
-        if self._faults is not None:
-            self._faults.kill(robot)
-            self._apply_faults()
-            return
-        self._pauses.pop(index)
-        self.hosts.pop(index).close()
+        self.team_faults.kill(robot)
 
     def end_coordinator(self) -> None:
         """Kill the coordinator, which runs: it leaves the wire without a word."""
-        self.has_coordinator = False
-        if self._faults is not None:
-            self._faults.kill(COORDINATOR)
-            return
-        self.coordinator.close()
-        self._coordinator_wire.close()
-        self._endpoints.remove(self._coordinator_wire)
+        self.team_faults.kill(COORDINATOR)
 
     def begin_coordinator(self) -> None:
         """Start another one, on the journal of the one that was killed."""
-        if self._faults is not None:
-            self._faults.start_again(COORDINATOR)
-            self._apply_faults()
-            return
-        journal = self.coordinator.tasks.journal
-        self._coordinator_wire = self._endpoint(self._watcher.team, COORDINATOR)
-        self.coordinator = Coordinator(self._coordinator_wire, journal, self._planning)
-        self.has_coordinator = True
+        self.team_faults.start_again(COORDINATOR)
 
     def tick(self) -> None:
         """Move the run on by one tick.
@@ -370,14 +337,8 @@ class LockstepRun:
         self._exchange.step()
         if self._radio is not None:
             self._radio.publish(now_ns)
-        if self._faults is not None:
-            self._step_with_faults(self._faults, now_ns)
-        else:
-            for host, pauses in zip(self.hosts, self._pauses, strict=True):
-                if pauses is None or not pauses.covers(now_ns):
-                    host.step()
-            if self.has_coordinator:
-                self.coordinator.step()
+        paused = {name for name, pauses in self._pauses.items() if pauses.covers(now_ns)}
+        self.team_faults.step(now_ns, paused)
         if self._ticks % self._watch_ticks == 0:
             self._watch()
         for endpoint in self._endpoints:
@@ -406,12 +367,6 @@ class LockstepRun:
 
     def _failed(self, what: str) -> str:
         return f"the run ended at {self.sim_time_s:.2f} s: {what}"
-
-    def _step_with_faults(self, faults: TeamFaults, now_ns: int) -> None:
-        pauses = {robot.name: steps for robot, steps in zip(self.world.robots, self._pauses, strict=True)}
-        faults.begin_tick(now_ns)
-        faults.step(now_ns, lambda name: (steps := pauses[name]) is not None and steps.covers(now_ns))
-        self._apply_faults()
 
     def record_script(self, key: str, request: bytes) -> None:
         """Record the script's next query."""

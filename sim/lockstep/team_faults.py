@@ -4,9 +4,8 @@ Agents and coordinator are separate processes. The plugins of a killed agent pub
 frames reaches the wheels. An agent that is started later does not know its robot's pose.
 """
 
-from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Callable, Collection
+from typing import Any
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.coordinator.coordinator import Coordinator
@@ -29,34 +28,32 @@ BY_HAND = -1
 """Number of a kill that is no fault of the scenario."""
 
 
-class ComponentStarts(NamedTuple):
-    """How the run starts its components."""
-
-    coordinator: Callable[[Process, JournalDisk], Coordinator]
-    host: Callable[[int, Process, bool], AgentHost]
-    """Gets the robot's number, and whether another agent ran there before."""
-    end_coordinator: Callable[[Component], None]
-    """Closes one that was killed."""
-
-
 class TeamFaults:
     """The processes of a run, and their faults.
 
     Args:
-        world: with faults.
+        world: of the run.
         clock: of the run.
         exchange: of the run.
         wire: faults of the wire, which the exchange's network asks.
         radio: of the run, if it has `[links]`.
+        arena: with the robots' hardware.
 
     """
 
     def __init__(
-        self, world: World, clock: Clock, exchange: Exchange, wire: WireFaults, radio: TeamRadio | None
+        self,
+        world: World,
+        clock: Clock,
+        exchange: Exchange,
+        wire: WireFaults,
+        radio: TeamRadio | None,
+        arena: Arena,
     ) -> None:
         self.wire = wire
         self._exchange = exchange
         self._radio = radio
+        self._arena = arena
         faults = [fault for fault in world.faults if not fault.is_plain]
         self.times = FaultTimes(faults, world.seed)
         """Times of the faults."""
@@ -67,27 +64,15 @@ class TeamFaults:
         """By component."""
         self._clock = clock
         self._names = [robot.name for robot in world.robots]
+        self._events = Inbox()
         self._accepted: set[str] = set()
         self._at: dict[str, tuple[str, bool]] = {}
         self._docked: dict[str, bool] = {}
 
-    def start(self, arena: Arena, watcher: Endpoint, starts: ComponentStarts, should_stop: Callable[[], bool]) -> None:
-        """Start all components.
-
-        Raises:
-            KeyboardInterrupt: `should_stop` returned True before all were started.
-
-        """
-        self._arena = arena
-        self._events = Inbox()
+    def watch_tasks(self, watcher: Endpoint) -> None:
+        """Receive the events of tasks by an endpoint, if a fault waits for one."""
         if self._waits:
             watcher.subscribe(self._events, TASK_EVENT)
-        self._end_coordinator = starts.end_coordinator
-        self.add(COORDINATOR, lambda process: starts.coordinator(process, self.disk), self._pull_disk)
-        for number, name in enumerate(self._names):
-            if should_stop():
-                raise KeyboardInterrupt
-            self.add(name, _Agent(number, starts.host), partial(self._end_host, name))
 
     @property
     def coordinator(self) -> Coordinator | None:
@@ -101,20 +86,18 @@ class TeamFaults:
         components = [self.processes[name].component for name in self._names]
         return [component for component in components if isinstance(component, AgentHost)]
 
-    @property
-    def is_over(self) -> bool:
-        """Whether no fault begins or ends any more, unless a fault still waits for an event."""
-        return self.times.is_over
+    def step(self, now_ns: int, paused: Collection[str]) -> None:
+        """Begin and end the faults that are due, and run the steps of all agents, then the coordinator's.
 
-    def begin_tick(self, now_ns: int) -> None:
-        """Begin and end the faults that are due."""
+        Args:
+            now_ns: time of the run.
+            paused: robots whose agents run no step now.
+
+        """
         for number, fault, begins in self.times.due(now_ns):
             self.set(number, fault, begins=begins)
-
-    def step(self, now_ns: int, is_paused: Callable[[str], bool]) -> None:
-        """Run the steps of all agents, then the coordinator's."""
         for name in self._names:
-            if not is_paused(name):
+            if name not in paused:
                 self.processes[name].step(now_ns)
         self.processes[COORDINATOR].step(now_ns)
         if self._waits:
@@ -134,18 +117,10 @@ class TeamFaults:
             if name in self.processes:
                 self.processes[name].close()
 
-    def add(self, name: str, start: Callable[[Process], object], end: Callable[[Component], None]) -> None:
-        """Start a component as a process."""
+    def add(self, name: str, start: Callable[[Process], Component], end: Callable[[Any], None]) -> None:
+        """Start a component as a process; arguments as of `Process`."""
         self.processes[name] = process = Process(name, self._clock, self._exchange, start, end)
         process.start()
-
-    def _end_host(self, name: str, host: Component) -> None:
-        with self._arena.unplugged(name):
-            host.close()
-
-    def _pull_disk(self, coordinator: Component) -> None:
-        self.disk.pull()
-        self._end_coordinator(coordinator)
 
     def set(self, number: int, fault: FaultSpec, *, begins: bool) -> None:
         """Have a fault begin or end."""
@@ -186,17 +161,3 @@ class TeamFaults:
 
 def _killed(name: str) -> FaultSpec:
     return FaultSpec(robot=name, kind=FaultKind.KILL, at_s=0.0)
-
-
-class _Agent:
-    """Starts the agents of one robot, one after the other."""
-
-    def __init__(self, number: int, start: Callable[[int, Process, bool], AgentHost]) -> None:
-        self._number = number
-        self._start = start
-        self._has_run = False
-
-    def __call__(self, process: Process) -> AgentHost:
-        """Start the next one."""
-        has_run, self._has_run = self._has_run, True
-        return self._start(self._number, process, has_run)

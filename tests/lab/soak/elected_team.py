@@ -104,15 +104,16 @@ class ElectedRun(SoakRun):
         super().tick()
         self.processes[OTHER].step(self.clock.now_ns())
 
-    def _start_coordinator(self, process: Process, disk: JournalDisk) -> Site:
+    def _start_coordinator(self, process: Process) -> Site:
         self._coordinator_wire = self.wire_of(process)
         return Site(self, process, self.disks[COORDINATOR])
 
     def _end_other(self, _site: Site) -> None:
         self.disks[OTHER].pull()
 
-    def _end_killed_coordinator(self, coordinator: Site) -> None:
+    def _end_coordinator(self, coordinator: Site) -> None:
         """As a process that is killed, it says nothing."""
+        self.team_faults.disk.pull()
 
 
 def faults_of_sites(seed: int, robots: list[str]) -> tuple[FaultSpec, ...]:

@@ -232,15 +232,15 @@ def charge_in_a_cut(team: Team) -> None:
 
 def test_one_that_robots_do_not_hear_stops_before_its_stand_by_may_be_elected(team: Team) -> None:
     """While the stand-by follows it, it leads without them; they are long ready to elect another one."""
-    faults = team.run.team_faults.wire.faults
-    passes, is_apart = faults.fate, False
+    faults = team.run.team_faults.wire
+    passes, is_apart = faults.delay_ns, False
 
-    def fate(sender: str, receiver: str) -> int | None:
+    def delay_ns(sender: str, receiver: str) -> int | None:
         pair = {sender, receiver}
         is_cut = COORDINATOR in pair and (bool(pair & set(ROBOTS)) or (is_apart and OTHER in pair))
         return None if is_cut else passes(sender, receiver)
 
-    faults.fate = fate
+    faults.delay_ns = delay_ns
     team.run.team_faults.set(1, FaultSpec(robot="unused", kind=FaultKind.LOSE, at_s=0.0, share=0.5), begins=True)
     team.pass_s(5.0)
     assert team.run.leading() == [COORDINATOR]

@@ -9,8 +9,8 @@ import pytest
 from robrain.coordinator.motes.mote_field import FieldKeeper
 from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.exchange import COORDINATOR
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.topics import MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.errors import ScenarioError
