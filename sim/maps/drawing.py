@@ -5,10 +5,11 @@ Lengths are metres in the arena frame, whose origin is the floor's corner with t
 
 import math
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Positive
 from robrain.sim.maps.floor_plan import MAX_CELLS, FloorPlan, MapError, size_refusal
 
 BOUNDARY_THICKNESS_M = 0.1
@@ -18,90 +19,76 @@ BOUNDARY_THICKNESS_M = 0.1
 _SLACK_M = 1e-9
 
 
-class Wall(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Wall(Checked, frozen=True, forbid_unknown_fields=True):
     """A straight wall: a thick segment, longer by half its thickness at both ends, so that corners close."""
 
     from_m: tuple[float, float]
     """One end: x and y."""
     to_m: tuple[float, float]
     """The other end."""
-    thickness_m: float = 0.15
+    thickness_m: Positive = 0.15
 
 
-class Block(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Block(Checked, frozen=True, forbid_unknown_fields=True):
     """A shelf or a machine: a rectangle along the axes."""
 
     x_m: float
     """Lowest x."""
     y_m: float
     """Lowest y."""
-    width_m: float
+    width_m: Positive
     """Extent along x."""
-    height_m: float
+    height_m: Positive
     """Extent along y."""
 
 
-class Pillar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Pillar(Checked, frozen=True, forbid_unknown_fields=True):
     """A disc."""
 
     x_m: float
     """x of its centre."""
     y_m: float
     """y of its centre."""
-    radius_m: float
+    radius_m: Positive
 
 
-class FloorDrawing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class FloorDrawing(Checked, frozen=True, forbid_unknown_fields=True):
     """A floor plan drawn with walls, blocks and pillars; the outer walls are added.
 
-    Raises MapError, whose `.key` names the key, if a length is not above 0 or a shape lies outside the floor. The same
-    holds for a floor with more than MAX_CELLS cells.
+    Raises ValueError that names the key if a length is not above 0, if a shape lies outside the floor, or for a floor
+    with more than MAX_CELLS cells.
     """
 
-    size_m: tuple[float, float]
+    size_m: tuple[Positive, Positive]
     """Width along x and height along y."""
-    resolution_m: float = 0.05
+    resolution_m: Positive = 0.05
     """Side of a cell."""
     walls: tuple[Wall, ...] = ()
     blocks: tuple[Block, ...] = ()
     pillars: tuple[Pillar, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_positive("size_m", *self.size_m)
-        _check_positive("resolution_m", self.resolution_m)
+        super().__post_init__()
         width_m, height_m = self.size_m
         if width_m * height_m / self.resolution_m**2 > MAX_CELLS:
-            raise MapError(
-                f"expected resolution_m for at most {MAX_CELLS} cells, got {self.resolution_m}", key="resolution_m"
-            )
+            raise MapError(f"expected resolution_m for at most {MAX_CELLS} cells, got {self.resolution_m}")
         if why := size_refusal(width_m, height_m):
-            raise MapError(f"size_m: {why}", key="size_m")
+            raise MapError(f"size_m: {why}")
         for index, wall in enumerate(self.walls):
-            key = f"walls[{index}]"
-            _check_positive(f"{key}.thickness_m", wall.thickness_m)
-            self._check_inside(f"{key}.from_m", *wall.from_m)
-            self._check_inside(f"{key}.to_m", *wall.to_m)
+            self._check_inside(f"walls[{index}].from_m", *wall.from_m)
+            self._check_inside(f"walls[{index}].to_m", *wall.to_m)
             if wall.from_m == wall.to_m:
-                raise MapError(
-                    f"expected {key}.to_m different from from_m, got {list(wall.to_m)} for both", key=f"{key}.to_m"
-                )
+                raise MapError(f"expected walls[{index}].to_m different from from_m, got {list(wall.to_m)} for both")
         for index, block in enumerate(self.blocks):
-            key = f"blocks[{index}]"
-            _check_positive(f"{key}.width_m", block.width_m)
-            _check_positive(f"{key}.height_m", block.height_m)
-            self._check_inside(key, block.x_m, block.y_m)
-            self._check_inside(key, block.x_m + block.width_m, block.y_m + block.height_m)
+            self._check_inside(f"blocks[{index}]", block.x_m, block.y_m)
+            self._check_inside(f"blocks[{index}]", block.x_m + block.width_m, block.y_m + block.height_m)
         for index, pillar in enumerate(self.pillars):
-            key = f"pillars[{index}]"
-            _check_positive(f"{key}.radius_m", pillar.radius_m)
-            self._check_inside(key, pillar.x_m, pillar.y_m)
+            self._check_inside(f"pillars[{index}]", pillar.x_m, pillar.y_m)
 
     def _check_inside(self, key: str, x_m: float, y_m: float) -> None:
         width_m, height_m = self.size_m
         if not (-_SLACK_M <= x_m <= width_m + _SLACK_M and -_SLACK_M <= y_m <= height_m + _SLACK_M):
-            raise MapError(
-                f"expected {key} on the floor of {width_m:g} × {height_m:g} m, got x {x_m:g}, y {y_m:g}", key=key
-            )
+            raise MapError(f"expected {key} on the floor of {width_m:g} × {height_m:g} m, got x {x_m:g}, y {y_m:g}")
 
 
 def rasterise(drawing: FloorDrawing, name: str) -> FloorPlan:
@@ -129,7 +116,7 @@ def rasterise(drawing: FloorDrawing, name: str) -> FloorPlan:
     for pillar in drawing.pillars:
         occupied |= np.hypot(x_m - pillar.x_m, y_m - pillar.y_m) <= pillar.radius_m + _SLACK_M
     if occupied.all():
-        raise MapError(f"{name}: expected free space on the floor of size_m, got none", key="size_m")
+        raise MapError(f"{name}: expected free space on the floor of size_m, got none")
     return FloorPlan(occupied, resolution_m, 0.0, 0.0, name)
 
 
@@ -151,9 +138,3 @@ def _wall_cells(
 
 def _between(value_m: NDArray[np.float64], low_m: float, high_m: float) -> NDArray[np.bool_]:
     return (value_m >= low_m - _SLACK_M) & (value_m < high_m - _SLACK_M)
-
-
-def _check_positive(key: str, *lengths_m: float) -> None:
-    for length_m in lengths_m:
-        if not (math.isfinite(length_m) and length_m > 0):
-            raise MapError(f"expected {key} > 0, got {length_m}", key=key)

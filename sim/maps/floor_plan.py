@@ -7,7 +7,6 @@ from origin_x_m + col · resolution_m to one resolution_m more, y likewise.
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,24 +17,11 @@ from robrain.protocol.model.geometry import Point2D
 
 
 class MapError(ValueError):
-    """A map, a drawing or a floor plan that cannot be used, reported in one sentence.
-
-    `path` is the file at fault and `key` the key in it; each is None where there is none.
-    """
-
-    def __init__(self, message: str, *, path: Path | None = None, key: str | None = None) -> None:
-        super().__init__(message)
-        self.path = path
-        self.key = key
+    """A map, a drawing or a floor plan that cannot be used, reported in one sentence that names file and key."""
 
 
 class PlacementError(MapError):
-    """A floor plan has no room: `asked` places were wanted, `found` were found."""
-
-    def __init__(self, message: str, *, asked: int, found: int) -> None:
-        super().__init__(message)
-        self.asked = asked
-        self.found = found
+    """A floor plan has no room for a robot, a mote or a charger."""
 
 
 TEAM_RESOLUTION_M = 0.1
@@ -52,9 +38,7 @@ class FloorPlan:
     """Walls of an arena on a grid; everything outside the grid is wall.
 
     `occupied` is (H, W) bool, row 0 at the lowest y, kept as a read-only copy; cells of unknown content are occupied.
-    `origin_x_m`, `origin_y_m` is the corner of cell (0, 0) with the lowest x and y: metres, arena frame. Raises
-    MapError for a grid that is not two-dimensional or has no cell. The same holds for a resolution_m that is not above
-    0, or an origin that is not finite.
+    `origin_x_m`, `origin_y_m` is the corner of cell (0, 0) with the lowest x and y: metres, arena frame.
     """
 
     occupied: NDArray[np.bool_]
@@ -65,15 +49,6 @@ class FloorPlan:
 
     def __post_init__(self) -> None:
         occupied = np.array(self.occupied, dtype=np.bool_, order="C")
-        if occupied.ndim != 2 or occupied.size == 0:
-            raise MapError(
-                f"{self.name}: expected occupied as (H, W) cells, got shape {occupied.shape}", key="occupied"
-            )
-        if not (math.isfinite(self.resolution_m) and self.resolution_m > 0):
-            raise MapError(f"{self.name}: expected resolution_m > 0, got {self.resolution_m}", key="resolution_m")
-        for key, value in (("origin_x_m", self.origin_x_m), ("origin_y_m", self.origin_y_m)):
-            if not math.isfinite(value):
-                raise MapError(f"{self.name}: expected a finite {key}, got {value}", key=key)
         occupied.setflags(write=False)
         object.__setattr__(self, "occupied", occupied)
 
@@ -132,10 +107,8 @@ class FloorPlan:
 
         The body's centre moves between 4-neighbours among cells with clearance_m ≥ radius_m. It sweeps the free cells
         whose centre comes within radius_m and half a cell, since it may be between two centres. A start where the body
-        does not fit adds nothing. Raises ValueError for a radius_m below 0.
+        does not fit adds nothing.
         """
-        if not radius_m >= 0:
-            raise ValueError(f"expected radius_m >= 0, got {radius_m}")
         passable = ~self.occupied & (self.clearance_m >= radius_m)
         # scipy's default structure in the plane is the 4-neighbourhood.
         labels, _ = ndimage.label(passable)

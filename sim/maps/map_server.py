@@ -15,23 +15,20 @@ import logging
 import math
 import warnings
 from pathlib import Path
+from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
 import yaml
+from msgspec import Meta
 from numpy.typing import NDArray
 from PIL import Image
 
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.ranges import Share
 from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, MapError, size_refusal
 
-REQUIRED_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
-OPTIONAL_KEYS = ("mode",)
-MODES = ("trinary", "scale", "raw")
-RESOLUTION_M = (0.001, 1.0)
-"""Least and greatest pitch; any other pitch is an error of units or not a floor for robots."""
 YAML_BYTES_MAX = 65536
-PATH_CHARACTERS_MAX = 1000
-SHOWN_CHARACTERS = 80
-"""Length to which an error message cuts a refused value."""
 GREY = 0.1
 """Occupancy from which a cell looks grey, thus hardly meant as free floor; map_saver's unknown cells have 0.196."""
 DOUBTFUL_SHARE = 0.005
@@ -40,29 +37,42 @@ DOUBTFUL_SHARE = 0.005
 logger = logging.getLogger(__name__)
 
 
+class MapSettings(Checked, frozen=True, forbid_unknown_fields=True):
+    """Keys of the YAML file."""
+
+    image: Annotated[str, Meta(min_length=1, max_length=1000, pattern="^[^\\0]*$")]
+    """Path relative to the YAML file."""
+    resolution: Annotated[float, Meta(ge=0.001, le=1.0)]
+    """Metres a cell; any other pitch is an error of units or not a floor for robots."""
+    origin: tuple[float, float, float]
+    """x and y of the lower left corner, metres, and yaw, which must be 0."""
+    negate: bool
+    occupied_thresh: Share
+    free_thresh: Share
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        x_m, y_m, yaw_rad = self.origin
+        if yaw_rad != 0:
+            raise ValueError(f"expected origin with yaw 0, since a rotated map is not supported, got {yaw_rad:g}")
+        if not max(abs(x_m), abs(y_m)) <= MAX_ORIGIN_M:
+            raise ValueError(f"expected x and y of origin within {MAX_ORIGIN_M:.0f} m of 0, got {x_m:g}, {y_m:g}")
+        if self.free_thresh > self.occupied_thresh:
+            raise ValueError(f"expected free_thresh at most occupied_thresh, {self.occupied_thresh:g}")
+
+
 def load_map(path: Path) -> FloorPlan:
     """The floor plan of a map_server YAML file, named after the file.
 
     The image's path is taken relative to the YAML file. Raises MapError for anything that cannot be read as such a map
     or has no free space. Its sentence names the file, the key and the expected value.
     """
-    settings = _Settings(path)
-    image_path = path.parent / settings.file_name("image")
-    resolution_m = settings.number("resolution")
-    if resolution_m <= 0:
-        raise settings.error("resolution", "a number of metres above 0")
-    if not RESOLUTION_M[0] <= resolution_m <= RESOLUTION_M[1]:
-        raise settings.error("resolution", f"from {RESOLUTION_M[0]:g} to {RESOLUTION_M[1]:g} m a cell")
-    origin_x_m, origin_y_m = settings.origin()
-    negate = settings.flag("negate")
-    occupied_thresh = settings.share("occupied_thresh")
-    free_thresh = settings.share("free_thresh")
-    if free_thresh > occupied_thresh:
-        raise settings.error("free_thresh", f"at most occupied_thresh, which is {occupied_thresh:g}")
-    mode = settings.mode()
-
-    value, transparent = _read_image(path, image_path, mode, resolution_m)
-    occupancy = value / 255 if negate else 1 - value / 255
+    settings = _read_settings(path)
+    image_path = path.parent / settings.image
+    free_thresh, occupied_thresh, mode = settings.free_thresh, settings.occupied_thresh, settings.mode
+    value, transparent = _read_image(path, image_path, mode, settings.resolution)
+    occupancy = value / 255 if settings.negate else 1 - value / 255
     if mode == "raw":
         free = np.round(value) <= 100 * free_thresh
     elif mode == "scale":
@@ -73,9 +83,7 @@ def load_map(path: Path) -> FloorPlan:
     see_through = f"{transparent.mean():.1%} of the pixels are transparent, which mode {mode} reads as {shade}"
     if not free.any():
         hint = f"; {see_through}: draw the floor in white" if transparent.any() else ""
-        raise MapError(
-            f"{path}: image: expected free space in {image_path.name}, got none{hint}", path=path, key="image"
-        )
+        raise MapError(f"{path}: image: expected free space in {image_path.name}, got none{hint}")
     if mode != "scale" and (transparent & ~free).mean() >= DOUBTFUL_SHARE:
         logger.warning("%s: image: %s, thus wall. Draw them in white if they are floor.", path, see_through)
     grey = free & (occupancy >= GREY) & (mode != "raw")
@@ -88,106 +96,44 @@ def load_map(path: Path) -> FloorPlan:
             *(path, 100 * share, counts.argmax(), below, free_thresh),
         )
     # An image's row 0 is at the top, the grid's at the lowest y.
-    return FloorPlan(np.flipud(~free), resolution_m, origin_x_m, origin_y_m, path.stem)
+    origin_x_m, origin_y_m, _ = settings.origin
+    return FloorPlan(np.flipud(~free), settings.resolution, origin_x_m, origin_y_m, path.stem)
 
 
-class _Settings:
-    """The YAML file's mapping, read key by key."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._values = self._read()
-        for key in REQUIRED_KEYS:
-            if key not in self._values:
-                raise MapError(f"{path}: expected key {key}, which is missing", path=path, key=key)
-        for key in self._values:
-            if key not in REQUIRED_KEYS + OPTIONAL_KEYS:
-                known = ", ".join(REQUIRED_KEYS + OPTIONAL_KEYS)
-                raise MapError(f"{path}: {key}: unknown key, expected one of {known}", path=path, key=key)
-
-    def _read(self) -> dict[str, object]:
-        path = self._path
-        try:
-            with path.open("rb") as file:
-                text = file.read(YAML_BYTES_MAX + 1)
-            if len(text) > YAML_BYTES_MAX:
-                raise MapError(f"{path}: expected at most {YAML_BYTES_MAX} bytes of YAML, got more", path=path)
-            # PyYAML refuses a tab after a colon, which YAML allows. No map needs one.
-            content: object = yaml.safe_load(text.decode("utf-8-sig").replace("\t", " "))
-        except FileNotFoundError as error:
-            raise MapError(f"{path}: expected a map_server YAML file, there is none", path=path) from error
-        except MapError:
-            raise
-        except (OSError, UnicodeDecodeError) as error:
-            raise MapError(f"{path}: expected a readable YAML file, got: {_one_line(error)}", path=path) from error
-        # Besides its own errors PyYAML lets Python's through: ValueError for a date in month 13 or a number of 5000
-        # digits, RecursionError for deep nesting.
-        except (yaml.YAMLError, ValueError, RecursionError) as error:
-            raise MapError(f"{path}: expected valid YAML, got: {_one_line(error)}", path=path) from error
-        if content is None:
-            raise MapError(f"{path}: expected the keys of a map, the file is empty", path=path)
-        if not isinstance(content, dict):
-            raise MapError(f"{path}: expected a mapping of keys, got a {type(content).__name__}", path=path)
-        return {str(key): value for key, value in content.items()}
-
-    def error(self, key: str, expected: str) -> MapError:
-        got = repr(self._values[key])
-        if len(got) > SHOWN_CHARACTERS:
-            got = f"{got[:SHOWN_CHARACTERS]}…"
-        return MapError(f"{self._path}: {key}: expected {expected}, got {got}", path=self._path, key=key)
-
-    def file_name(self, key: str) -> str:
-        value = self._values[key]
-        if not isinstance(value, str) or not 0 < len(value) <= PATH_CHARACTERS_MAX or "\0" in value:
-            raise self.error(key, "the path of an image")
-        return value
-
-    def number(self, key: str) -> float:
-        value = _as_number(self._values[key])
-        if value is None:
-            raise self.error(key, "a number")
-        return value
-
-    def share(self, key: str) -> float:
-        value = _as_number(self._values[key])
-        if value is None or not 0 <= value <= 1:
-            raise self.error(key, "a number from 0 to 1")
-        return value
-
-    def flag(self, key: str) -> bool:
-        value = self._values[key]
-        if not isinstance(value, bool | int) or value not in (0, 1):
-            raise self.error(key, "0 or 1")
-        return bool(value)
-
-    def origin(self) -> tuple[float, float]:
-        listed = self._values["origin"]
-        numbers = [_as_number(value) for value in listed] if isinstance(listed, list) else []
-        x_m, y_m, yaw_rad = numbers if len(numbers) == 3 else (None, None, None)
-        if x_m is None or y_m is None or yaw_rad is None:
-            raise self.error("origin", "[x, y, yaw] in metres and radians")
-        if yaw_rad != 0:
-            raise self.error("origin", "yaw 0, since a rotated map is not supported")
-        if max(abs(x_m), abs(y_m)) > MAX_ORIGIN_M:
-            raise self.error("origin", f"x and y within {MAX_ORIGIN_M:.0f} m of 0")
-        return x_m, y_m
-
-    def mode(self) -> str:
-        value = self._values.get("mode", MODES[0])
-        if not isinstance(value, str) or value.lower() not in MODES:
-            raise self.error("mode", "trinary, scale or raw")
-        return value.lower()
-
-
-def _as_number(value: object) -> float | None:
-    # YAML's true is an int to Python; a map that says `resolution: yes` is wrong. PyYAML reads 5e-2 as text.
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return None
+def _read_settings(path: Path) -> MapSettings:
     try:
-        number = float(value)
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
+        with path.open("rb") as file:
+            text = file.read(YAML_BYTES_MAX + 1)
+        if len(text) > YAML_BYTES_MAX:
+            raise MapError(f"{path}: expected at most {YAML_BYTES_MAX} bytes of YAML, got more")
+        # PyYAML refuses a tab after a colon, which YAML allows. No map needs one.
+        content: object = yaml.safe_load(text.decode("utf-8-sig").replace("\t", " "))
+        if isinstance(content, dict):
+            content = {key: value if key == "image" else _plain(value) for key, value in content.items()}
+        return msgspec.convert(content, MapSettings, strict=False)
+    except FileNotFoundError as error:
+        raise MapError(f"{path}: expected a map_server YAML file, there is none") from error
+    except msgspec.ValidationError as error:
+        what, _, key = str(error).partition(" - at `$.")
+        raise MapError(f"{path}: {key.rstrip('`')}{': ' if key else ''}{_one_line(what)}") from error
+    except MapError:
+        raise
+    except (OSError, UnicodeDecodeError) as error:
+        raise MapError(f"{path}: expected a readable YAML file, got: {_one_line(error)}") from error
+    # Besides its own errors PyYAML lets Python's through: ValueError for a date in month 13 or a number of 5000
+    # digits, RecursionError for deep nesting.
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise MapError(f"{path}: expected valid YAML, got: {_one_line(error)}") from error
+
+
+def _plain(value: object) -> object:
+    """A value as other readers of maps have it: PyYAML reads 5e-2 as text, and a mode may have capitals."""
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value.lower() if isinstance(value, str) else value
 
 
 def _read_image(
@@ -204,22 +150,22 @@ def _read_image(
         with image:
             width, height = image.size
             if width * height > MAX_CELLS:
-                raise MapError(f"{too_many}, got {width} × {height}", path=yaml_path, key="image")
+                raise MapError(f"{too_many}, got {width} × {height}")
             if why := size_refusal(width * resolution_m, height * resolution_m):
-                raise MapError(f"{yaml_path}: resolution: {why}", path=yaml_path, key="resolution")
+                raise MapError(f"{yaml_path}: resolution: {why}")
             image.load()
             return _channel_mean(image, alpha_counts=mode == "trinary")
     except MapError:
         raise
     except FileNotFoundError as error:
         message = f"{yaml_path}: image: expected an image at {image_path}, there is none"
-        raise MapError(message, path=yaml_path, key="image") from error
+        raise MapError(message) from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise MapError(f"{too_many}, got: {_one_line(error)}", path=yaml_path, key="image") from error
+        raise MapError(f"{too_many}, got: {_one_line(error)}") from error
     # Pillow's decoders raise these for files that are truncated, empty or not an image.
     except (OSError, ValueError, SyntaxError, EOFError) as error:
         message = f"{yaml_path}: image: expected a readable PGM or PNG at {image_path}, got: {_one_line(error)}"
-        raise MapError(message, path=yaml_path, key="image") from error
+        raise MapError(message) from error
 
 
 def _channel_mean(image: Image.Image, *, alpha_counts: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -237,5 +183,5 @@ def _channel_mean(image: Image.Image, *, alpha_counts: bool) -> tuple[NDArray[np
     return value, np.zeros(value.shape, dtype=np.bool_)
 
 
-def _one_line(error: Exception) -> str:
+def _one_line(error: Exception | str) -> str:
     return " ".join(str(error).split())[:300] or type(error).__name__

@@ -43,23 +43,18 @@ def spawn_poses(
     between centres. With `near`, it is the region nearest to that point and the group gathers about it. Without, it
     is the largest region and the group gathers at a spot with room for `USUAL_TEAM` robots, the same for all counts.
     The same arguments and generator state give the same poses. Raises PlacementError if fewer places are found than
-    asked for, or `near` is off the map, ValueError for a negative count, radius or spacing.
+    asked for, or `near` is off the map.
     """
-    _check_not_negative(count=count, radius_m=radius_m, spacing_m=spacing_m)
     fitting = ~plan.occupied & (plan.clearance_m >= radius_m + SPAWN_MARGIN_M)
     if not fitting.any():
-        raise PlacementError(
-            f"{plan.name}: no free space for {count} robots of radius {radius_m:g} m, none fits", asked=count, found=0
-        )
+        raise PlacementError(f"{plan.name}: no free space for {count} robots of radius {radius_m:g} m, none fits")
     if near is None:
         region = _roomiest_region(fitting)
         anchor = _spot_with_room(plan, region, radius_m + spacing_m * math.sqrt(USUAL_TEAM) / 2, rng)
     else:
         if not plan.holds_cell(*plan.cell_of(near.x_m, near.y_m)):
             raise PlacementError(
-                f"{plan.name}: expected a start on the map, {_extent(plan)}; got {near.x_m:g}, {near.y_m:g}",
-                asked=count,
-                found=0,
+                f"{plan.name}: expected a start on the map, {_extent(plan)}; got {near.x_m:g}, {near.y_m:g}"
             )
         anchor = _nearest_cell(plan, fitting, near)
         labels, _ = ndimage.label(fitting)
@@ -68,9 +63,7 @@ def spawn_poses(
     if len(cells) < count:
         raise PlacementError(
             f"{plan.name}: {count} robots of radius {radius_m:g} m asked for at {spacing_m:g} m spacing, "
-            f"{len(cells)} fit",
-            asked=count,
-            found=len(cells),
+            f"{len(cells)} fit"
         )
     points = [plan.centre_of(*cell) for cell in cells]
     return [Pose2D(point.x_m, point.y_m, wrap_angle_rad(float(rng.uniform(-math.pi, math.pi)))) for point in points]
@@ -83,7 +76,6 @@ def scatter_poses(
 
     All lie in the largest region that such a robot can roam. Raises PlacementError if they do not fit there.
     """
-    _check_not_negative(count=count, radius_m=radius_m, spacing_m=spacing_m)
     clearance_m = radius_m + SPAWN_MARGIN_M
     fitting = ~plan.occupied & (plan.clearance_m >= clearance_m)
     region = _roomiest_region(fitting) if fitting.any() else fitting
@@ -93,9 +85,7 @@ def scatter_poses(
     if nearest_m < spacing_m:
         raise PlacementError(
             f"{plan.name}: {count} scattered robots of radius {radius_m:g} m asked for at {spacing_m:g} m spacing, "
-            f"two would be {nearest_m:.2f} m apart",
-            asked=count,
-            found=0,
+            f"two would be {nearest_m:.2f} m apart"
         )
     return [Pose2D(point.x_m, point.y_m, wrap_angle_rad(float(rng.uniform(-math.pi, math.pi)))) for point in points]
 
@@ -114,18 +104,12 @@ def scatter_points(
     Best-candidate sampling (Mitchell, "Spectrally optimal sampling for distribution ray tracing", SIGGRAPH 1991): of
     many candidates, the one farthest from all points so far. Each has min_clearance_m to the nearest wall; points are
     spacing_m apart, less where that many do not fit otherwise. Same arguments and generator state, same points.
-    Raises PlacementError if there are fewer cells than points, ValueError for a mask of another shape or a negative
-    number.
+    Raises PlacementError if there are fewer cells than points.
     """
-    _check_not_negative(count=count, min_clearance_m=min_clearance_m, spacing_m=spacing_m)
-    if region_mask.shape != plan.occupied.shape:
-        raise ValueError(f"expected region_mask of shape {plan.occupied.shape}, got {region_mask.shape}")
     cells = np.argwhere(region_mask & ~plan.occupied & (plan.clearance_m >= min_clearance_m))
     if len(cells) < count:
         raise PlacementError(
-            f"{plan.name}: {count} points asked for with {min_clearance_m:g} m of clearance, {len(cells)} fit",
-            asked=count,
-            found=len(cells),
+            f"{plan.name}: {count} points asked for with {min_clearance_m:g} m of clearance, {len(cells)} fit"
         )
     apart_m = np.full(len(cells), np.inf)
     chosen: list[int] = []
@@ -220,9 +204,3 @@ def _clear_disc(mask: NDArray[np.bool_], row: int, col: int, radius_cells: float
     col_offset = np.arange(col0, col0 + window.shape[1])[np.newaxis, :] - col
     # A spacing that is a whole number of cells counts as kept.
     window &= np.hypot(row_offset, col_offset) >= radius_cells - 1e-9
-
-
-def _check_not_negative(**values: float) -> None:
-    for name, value in values.items():
-        if not value >= 0:
-            raise ValueError(f"expected {name} >= 0, got {value}")

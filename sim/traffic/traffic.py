@@ -312,9 +312,7 @@ def plan_traffic(spec: TrafficSpec, plan: FloorPlan, starts: Sequence[Disc], see
     for index, door in enumerate(spec.doors):
         for key, (x_m, y_m) in (("from_m", door.from_m), ("to_m", door.to_m)):
             if not plan.holds_cell(*plan.cell_of(x_m, y_m)):
-                raise MapError(
-                    f"{plan.name}: expected doors[{index}].{key} on the floor, got {x_m:g}, {y_m:g}", key=key
-                )
+                raise MapError(f"{plan.name}: expected doors[{index}].{key} on the floor, got {x_m:g}, {y_m:g}")
     for index, mover in enumerate(spec.movers):
         rounds.append(_rounds(mover, f"movers[{index}]", plan, starts))
     ways, places = [], []
@@ -337,10 +335,9 @@ def _rounds(spec: MoverSpec, key: str, plan: FloorPlan, starts: Sequence[Disc]) 
             raise MapError(
                 f"{plan.name}: expected {key}.via_m clear of walls by {width_m:g} m, got {one.x_m:g}, {one.y_m:g} to "
                 f"{other.x_m:g}, {other.y_m:g}",
-                key="via_m",
             )
     if not _is_apart(via[0], _reach_m(spec), starts):
-        raise MapError(f"{plan.name}: expected {key} to begin clear of the robots' starts", key="via_m")
+        raise MapError(f"{plan.name}: expected {key} to begin clear of the robots' starts")
     return via
 
 
@@ -368,7 +365,7 @@ def _places(
         reached = plan.reachable(robots, spec.radius_m + WALL_ROOM_M)
         rows, columns = np.nonzero(reached & (plan.clearance_m >= spec.radius_m + 2 * WALL_ROOM_M))
         if not len(rows):
-            raise MapError(f"{plan.name}: expected room for {key} where robots can go, got none", key="people")
+            raise MapError(f"{plan.name}: expected room for {key} where robots can go, got none")
         drawn = rng.integers(len(rows), size=DRAWN_PLACES)
         places = [plan.centre_of(int(rows[one]), int(columns[one])) for one in drawn]
     for place in places:
@@ -376,7 +373,6 @@ def _places(
             raise MapError(
                 f"{plan.name}: expected room for {key} at {place.x_m:g}, {place.y_m:g}: {spec.radius_m:g} m and "
                 f"{WALL_ROOM_M:g} m to walls",
-                key="places_m",
             )
     ways: dict[tuple[int, int], list[Point2D]] = {}
     for one in range(len(places)):
@@ -387,13 +383,10 @@ def _places(
                 raise MapError(
                     f"{plan.name}: expected a way for {key} from {here.x_m:g}, {here.y_m:g} to "
                     f"{there.x_m:g}, {there.y_m:g}, there is none",
-                    key="places_m",
                 )
             ways[one, other], ways[other, one] = way, way[::-1]
     if not any(_is_apart(place, spec.radius_m, starts) for place in places):
-        raise MapError(
-            f"{plan.name}: expected a place for {key} clear of the robots' starts, there is none", key="people"
-        )
+        raise MapError(f"{plan.name}: expected a place for {key} clear of the robots' starts, there is none")
     return tuple(places), ways
 
 

@@ -247,9 +247,7 @@ def check_places(plan: FloorPlan, specs: Sequence[RobotSpec], radii_m: Sequence[
             what = f"{room_m:.2f} m to the next wall" if near is None else f"r{near[0] + 1} there"
             raise PlacementError(
                 f"expected room for r{index + 1}, of radius {radius_m:g} m, at x {place.x_m:g}, y {place.y_m:g} on "
-                f"{plan.name}, got {what}; move it in [[robots]]",
-                asked=1,
-                found=0,
+                f"{plan.name}, got {what}; move it in [[robots]]"
             )
 
 

@@ -292,9 +292,7 @@ def _mote_place(plan: FloorPlan, place_m: tuple[float, float]) -> Point2D:
     if not plan.contains_free(*place_m):
         x_m, y_m = place_m
         raise PlacementError(
-            f"expected free floor of {plan.name} for the mote at x {x_m:g}, y {y_m:g}; move it in [motes] places_m",
-            asked=1,
-            found=0,
+            f"expected free floor of {plan.name} for the mote at x {x_m:g}, y {y_m:g}; move it in [motes] places_m"
         )
     return Point2D(*place_m)
 
@@ -306,9 +304,7 @@ def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> No
         x_m, y_m = charger.place_m
         raise PlacementError(
             f"expected room for a robot of radius {radius_m:g} m at the charger at x {x_m:g}, y {y_m:g} on "
-            f"{plan.name}, got {clearance_m:.2f} m to the next wall; move it in [[chargers]]",
-            asked=1,
-            found=0,
+            f"{plan.name}, got {clearance_m:.2f} m to the next wall; move it in [[chargers]]"
         )
 
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.maps.floor_plan import FloorPlan, MapError
+from robrain.sim.maps.floor_plan import FloorPlan
 
 grids = hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, max_side=12))
 
@@ -114,26 +114,3 @@ def test_plan_keeps_a_copy_that_cannot_be_changed() -> None:
     for array in (plan.occupied, plan.clearance_m):
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 1
-
-
-@pytest.mark.parametrize(
-    ("shape", "resolution_m", "origin_x_m", "key"),
-    [
-        ((3,), 0.1, 0.0, "occupied"),
-        ((0, 4), 0.1, 0.0, "occupied"),
-        ((3, 3), 0.0, 0.0, "resolution_m"),
-        ((3, 3), float("nan"), 0.0, "resolution_m"),
-        ((3, 3), 0.1, float("inf"), "origin_x_m"),
-    ],
-)
-def test_plan_names_what_is_wrong_with_it(
-    shape: tuple[int, ...], resolution_m: float, origin_x_m: float, key: str
-) -> None:
-    with pytest.raises(MapError, match=key) as caught:
-        FloorPlan(np.zeros(shape, dtype=bool), resolution_m, origin_x_m, 0.0, "wrong")
-    assert caught.value.key == key
-
-
-def test_negative_radius_is_refused() -> None:
-    with pytest.raises(ValueError, match="radius_m >= 0"):
-        _plan("..\n..").reachable([], -0.1)

@@ -57,10 +57,8 @@ def test_motes_lie_where_robots_come_by():
 
 
 def test_robots_that_do_not_fit_are_told_how_many_do():
-    with pytest.raises(PlacementError) as error:
+    with pytest.raises(PlacementError, match=r"50 robots .* asked for .* \d+ fit"):
         build_world(plan(2.0, 2.0), 50, 0, None, 1)
-    assert error.value.asked == 50
-    assert 0 < error.value.found < 50
 
 
 def test_a_robots_file_says_where_it_starts_and_which_grid_the_team_maps_on():
