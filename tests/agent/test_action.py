@@ -88,17 +88,6 @@ def test_progress_is_told_twice_a_second_however_often_it_is_reported(bench):
     assert [one["share"] for one in progress] == pytest.approx([0.25, 0.5, 0.75, 1.0])
 
 
-def test_an_action_is_cancelled_by_its_id_once(bench):
-    oven(bench)
-    action = bench.call("oven", "bake", [100])
-    bench.tick(3)
-    assert bench.call("oven", "cancel", ["bake-7"]) is False
-    assert bench.call("oven", "cancel", [action]) is True
-    assert bench.call("oven", "cancel", [action]) is False
-    bench.tick(100)
-    assert ends(bench) == [(action, "cancelled", "it was cancelled")]
-
-
 def test_one_at_a_time_the_new_one_takes_the_place_of_the_old(bench):
     oven(bench)
     first, second = (bench.call("oven", "bake", [3]) for _ in range(2))

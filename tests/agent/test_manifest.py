@@ -108,25 +108,6 @@ def test_a_class_that_is_no_plugin_is_left_out_naming_file_and_key(bench, source
 
 
 @pytest.mark.parametrize(
-    ("function", "expected"),
-    [
-        ("def dim(self, to: 'NoSuchType') -> None: ...", "name 'NoSuchType' is not defined"),  # a hint that is nothing
-        ("def dim(self, to: type(lambda: 0)) -> None: ...", "not supported"),  # a type that JSON has no word for
-    ],
-)
-def test_functions_that_cannot_be_told_to_the_outside_leave_the_plugin_out_and_no_other(bench, function, expected):
-    bench.code("lamp", f"class Lamp(Device):\n    @external\n    {function}\n\nclass Good(Device): pass")
-    bench.manifest("lamp", "lamp:Lamp")
-    bench.manifest("good", "lamp:Good")
-    bench.start("lamp", "good")
-    infos = bench.infos()
-    assert infos["good"].state == "active"
-    assert infos["lamp"].state == "faulted"
-    assert "external functions of Lamp" in infos["lamp"].why
-    assert expected in infos["lamp"].why
-
-
-@pytest.mark.parametrize(
     ("parameters", "expected"),
     [
         ({"brightness": "high"}, "[parameters] brightness: Expected `int`, got `str`"),  # a wrong type

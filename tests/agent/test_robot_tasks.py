@@ -11,7 +11,7 @@ from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import WHY_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied
-from tests.agent.desk_of_one import GOAL, NO, YES, Explorer, offer
+from tests.agent.explorer import GOAL, NO, YES, Explorer, offer
 from tests.plain_reason import Plain
 
 

@@ -96,15 +96,6 @@ def test_only_who_is_in_the_visibility_may_use_a_plugin(bench):
         bench.plugin("stranger").env.use("switch", interface(bench))
 
 
-def test_the_word_that_opens_a_plugin_to_the_outside_opens_it_to_no_plugin(bench):
-    bench.code("lab", LAB)
-    bench.manifest("switch", "lab:Switch", visibility=["command"])
-    bench.manifest("one", "lab:Unit1", requires=["switch"])
-    bench.start("one")
-    with pytest.raises(AccessDenied, match="one is not in the visibility of switch"):
-        bench.plugin("one").env.use("switch", interface(bench))
-
-
 def test_what_is_not_required_in_the_manifest_cannot_be_used(bench, lab):
     lab()
     bench.manifest("one", "lab:Unit1")
@@ -211,10 +202,3 @@ def test_a_plugin_that_is_left_out_half_way_holds_nothing(bench):
     bench.start("first", "second")
     assert bench.infos()["first"].state == "faulted"
     assert (bench.infos()["second"].state, bench.infos()["switch"].holder) == ("active", "second")
-
-
-def test_a_refused_request_does_not_take_an_exclusive_plugin(bench, lab):
-    lab(EXCLUSIVE, first="Unit1", second="Unit1")
-    with pytest.raises(AccessDenied):
-        bench.plugin("first").env.use("switch", interface(bench, "OtherInterface"))
-    assert bench.infos()["switch"].holder == ""

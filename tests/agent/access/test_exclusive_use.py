@@ -9,8 +9,8 @@ from robrain.agent.errors import PluginBusy
 from robrain.agent.lifecycle.access import ExclusiveUse
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import BadName, CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import LONGEST_LEASE_S, CommandRequest
-from robrain.protocol.table.host_queries import HOST_COMMAND, HOST_HOLD, HOST_RELEASE
+from robrain.protocol.messages.robots.host_messages import LONGEST_LEASE_S
+from robrain.protocol.table.host_queries import HOST_HOLD, HOST_RELEASE
 from robrain.protocol.table.topics import ROBOT_CALL
 
 LAB = """
@@ -46,10 +46,6 @@ def ask(lab, query, **fields):
     return lab.wire.ask(query, query.request(**{"plugin": "arm", **fields}), robot="r1")
 
 
-def command(lab, by=""):
-    return lab.wire.ask(HOST_COMMAND, CommandRequest(text="call arm reach()", by=by), robot="r1")
-
-
 def reach(lab, by=""):
     reply = lab.wire.ask(ROBOT_CALL, by=by, robot="r1", plugin="arm", function="reach")
     return msgspec.json.decode(reply)
@@ -69,12 +65,6 @@ def test_nobody_but_the_holder_may_call_it_and_the_refusal_names_the_holder(lab)
     assert refused(reach, lab) == (ErrorCode.BUSY, "ann")
     assert refused(reach, lab, by="bob") == (ErrorCode.BUSY, "ann")
     assert lab.infos()["arm"].holder == "ann"
-
-
-def test_the_text_form_is_called_in_the_holders_name_as_well(lab):
-    ask(lab, HOST_HOLD, by="ann")
-    assert command(lab, by="ann") == "reached"
-    assert refused(command, lab) == (ErrorCode.BUSY, "ann")
 
 
 def test_a_second_holder_is_refused_until_the_first_lets_go(lab):

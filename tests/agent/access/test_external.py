@@ -239,11 +239,6 @@ def test_arguments_that_fit_no_overload_are_refused_with_each_candidate_and_why(
         assert "string.near-int-int (" in message
 
 
-@pytest.mark.parametrize("name", ["void.foo", "foo-int", "int.foo-int", ".", "", "foo.", "void.free-"])
-def test_a_signature_that_is_none_is_not_found(name):
-    assert find_function(FUNCTIONS, name) is None
-
-
 def test_each_overload_is_told_under_the_external_name():
     infos = FUNCTIONS["foo"].infos
     assert [info.name for info in infos] == ["foo"] * 5
@@ -260,11 +255,6 @@ def test_an_own_type_is_taken_and_given_as_json():
     assert info.parameters["$defs"]["add_arguments"]["properties"]["a"] == {"title": "Complex", "type": "string"}
 
 
-def test_an_own_type_is_taken_and_given_as_text():
-    assert call_text("add", "(1, 2)", "b=(3, 4)") == "(4, 6)"
-    assert call_text("total", '["(1, 2)", "(3, 4)"]') == '{"total": "(4, 6)"}'
-
-
 def test_an_own_type_that_does_not_parse_is_refused_naming_the_argument():
     assert "expected a Complex, got 'x'" in refused(call, "add", ["(1, 2)", "x"])
     assert "for argument `b`" in refused(call, "add", ["(1, 2)", "x"])
@@ -274,10 +264,6 @@ def test_an_own_type_that_does_not_parse_is_refused_naming_the_argument():
 def test_a_result_of_bytes_is_json_as_its_schema_says():
     assert call("raw") == "cmF3"
     assert FUNCTIONS["raw"].infos[0].returns["contentEncoding"] == "base64"
-
-
-def test_keys_of_json_objects_may_be_numbers():
-    assert call("table", [{"1": "a", "2": "b"}]) == 3
 
 
 def test_constraints_of_type_hints_hold():

@@ -141,10 +141,6 @@ def test_bad_arguments_are_refused_naming_the_argument(more, function, arguments
     assert function in message
 
 
-def test_an_unknown_plugin_is_refused_with_the_names_of_those_there_are(more):
-    assert refused(more, "ghost", "add") == (ErrorCode.UNKNOWN_PLUGIN, "no plugin ghost; there are: low, more")
-
-
 def test_an_unknown_function_is_refused_with_the_names_of_those_there_are(more):
     code, message = refused(more, "more", "subtract")
     assert code is ErrorCode.UNKNOWN_FUNCTION
@@ -169,8 +165,3 @@ def test_a_result_that_json_has_no_word_for_is_answered_failed(more):
     code, message = refused(more, "more", "unspeakable")
     assert code is ErrorCode.FAILED
     assert "unsupported" in message
-
-
-def test_a_halted_robot_refuses_calls(more):
-    more.hosts[-1].manager.halt()
-    assert refused(more, "more", "add", [1]) == (ErrorCode.HALTED, "more is halted")

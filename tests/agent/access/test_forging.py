@@ -237,15 +237,6 @@ def test_who_observes_an_event_cannot_notify_it(lab, handle):
     assert heard.drain() == []
 
 
-def test_who_observes_an_event_cannot_have_it_leave_the_robot_in_its_own_name(lab, env, handle):
-    heard = Inbox(every=True)
-    lab.wire.subscribe(heard, ROBOT_EVENT)
-    with pytest.raises(AttributeError):
-        env.begin({"mine": handle.pressed})
-    lab.plugin("lamp").pressed.notify(7)
-    assert [received.message.plugin for received in heard.drain()] == ["lamp"]
-
-
 # -- what is not guaranteed -------------------------------------------------------------------------------------
 
 

@@ -90,14 +90,6 @@ def test_there_is_nothing_to_say_of_the_stock_plugins_and_the_examples():
     assert check_plugins(examples) == []
 
 
-def test_a_finding_reads_as_file_key_and_text(lamps):
-    path = lamps.manifest("evening", "lamps:Evening", visibility=["moon"])
-    edit(lamps, "'Dims them.'", "pass")
-    mistake, warning = map(str, check_plugins(lamps.place))
-    assert mistake.startswith(f"{path}: [tag] visibility: there is no plugin moon")
-    assert warning.startswith(f"{lamps.place / LAMP_FILE}: Evening: warning: no docstring: expected a line")
-
-
 # -- manifests --------------------------------------------------------------------------------------------------
 
 
@@ -244,12 +236,6 @@ def test_what_is_worth_a_look_is_a_warning(lamps, lines, key, message):
     assert found_message.startswith(message)
 
 
-def test_a_step_is_never_called_though_it_reads_a_period_that_nothing_sets(lamps):
-    extend_evening(lamps, "def step(self): return self.period_s")
-    ((_, key, message),) = found(lamps)
-    assert (key, message.partition(":")[0]) == ("Evening.step", "warning")
-
-
 def test_a_plugin_that_is_used_and_not_required_is_found(lamps):
     extend_evening(lamps, "def activate(self): self.env.use('driver', object)")
     assert found(lamps) == [(LAMP_FILE, "Evening.activate", "uses driver: name it in [tag] requires of evening.toml")]
@@ -358,14 +344,6 @@ def test_a_requirement_that_nobody_provides_is_found_and_the_likely_one_named(la
     assert likely == ("evening.toml", "[tag] requires", "nobody provides chandeleir; is chandelier meant?")
     assert other[2].startswith("nobody provides xyzzy; there are: ")
     assert "chandelier" in other[2]
-
-
-def test_the_stock_plugins_provide_as_well(lamps):
-    lamps.manifest("evening", "lamps:Evening", requires=["mocdevice"])
-    key, message = next((key, message) for _, key, message in found(lamps) if "visibility" in message)
-    assert key == "[tag] requires"
-    assert message.startswith("evening is not in the visibility of mocdevice: add it in ")
-    assert message.endswith("mocdevice.toml")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from robrain.agent.authoring.plugin_check import check_plugins
 from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.agent.authoring.testing import PluginBench
-from robrain.agent.errors import PluginError, PluginInactive
+from robrain.agent.errors import PluginError
 from robrain.agent.manifest import read_manifest
 from robrain.protocol.errors import CallError, ErrorCode
 
@@ -172,12 +172,3 @@ def test_the_bench_takes_parameters_and_a_seed(counter):
         assert bench.plugin("counter").dice == dice
     with PluginBench(counter, seed=2) as bench:
         assert bench.plugin("counter").dice != dice
-
-
-def test_a_plugin_that_does_not_start_is_told_with_why(counter):
-    (counter / "counter.toml").write_text('[plugin]\nclass = "counter:Counter"\n[parameters]\nstart = "a"\n')
-    with PluginBench(counter) as bench:
-        assert bench.info("counter").state == "faulted"
-        assert "[parameters] start: Expected `int`" in bench.info("counter").why
-        with pytest.raises(PluginInactive, match="Expected `int`"):
-            bench.plugin("counter")

@@ -6,7 +6,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.consensus_messages import CANCELLED_MAX, CANCELLED_TEXT_MAX, DropTaken, TaskDropped
 from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.tasks.task import TaskState
-from tests.agent.consensus.test_submitted_to_robots import ALL, halt, kept, submit, visit, why_refused
+from tests.agent.consensus.test_submitted_to_robots import ALL, halt, kept, visit, why_refused
 from tests.coordinator.team_robots import LostTeam, TeamRobot
 
 ASKED = TaskRequest(id="t1", by="ann", why="not needed")
@@ -58,21 +58,6 @@ def test_it_is_kept_once_more_than_half_of_the_team_knows_and_no_robot_begins_it
     assert not any(robot.consensus.known.dropped or robot.consensus.known.open for robot in lost.robots)
     lost.run(20.0)
     assert not lost.begun
-
-
-def test_an_open_task_of_the_coordinator_that_is_gone_can_be_cancelled_too(lost: LostTeam) -> None:
-    halt(lost, halted=True)
-    names = lost.visits(4)
-    lost.run(1.0)
-    left_alone(lost, halted=True)
-    cancelled(lost)
-    halt(lost, halted=False)
-    lost.run(30.0)
-    assert lost.done == {name: 1 for name in names if name != "t1"}
-    lost.revive()
-    lost.run(5.0)
-    assert lost.states() == {name: TaskState.CANCELLED if name == "t1" else TaskState.DONE for name in names}
-    assert not lost.begun["t1"]
 
 
 @pytest.mark.parametrize("asked_of", [0, 1, 2])
@@ -181,40 +166,3 @@ def test_robots_remember_so_many_and_long_words_are_cut(lost: LostTeam) -> None:
     known.dropped.clear()
     cancel(lost.robots[0], TaskRequest(id="t1", why="x" * 1000))
     assert len(known.dropped["t1"].why) == CANCELLED_TEXT_MAX
-
-
-def test_a_submission_that_was_accepted_is_still_known_when_it_is_cancelled_at_once(lost: LostTeam) -> None:
-    left_alone(lost, halted=True)
-    submit(lost.robots[0], visit())
-    cancel(lost.robots[0])
-    lost.run(1.0)
-    assert all("t1" in robot.consensus.known.asked and "t1" in robot.consensus.known.dropped for robot in lost.robots)
-    lost.revive()
-    lost.run(3.0)
-    assert lost.states()["t1"] is TaskState.CANCELLED
-
-
-def test_it_is_kept_although_every_third_ballot_of_each_robot_is_lost(lost: LostTeam) -> None:
-    for number, robot in enumerate(lost.robots):
-        _lose_every_third(robot, number)
-    left_alone(lost, halted=True)
-    kept(lost, visit())
-    cancelled(lost)
-    halt(lost, halted=False)
-    lost.run(20.0)
-    assert not lost.begun
-    lost.revive()
-    lost.run(3.0)
-    assert lost.states()["t1"] is TaskState.CANCELLED
-
-
-def _lose_every_third(robot: TeamRobot, first: int) -> None:
-    put, count = robot.consensus._publisher.put, first
-
-    def lossy(message) -> None:
-        nonlocal count
-        count += 1
-        if count % 3:
-            put(message)
-
-    robot.consensus._publisher.put = lossy

@@ -206,18 +206,6 @@ def test_a_task_is_not_ready_before_its_time_nor_at_its_deadline() -> None:
     assert [bool(known.ready(now_ns)) for now_ns in (9, 10, 19, 20)] == [False, True, True, False]
 
 
-def test_a_task_is_not_ready_before_what_comes_before_it_is_known_to_have_ended() -> None:
-    known = KnownTasks()
-    known.receive(heard(visit("t2", after=("t1",))))
-    assert known.ready(0) == [], "a robot that began later has never heard of t1"
-    known.receive(heard(visit("t1")))
-    assert [task.id for task in known.ready(0)] == ["t1"]
-    known.record_done([TaskDone(id="t1", robot="r2", epoch=1)])
-    assert [task.id for task in known.ready(0)] == ["t2"]
-    known.receive(heard(visit("t1"), TaskState.DONE))
-    assert [task.id for task in known.ready(0)] == ["t2"]
-
-
 def test_what_a_mate_knows_to_have_ended_is_open_no_more(one: OneRobot) -> None:
     one.tell(visit("t1"))
     alone(one, ended=["t1"])

@@ -84,17 +84,6 @@ def test_nobody_takes_queued_tasks_while_a_mate_hears_the_coordinator(lost: Lost
     assert all(robot.consensus.is_leaderless for robot in lost.robots)
 
 
-@pytest.mark.slow
-def test_what_one_robot_cannot_do_another_does(lost: LostTeam) -> None:
-    names = lost.visits(6)
-    lost.run(0.5)
-    lost.kill()
-    lost.robots[0].refuses = set(names)
-    lost.robots[1].refuses = set(names)
-    lost.run(90.0)
-    assert lost.done == dict.fromkeys(names, 1)
-
-
 def test_without_consensus_robots_drop_their_tasks_as_before(lost: LostTeam) -> None:
     from tests.coordinator.desk_robots import DeskRobot
 

@@ -62,36 +62,6 @@ def test_it_is_kept_once_more_than_half_of_the_team_has_it_and_is_done_once(lost
     assert not any(robot.consensus.known.asked or robot.consensus.known.done for robot in lost.robots)
 
 
-def test_a_coordinator_that_comes_before_it_is_begun_has_it_done_like_any_other(lost: LostTeam) -> None:
-    lost.kill()
-    lost.run(3.0)
-    halt(lost, halted=True)
-    kept(lost, visit(earliest_ns=0))
-    lost.revive()
-    lost.run(2.0)
-    assert lost.journal.find("t1").state in {TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING}
-    halt(lost, halted=False)
-    lost.run(20.0)
-    assert lost.states()["t1"] is TaskState.DONE
-    assert lost.done == {"t1": 1}
-
-
-def test_the_death_of_the_robot_that_took_it_in_loses_nothing(lost: LostTeam) -> None:
-    lost.kill()
-    lost.run(3.0)
-    halt(lost, halted=True)
-    kept(lost, visit())
-    halt(lost, halted=False)
-    dead = lost.robots[0]
-    dead.stopped = True
-    lost.run(30.0)
-    assert lost.done == {"t1": 1}
-    assert not dead.done
-    lost.revive()
-    lost.run(2.0)
-    assert lost.states()["t1"] is TaskState.DONE
-
-
 def test_the_same_again_changes_nothing_and_another_of_that_name_is_refused_with_the_difference(
     lost: LostTeam,
 ) -> None:

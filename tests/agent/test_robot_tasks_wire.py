@@ -9,10 +9,11 @@ from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import StoodStill
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
-from tests.agent.desk_of_one import offer
+from tests.agent.explorer import offer
 
 SEEKER = """
     from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
+    from robrain.protocol.model.tasks.task import TaskState
 
     class Seeker(Behavior):
         kind = "explore"
@@ -20,10 +21,15 @@ SEEKER = """
         def init(self):
             self.log, self.trouble = [], None
         def activate(self): self.env.do_tasks(self.accept, self.let_go)
-        def step(self): self.raise_if("step")
+        def step(self):
+            self.raise_if("step")
+            if self.trouble == "ends":
+                self.trouble = None
+                self.env.tasks.end(self.task, TaskState.DONE, "", {"n": 1})
         def accept(self, task):
             self.raise_if("accept")
             self.log.append(task.id)
+            self.task = task.id
             return TaskAnswer(accepted=True)
         def let_go(self, why):
             self.raise_if("let_go")
@@ -135,3 +141,31 @@ def test_a_summary_that_may_have_waited_while_the_process_stood_still_does_not_r
     seeker.coordinator.put(TeamState(robots=[]))
     seeker.tick(1)
     assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
+
+
+def test_end_and_beginning_are_told_in_one_message_in_the_step_of_the_end(seeker):
+    send(seeker, ROBOT_OFFER, offer("t1", 1))
+    send(seeker, ROBOT_OFFER, offer("t2", 2, after="t1"))
+    states = Inbox(every=True)
+    seeker.wire.subscribe(states, ROBOT_STATE)
+    seeker.tick(6)
+    last = states.drain()[-1].message
+    assert (last.task.id, last.next_task.id, last.task_before) == ("t1", "t2", None)
+    seeker.plugin("seeker").trouble = "ends"
+    seeker.tick(1)
+    (told,) = [received.message for received in states.drain()]
+    assert (told.task.id, told.task.state, told.next_task) == ("t2", TaskState.RUNNING, None)
+    assert (told.task_before.id, told.task_before.state, told.task_before.result) == ("t1", TaskState.DONE, {"n": 1})
+    assert seeker.plugin("seeker").log == ["t1", "t2"]
+
+
+def test_a_robot_whose_coordinator_falls_silent_does_not_go_on_to_the_next(seeker):
+    send(seeker, ROBOT_OFFER, offer("t1", 1, lease_s=1.0))
+    send(seeker, ROBOT_OFFER, offer("t2", 2, after="t1", lease_s=1.0))
+    for _ in range(20):
+        seeker.coordinator.put(TeamState(robots=[]))
+        seeker.tick(5)
+    assert seeker.hosts[-1].desk.facts.next_task is not None
+    seeker.tick(60)
+    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
+    assert seeker.hosts[-1].desk.facts.next_task is None

@@ -1,4 +1,4 @@
-"""A task desk with one behavior that does what it is told to."""
+"""A robot's tasks with one behavior that does what the test says."""
 
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D

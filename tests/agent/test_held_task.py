@@ -7,14 +7,11 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from robrain.agent.robot_tasks import DONE_REPORTED_S, RobotTasks
 from robrain.protocol.clock import to_ns
-from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskWithdrawal
-from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import DoneJustNow, PlainReason
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE
-from tests.agent.desk_of_one import NO, YES, Explorer, offer
+from tests.agent.explorer import NO, YES, Explorer, offer
 from tests.plain_reason import Plain
 
 
@@ -218,63 +215,3 @@ class DeskWithNext(RuleBasedStateMachine):
 
 DeskWithNext.TestCase.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
 TestDeskWithNext = pytest.mark.slow(DeskWithNext.TestCase)
-
-
-# -- in its host ------------------------------------------------------------------------------------------------------
-
-SEEKER = """
-    from robrain.protocol.model.tasks.task import TaskState
-    from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-
-    class Seeker(Behavior):
-        kind = "explore"
-        period_s = 0.02
-        ends = False
-        def init(self): self.log = []
-        def activate(self): self.env.do_tasks(self.accept, lambda why: self.log.append(why))
-        def accept(self, task):
-            self.log.append(task.id)
-            self.task = task.id
-            return TaskAnswer(accepted=True)
-        def step(self):
-            if self.ends:
-                self.ends = False
-                self.env.tasks.end(self.task, TaskState.DONE, "", {"n": 1})
-"""
-
-
-@pytest.fixture
-def seeker(bench):
-    bench.code("seeker", SEEKER)
-    bench.manifest("seeker", "seeker:Seeker")
-    bench.start("seeker")
-    bench.coordinator = bench.wire.publisher(COORDINATOR_STATE)
-    return bench
-
-
-def test_end_and_beginning_are_told_in_one_message_in_the_step_of_the_end(seeker):
-    seeker.wire.ask(ROBOT_OFFER, offer("t1", 1), robot="r1")
-    seeker.wire.ask(ROBOT_OFFER, offer("t2", 2, after="t1"), robot="r1")
-    states = Inbox(every=True)
-    seeker.wire.subscribe(states, ROBOT_STATE)
-    seeker.tick(6)
-    last = states.drain()[-1].message
-    assert (last.task.id, last.next_task.id, last.task_before) == ("t1", "t2", None)
-    seeker.plugin("seeker").ends = True
-    seeker.tick(1)
-    (told,) = [received.message for received in states.drain()]
-    assert (told.task.id, told.task.state, told.next_task) == ("t2", TaskState.RUNNING, None)
-    assert (told.task_before.id, told.task_before.state, told.task_before.result) == ("t1", TaskState.DONE, {"n": 1})
-    assert seeker.plugin("seeker").log == ["t1", "t2"]
-
-
-def test_a_robot_whose_coordinator_falls_silent_does_not_go_on_to_the_next(seeker):
-    seeker.wire.ask(ROBOT_OFFER, offer("t1", 1, lease_s=1.0), robot="r1")
-    seeker.wire.ask(ROBOT_OFFER, offer("t2", 2, after="t1", lease_s=1.0), robot="r1")
-    for _ in range(20):
-        seeker.coordinator.put(TeamState(robots=[]))
-        seeker.tick(5)
-    assert seeker.hosts[-1].desk.facts.next_task is not None
-    seeker.tick(60)
-    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
-    assert seeker.hosts[-1].desk.facts.next_task is None
