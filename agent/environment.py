@@ -260,19 +260,13 @@ class Environment:
         """
         import can
 
-        if interface == "zenoh":
-            options |= {
-                "session": self.wire.session,
-                "team": self.wire.team,
-                "direct": self.wire.drive is Drive.LOCKSTEP,
-                "now_ns": self.clock.now_ns,
-            }
-            channel = f"{self.robot}/{channel}"
         try:
             if interface == "zenoh":  # python-can would read its configuration files for each bus
                 from robrain.protocol.can.zenoh_bus import ZenohBus
 
-                return ZenohBus(channel, **options)
+                direct = self.wire.drive is Drive.LOCKSTEP
+                options |= {"session": self.wire.session, "team": self.wire.team, "direct": direct}
+                return ZenohBus(f"{self.robot}/{channel}", now_ns=self.clock.now_ns, **options)
             return can.Bus(interface=interface, channel=channel, **options)
         except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
             raise HardwareAbsent(self.plugin, f"no CAN bus at {interface}:{channel}: {error}") from error

@@ -7,15 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from robrain.agent.errors import HostBusy, ManifestError, PluginError, PluginMissing
+from robrain.agent.errors import HostBusy, ManifestError, PluginError, PluginInUse, PluginMissing, PluginUnloaded
 from robrain.agent.lifecycle.instance import Instance
 from robrain.agent.plugin import Plugin
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import LoadRequest
-from robrain.protocol.table.host_queries import HOST_LOAD
+from robrain.protocol.messages.robots.host_messages import LoadRequest, UnloadRequest
+from robrain.protocol.table.host_queries import HOST_LOAD, HOST_UNLOAD
 from tests.waiting import PATIENCE_S
 
 LAB = """
+    DIARY = []
+
     class LampInterface(Protocol):
         switched: Event[int]
         def switch(self, to: int) -> int: ...
@@ -26,6 +28,7 @@ LAB = """
         def switch(self, to):
             self.switched.notify(to)
             return to
+        def deactivate(self): DIARY.append(self.env.plugin)
         @external
         def name(self) -> str: return self.env.plugin
 
@@ -34,6 +37,7 @@ LAB = """
         def activate(self):
             self.lamp = self.env.use("lamp", LampInterface)
             self.env.observe(self.lamp.switched, self.hear)
+        def deactivate(self): DIARY.append(self.env.plugin)
         def hear(self, to): self.heard = to
         @external
         def dim(self, to: int) -> int: return self.lamp.switch(to)
@@ -44,7 +48,11 @@ LAB = """
             self.env.wire.answer(ROBOT_CALL, lambda _request: "half", robot="r1", plugin="half", function="way")
             raise RuntimeError("half way")
 
-    class Room(Skill): pass
+    class Stubborn(Shade):
+        def deactivate(self): raise RuntimeError("never")
+
+    class Room(Skill):
+        def deactivate(self): DIARY.append(self.env.plugin)
 
     PRESENT = []
     class Absent(Device):
@@ -232,6 +240,74 @@ def test_what_fails_holds_and_observes_nothing_of_what_was_there_before(lab):
     assert lab.plugin("lamp").switched._observers == []
     lab.manager.load("shade")
     assert lab.infos()["lamp"].holder == "shade"
+
+
+# -- unloading --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def stack(lab):
+    """Three plugins, each of which requires the one below: `top`, `shade`, `lamp`."""
+    lab.manifest("top", "lab:Room", requires=["shade"])
+    lab.manager.load("top")
+    return lab
+
+
+def test_what_others_require_is_not_unloaded_and_they_are_named(stack):
+    with pytest.raises(PluginInUse, match="lamp is required by top, shade: unload these first") as no:
+        stack.manager.unload("lamp")
+    assert no.value.users == ["top", "shade"]
+    assert set(states(stack).values()) == {"active"}
+    with pytest.raises(CallError) as refused:
+        stack.wire.ask(HOST_UNLOAD, UnloadRequest(plugin="lamp"), robot="r1")
+    assert refused.value.code is ErrorCode.REFUSED
+
+
+def test_cascade_unloads_the_users_first(stack):
+    diary = stack.plugin("lamp").name.__func__.__globals__["DIARY"]
+    tags = stack.manager.unload("lamp", cascade=True)
+    assert diary == [tag.name for tag in tags] == ["top", "shade", "lamp"]
+    assert [tag.state for tag in tags] == ["unloaded"] * 3
+    assert list(stack.infos()) == ["base"]
+
+
+def test_a_handle_on_what_was_unloaded_says_so(stack):
+    handle, switch = stack.plugin("shade").lamp, stack.plugin("shade").lamp.switch
+    stack.manager.unload("lamp", cascade=True)
+    for call in (switch, lambda to: handle.switch(to)):
+        with pytest.raises(PluginUnloaded, match="lamp is unloaded") as gone:
+            call(1)
+        assert gone.value.plugin == "lamp"
+    stack.manager.load("lamp")  # another of that name is not the one that the handle was given for
+    with pytest.raises(PluginUnloaded):
+        switch(1)
+
+
+def test_a_call_from_outside_to_what_was_unloaded_is_answered(stack):
+    tag = stack.manager.get("shade")
+    stack.manager.unload("shade", cascade=True)
+    with pytest.raises(CallError, match="no plugin shade; there are: ") as refused:
+        stack.call("shade", "dim", [1])
+    assert refused.value.code is ErrorCode.UNKNOWN_PLUGIN
+    with pytest.raises(CallError) as late:  # it was on its way already
+        tag.call_external("dim", b"[1]")
+    assert late.value.code is ErrorCode.UNLOADED
+
+
+def test_a_plugin_that_raises_when_it_is_unloaded_goes_all_the_same(stack):
+    stack.manifest("stubborn", "lab:Stubborn", requires=["lamp"])
+    stack.manager.load("stubborn")
+    stack.manager.unload("stubborn")
+    assert "stubborn" not in stack.infos()
+
+
+def test_a_plugin_that_was_left_out_can_be_unloaded(lab):
+    lab.manifest("odd", "lab:Nowhere")
+    lab.hosts.pop().close()
+    manager = lab.start("odd").manager
+    assert lab.infos()["odd"].state == "faulted"
+    manager.unload("odd")
+    assert lab.infos() == {}
 
 
 # -- hardware that comes later ----------------------------------------------------------------------------------
