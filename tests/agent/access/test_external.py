@@ -8,28 +8,10 @@ from hypothesis import strategies as st
 
 from robrain.agent.lifecycle.external_function import external_functions, find_function
 from robrain.agent.plugin import Unit, external, unlocked
-from robrain.agent.text_form import print_value, register_text_form
+from robrain.agent.text_form import print_value
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.keys import check_name
-
-
-class Complex:
-    """The paper's figure 7."""
-
-    def __init__(self, re: int, im: int) -> None:
-        self.re = re
-        self.im = im
-
-    @staticmethod
-    def parse(text: str) -> "Complex":
-        re, im = text.strip("()").split(",")
-        return Complex(int(re), int(im))
-
-    def __str__(self) -> str:
-        return f"({self.re}, {self.im})"
-
-
-register_text_form(Complex, Complex.parse, str)
+from tests.agent.test_text_form import Complex
 
 
 class Foo(Unit):
