@@ -8,6 +8,7 @@ import msgspec
 
 from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.plan_search import PlanSolver
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
 from robrain.protocol.table.topics import TASK_PROBLEM
@@ -31,16 +32,14 @@ class ReplayedPlan(NamedTuple):
 
 def plan_again(problem: PlanProblem) -> Routes:
     """Compute the routes of a recorded problem (ValueError if it is invalid)."""
-    solver = PlanSolver(
-        decode(problem.question).problem(),
-        problem.objective,
-        problem.method,
+    policy = PlanningPolicy(
+        objective=problem.objective,
+        method=problem.method,
         seed=problem.seed,
-        iterations=problem.iterations,
         gain_min=problem.gain_min,
-        orders=dict(problem.warm_start),
-        passes=STOCK_PASSES if problem.passes is None else problem.passes,
+        passes=STOCK_PASSES if problem.passes is None else tuple(problem.passes),
     )
+    solver = PlanSolver(decode(problem.question).problem(), policy, dict(problem.warm_start), problem.iterations)
     solver.run(problem.rounds)
     return tuple((route.worker, route.jobs) for route in solver.plan.routes if route.stops)
 

@@ -10,6 +10,7 @@ real one does not wait for code to be loaded.
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
@@ -25,7 +26,7 @@ from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
-from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, STOCK_PASSES, PlanDraft, PlanFailure, refined
+from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, PlanDraft, PlanFailure, refined
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import BuiltProblem, build_problem, greatest_radius_m, needed_m
 from robrain.coordinator.planning.snapshot import Floor, PlanningRobot, Snapshot
@@ -291,22 +292,8 @@ class Draft:
     """A plan in progress."""
 
     def __init__(self, snapshot: Snapshot, policy: PlanningPolicy, asked: BuiltProblem) -> None:
-        self._snapshot = snapshot
-        self._policy = policy
-        self.asked = asked
-        problem = asked.question.problem()
-        visits = sum(job.robots for job in problem.jobs if not job.pinned_to)
-        self._iterations = policy.iterations_for(visits)
-        self.solver = PlanSolver(
-            problem,
-            policy.objective,
-            policy.method,
-            seed=policy.seed,
-            iterations=self._iterations,
-            gain_min=policy.gain_min,
-            orders=snapshot.orders,
-            passes=policy.passes,
-        )
+        self._snapshot, self._policy, self.asked = snapshot, policy, asked
+        self.solver = PlanSolver(asked.question.problem(), policy, snapshot.orders)
 
     def planned(self, duration_s: float = 0.0) -> PlanInForce:
         """The best plan up to now."""
@@ -319,7 +306,7 @@ class Draft:
             method=policy.method,
             seed=policy.seed,
             rounds=self.solver.rounds,
-            iterations=self._iterations,
+            iterations=self.solver.iterations,
             gain_min=policy.gain_min,
             question=self.asked.question.encode(),
             warm_start=tuple(snapshot.orders.items()),
@@ -405,27 +392,18 @@ class PlanSolver:
 
     Args:
         problem: the problem as posed.
-        objective: criterion of the plan.
-        method: name of the allocator.
-        seed: of its random choices.
-        iterations: per search.
-        gain_min: minimum relative improvement for which a task moves to another robot.
+        policy: objective, allocator, seed, passes, and minimum gain for which a task moves to another robot.
         orders: of the previous plan: robots and their tasks in order.
-        passes: names of the refinement passes, in order.
+        iterations: per search; those of the policy if None.
 
     """
 
     def __init__(
         self,
         problem: Problem,
-        objective: Objective,
-        method: str,
-        *,
-        seed: int,
-        iterations: int,
-        gain_min: float,
-        orders: Mapping[str, Sequence[str]],
-        passes: Sequence[str] = STOCK_PASSES,
+        policy: PlanningPolicy,
+        orders: Mapping[str, Sequence[str]] = MappingProxyType({}),
+        iterations: int | None = None,
     ) -> None:
         self.rounds = 0
         """Number of searches up to now."""
@@ -433,15 +411,17 @@ class PlanSolver:
         """Failures of other distributions' code when `plan` was last read."""
         self.problem = problem
         """The problem as posed; after `plan` was read, the problem that it solves."""
-        self._method, self._seed, self._iterations, self._passes = method, seed, iterations, passes
-        allocator = allocator_of(method, objective)
-        ready = for_ready_robots(problem) if CHARGING_ROBOTS in passes else problem
+        visits = sum(job.robots for job in problem.jobs if not job.pinned_to)
+        self.iterations = policy.iterations_for(visits) if iterations is None else iterations
+        self._policy = policy
+        allocator = allocator_of(policy.method, policy.objective)
+        ready = for_ready_robots(problem) if CHARGING_ROBOTS in policy.passes else problem
         self._draft = PlanDraft(
             asked=problem,
             problem=ready,
-            plan=allocator.plan(ready, warm_start=plan_of(orders, objective), iterations=1),
+            plan=allocator.plan(ready, warm_start=plan_of(orders, policy.objective), iterations=1),
             orders=orders,
-            gain_min=gain_min,
+            gain_min=policy.gain_min,
             allocator=allocator,
         )
         self._search = allocator.search() if isinstance(allocator, Searching) and _is_worth_it(ready) else None
@@ -451,8 +431,8 @@ class PlanSolver:
         fruitless = 0
         while self._search is not None and fruitless < FRUITLESS:
             yield
-            best, seed = self._draft.plan, self._seed + self.rounds
-            found = self._search.plan(self._draft.problem, iterations=self._iterations, seed=seed, warm_start=best)
+            best, seed = self._draft.plan, self._policy.seed + self.rounds
+            found = self._search.plan(self._draft.problem, iterations=self.iterations, seed=seed, warm_start=best)
             self.rounds += 1
             fruitless = 0 if found.rank < best.rank else fruitless + 1
             self._draft = self._draft.with_plan(min(best, found, key=lambda plan: plan.rank))
@@ -466,11 +446,11 @@ class PlanSolver:
     @property
     def plan(self) -> Plan:
         """The best plan up to now, refined."""
-        draft = refined(self._draft, self._passes)
+        draft = refined(self._draft, self._policy.passes)
         self.problem, self.failures = draft.problem, draft.failures
         if isinstance(draft.allocator, CheckedAllocator):
             failures = draft.allocator.failures
-            self.failures += tuple(PlanFailure("allocator", self._method, cut(failure)) for failure in failures)
+            self.failures += tuple(PlanFailure("allocator", self._policy.method, cut(failure)) for failure in failures)
         return draft.plan
 
 

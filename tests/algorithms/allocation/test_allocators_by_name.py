@@ -6,7 +6,6 @@ import msgspec
 import pytest
 
 from robrain.algorithms.allocation.allocator import ALLOCATORS
-from robrain.algorithms.allocation.problem import Objective
 from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.registry import Registry
@@ -76,7 +75,7 @@ def in_turn(install, monkeypatch):  # noqa: F811
 
 
 def routes(method, *jobs):
-    solver = PlanSolver(problem(*jobs), Objective.ENERGY, method, seed=0, iterations=5, gain_min=0.0, orders={})
+    solver = PlanSolver(problem(*jobs), PlanningPolicy(method=method, gain_min=0.0))
     solver.run(rounds=1)
     plan = solver.plan
     return {route.worker: sorted(route.jobs) for route in plan.routes}
@@ -95,9 +94,7 @@ def test_an_allocator_of_another_distribution_makes_the_plans(in_turn):
 
 
 def test_a_plan_of_somebody_else_that_cannot_be_carried_out_is_replaced_by_the_stock_plan(in_turn):
-    solver = PlanSolver(
-        problem(job("a", 1)), Objective.ENERGY, "careless", seed=0, iterations=5, gain_min=0.0, orders={}
-    )
+    solver = PlanSolver(problem(job("a", 1)), PlanningPolicy(method="careless"))
     assert solver.plan.orders == (("a",), ())
     (failure,) = solver.failures
     assert re.search(r"in_turn.py:\d+: ValueError: the plan cannot be carried out: ", failure.reason)
@@ -109,7 +106,7 @@ def with_a_charging_camera(method):
     ready, charging = asked.workers
     charging = msgspec.structs.replace(charging, ready_s=60.0, offers=frozenset({"camera"}))
     asked = msgspec.structs.replace(asked, workers=(ready, charging))
-    return PlanSolver(asked, Objective.ENERGY, method, seed=0, iterations=5, gain_min=0.0, orders={})
+    return PlanSolver(asked, PlanningPolicy(method=method))
 
 
 def test_robots_that_charge_get_what_another_distribution_plans_for_them(in_turn):
@@ -128,5 +125,5 @@ def test_a_bad_plan_of_a_search_is_dropped(in_turn):
 
 def test_a_job_that_is_left_out_without_a_reason_gets_one(in_turn):
     asked = problem(msgspec.structs.replace(job("photo", 1), needs=frozenset({"camera"})))
-    solver = PlanSolver(asked, Objective.ENERGY, "in_turn", seed=0, iterations=5, gain_min=0.0, orders={})
+    solver = PlanSolver(asked, PlanningPolicy(method="in_turn"))
     assert [one.reason for one in solver.plan.unassigned] == [Plain("nobody_has", plugins=("camera",))]

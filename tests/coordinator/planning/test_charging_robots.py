@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from robrain.algorithms.allocation.auction import AuctionAllocator
 from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.plan_search import PlanSolver, for_ready_robots, with_charging_robots
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.tasks.objective import Objective
 from tests.algorithms.allocation.instances import team_problem
 
@@ -58,10 +59,8 @@ def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, obje
 @given(problems(), st.sampled_from(list(Objective)))
 def test_a_plan_with_those_who_charge_is_valid_and_the_same_again(problem, objective):
     def solve():
-        solver = PlanSolver(problem, objective, "optimal", seed=1, iterations=20, gain_min=0.02, orders={})
-        for _ in solver.improve():
-            if solver.rounds >= 1:
-                break
+        solver = PlanSolver(problem, PlanningPolicy(objective=objective, seed=1, iterations=20))
+        solver.run(rounds=1)
         return solver.plan, solver.problem
 
     plan, shared = solve()

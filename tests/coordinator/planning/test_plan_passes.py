@@ -10,7 +10,6 @@ from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.coordinator.planning.plan_search import LockstepPlanner, PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.recorded_plans import plan_again
-from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.registry import Registry
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.coordinator.planning.test_plan_solver import job, problem
@@ -101,8 +100,7 @@ def last_first(install, monkeypatch):  # noqa: F811
 def solver(*passes, orders=None, gain_min=0.0):
     begun = msgspec.structs.replace(job("at", 1), pinned_to="r0")
     asked = problem(begun, job("a", 2), job("b", 1))
-    return PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=5, gain_min=gain_min,
-                      orders=orders or {}, passes=passes)  # fmt: skip
+    return PlanSolver(asked, PlanningPolicy(method="auction", gain_min=gain_min, passes=passes), orders or {})
 
 
 def test_the_stock_passes_are_there_and_applied_by_default():
@@ -130,7 +128,7 @@ def with_a_charging_robot(*passes):
     asked = problem(job("a", 1), job("b", 4))
     ready, charging = asked.workers
     asked = msgspec.structs.replace(asked, workers=(ready, msgspec.structs.replace(charging, ready_s=60.0)))
-    return PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=5, gain_min=0.0, orders={}, passes=passes)
+    return PlanSolver(asked, PlanningPolicy(method="auction", passes=passes))
 
 
 def test_without_its_pass_charging_robots_are_planned_for_like_all_others():
@@ -150,13 +148,12 @@ def test_the_pass_of_the_how_to_puts_valuable_tasks_first(install, monkeypatch):
     code, _strategy = re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
     install("urgent-first", {"urgent_first": "urgent_first:urgent_first"}, {"urgent_first.py": code}, PASSES.group)
     stock = {name: PASSES._points[name][0].value for name in PASSES._stock}
-    monkeypatch.setattr(
-        "robrain.coordinator.planning.plan_passes.PASSES", Registry(PASSES.what, PASSES.group, stock, has_files=True)
-    )
+    for module in ("policy", "plan_passes"):
+        fresh = Registry(PASSES.what, PASSES.group, stock, has_files=True)
+        monkeypatch.setattr(f"robrain.coordinator.planning.{module}.PASSES", fresh)
     begun = msgspec.structs.replace(job("at", 1), pinned_to="r0")
     asked = problem(begun, job("near", 1), msgspec.structs.replace(job("urgent", 2), prize_j=2000.0))
-    made = PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=5, gain_min=0.0, orders={},
-                      passes=("early_start", "urgent_first"))  # fmt: skip
+    made = PlanSolver(asked, PlanningPolicy(method="auction", passes=("early_start", "urgent_first")))
     assert made.plan.orders == (("at", "urgent", "near"), ())
     assert made.failures == ()
 

@@ -1,13 +1,12 @@
 """When a plan is worth a change of hands, and how long better ones are looked for."""
 
-import math
-
 import msgspec
 import numpy as np
 import pytest
 
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver
+from robrain.coordinator.planning.policy import PlanningPolicy
 
 
 def problem(*jobs, j_per_m=1.0):
@@ -22,7 +21,7 @@ def job(name, place):
 
 
 def orders_after(asked, objective=Objective.ENERGY, *, gain_min, orders):
-    solver = PlanSolver(asked, objective, "auction", seed=0, iterations=1, gain_min=gain_min, orders=orders)
+    solver = PlanSolver(asked, PlanningPolicy(objective=objective, method="auction", gain_min=gain_min), orders)
     return {route.worker: route.jobs for route in solver.plan.routes if route.jobs}
 
 
@@ -49,12 +48,12 @@ def test_a_plan_that_takes_nothing_is_not_changed_for_another_that_takes_nothing
 
 
 def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():
-    found = orders_after(problem(job("a", 1), job("b", 1)), gain_min=math.inf, orders={"r1": ["a"]})
+    found = orders_after(problem(job("a", 1), job("b", 1)), gain_min=0.999, orders={"r1": ["a"]})
     assert sorted(name for jobs in found.values() for name in jobs) == ["a", "b"]
 
 
 def solver_of(*jobs, method="optimal"):
-    return PlanSolver(problem(*jobs), Objective.ENERGY, method, seed=5, iterations=10, gain_min=0.0, orders={})
+    return PlanSolver(problem(*jobs), PlanningPolicy(method=method, seed=5, iterations=10, gain_min=0.0))
 
 
 @pytest.mark.parametrize(
@@ -67,9 +66,7 @@ def test_better_plans_are_looked_for_where_there_may_be_any(jobs, method, rounds
 
 def test_before_there_is_a_plan_the_problem_is_what_was_asked():
     asked = problem(job("a", 1))
-    assert (
-        PlanSolver(asked, Objective.ENERGY, "auction", seed=0, iterations=1, gain_min=0.0, orders={}).problem is asked
-    )
+    assert PlanSolver(asked, PlanningPolicy(method="auction")).problem is asked
 
 
 def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():

@@ -183,8 +183,7 @@ def test_points_end_with_the_failure_of_their_strategy(parts, name):
 @pytest.mark.parametrize(("key", "name"), [(key, name) for key in ("method", "passes") for name in BAD[key]])
 def test_the_stock_part_stands_in_while_a_live_team_plans(parts, key, name):
     policy = parts(key, name).planning
-    solver = PlanSolver(problem(job("a", 1), job("b", 2)), policy.objective, policy.method, seed=0, iterations=5,
-                        gain_min=0.0, orders={}, passes=policy.passes)  # fmt: skip
+    solver = PlanSolver(problem(job("a", 1), job("b", 2)), policy)
     list(solver.improve())
     assert validate(solver.problem, solver.plan) == []
     assert sum(map(len, solver.plan.orders)) == 2
