@@ -1,6 +1,45 @@
 """What may happen to a team, in any order: played, looked at after each step, and brought to its end."""
 
+from contextlib import suppress
+
+from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.tasks.task_book import LEGAL
+from robrain.protocol.errors import CallError
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest
+from robrain.protocol.table.topics import TASK_CANCEL
 from robrain.protocol.wire.session import open_lockstep_session
+from tests.coordinator.conftest import Team
+
+ROBOTS = ("r1", "r2", "r3")
+
+
+class TaskHistory:
+    """A coordinator on a journal, in lockstep, which may be killed."""
+
+    def __init__(self, session):
+        self.team = Team(session)
+        self.journal = Journal()
+        self.team.begin(self.journal)
+        self.accepted = set()
+
+    def kill(self):
+        self.team.begin(self.journal)
+
+    def cancel(self, name):
+        with suppress(CallError):
+            self.team.ask(TASK_CANCEL, TaskRequest(id=name))
+
+    def check_records(self):
+        """Each accepted task is in the journal, and changed in legal order only."""
+        records = {record.task.id: record for record in self.journal.select(TaskFilter())}
+        assert set(records) == self.accepted
+        for name, record in records.items():
+            before = None
+            for line in self.journal.history(name, 10_000):
+                assert line.state in LEGAL[before]
+                before = line.state
+            assert before is record.state
+        return records
 
 
 def play(make_history, actions):

@@ -1,24 +1,16 @@
 """Whatever robots, people and kills do, in whatever order: no task is lost, each ends, and each ends once."""
 
-from contextlib import suppress
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_CANCEL
-from tests.coordinator.conftest import Team
-from tests.coordinator.histories import play
+from tests.coordinator.histories import ROBOTS, TaskHistory, play
 
 pytestmark = pytest.mark.slow
 
-ROBOTS = ("r1", "r2", "r3")
 AFTER = {"a": (), "b": ("a",), "c": (), "d": ("b", "c"), "e": ("f",), "f": (), "g": ("h",), "h": ()}
 """What each task waits for; it may be asked for before those that it waits for."""
 LONGEST_S = 400.0
@@ -40,18 +32,15 @@ ACTIONS = st.one_of(
 )
 
 
-class History:
+class History(TaskHistory):
     """A coordinator and three robots in lockstep."""
 
     def __init__(self, session):
-        self.team = Team(session)
-        self.journal = Journal()
-        self.team.begin(self.journal)
+        super().__init__(session)
         for number, name in enumerate(ROBOTS):
             self.team.robot(name, 4.0 + 2.0 * number)
         self.team.closed_room()
         self.team.run(0.2)
-        self.accepted = set()
 
     def submit(self, name, deadline_s):
         task = Task(id=name, kind="visit", place=Point2D(4.0 + 0.5 * sorted(AFTER).index(name), 4.0), after=AFTER[name])
@@ -88,22 +77,8 @@ class History:
         one.leave()
         one.come()
 
-    def kill(self):
-        self.team.begin(self.journal)
-
-    def cancel(self, name):
-        with suppress(CallError):
-            self.team.ask(TASK_CANCEL, TaskRequest(id=name))
-
     def check(self):
-        records = {record.task.id: record for record in self.journal.select(TaskFilter())}
-        assert set(records) == self.accepted
-        for name, record in records.items():
-            before = None
-            for line in self.journal.history(name, 10_000):
-                assert line.state in LEGAL[before]
-                before = line.state
-            assert before is record.state
+        records = self.check_records()
         bound = [record.robot for record in records.values() if record.robot and not record.state.ended]
         assert len(bound) == len(set(bound))
 

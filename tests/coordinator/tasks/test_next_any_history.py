@@ -1,25 +1,16 @@
 """Next tasks, whatever happens: none in two robots, none lost, none done twice, with either side killed at any time."""
 
-from contextlib import suppress
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.tasks.task_book import LEGAL
-from robrain.protocol.errors import CallError
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_CANCEL
-from tests.coordinator.conftest import Team
 from tests.coordinator.desk_robots import DeskRobot
-from tests.coordinator.histories import play
+from tests.coordinator.histories import ROBOTS, TaskHistory, play
 
 pytestmark = pytest.mark.slow
 
-ROBOTS = ("r1", "r2", "r3")
 TASKS = [f"t{number}" for number in range(8)]
 TROUBLE = ["isolated", "stopped", "halted"]
 LONGEST_S = 400.0
@@ -44,16 +35,13 @@ ACTIONS = st.one_of(
 )
 
 
-class History:
+class History(TaskHistory):
     """A coordinator and three robots in lockstep."""
 
     def __init__(self, session):
-        self.team = Team(session)
-        self.journal = Journal()
-        self.team.begin(self.journal)
+        super().__init__(session)
         self.robots = [DeskRobot(self.team, name, 4.0 + 2.0 * number) for number, name in enumerate(ROBOTS)]
         self.team.closed_room()
-        self.accepted = set()
         self.run(0.3)
 
     def submit(self, name):
@@ -104,13 +92,6 @@ class History:
     def restart(self, robot):
         self.robots[robot].restart()
 
-    def kill(self):
-        self.team.begin(self.journal)
-
-    def cancel(self, name):
-        with suppress(CallError):
-            self.team.ask(TASK_CANCEL, TaskRequest(id=name))
-
     def check_robots(self):
         """No task runs in two robots, and none is done twice, but where nobody could hear that it was done."""
         there = [one for one in self.robots if not one.stopped and one.is_settled]
@@ -121,14 +102,7 @@ class History:
         assert len(done) == len(set(done)), {one.name: one.done for one in self.robots}
 
     def check(self):
-        records = {record.task.id: record for record in self.journal.select(TaskFilter())}
-        assert set(records) == self.accepted
-        for name, record in records.items():
-            before = None
-            for line in self.journal.history(name, 10_000):
-                assert line.state in LEGAL[before]
-                before = line.state
-            assert before is record.state
+        records = self.check_records()
         for robot in ROBOTS:
             bound = sorted(
                 (one.epoch, one.state) for one in records.values() if one.robot == robot and not one.state.ended
