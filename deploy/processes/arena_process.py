@@ -231,7 +231,7 @@ def arena_command(
                 lines=lines,
             ):
                 say(own_command("agent", path))
-        arena = world.arena(wire)
+        arena = Arena(world, wire)
         try:
             names = ", ".join(robot.name for robot in world.robots)
             for robot, address in listening.items():

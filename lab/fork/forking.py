@@ -33,7 +33,7 @@ from robrain.recording.writer.recording_file import check_writable
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.scenarios.driving import Progress, end_reason
-from robrain.sim.world.arena import TICK_S
+from robrain.sim.world.world import TICK_S
 
 BY = "fork"
 """Name of the client that submits the tasks of a fork."""

@@ -35,7 +35,7 @@ from robrain.recording.reader.recorded_message import RecordedMessage, topic_nam
 from robrain.sim.errors import ScenarioError
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.world.arena import TICK_S
+from robrain.sim.world.world import TICK_S
 
 INPUTS_MAX = 100_000
 """Inputs of one run that are repeated."""

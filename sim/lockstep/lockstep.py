@@ -44,6 +44,7 @@ from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.lockstep.team_faults import TeamFaults
 from robrain.sim.motes.gateway import gateway_motes
+from robrain.sim.world.arena import Arena
 from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.referee import FloorLeft, floor_left, overlap
 from robrain.sim.world.team_radio import TeamRadio
@@ -157,7 +158,7 @@ class LockstepRun:
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
         gateway_wire = None if self._radio is None else partial(self._endpoint, team)
-        self.arena = world.arena(self._endpoint(team), gateway_wire)
+        self.arena = Arena(world, self._endpoint(team), gateway_wire)
         if self._radio is not None:
             self._radio.follow(self.arena.bodies, self._watcher)
         self.time_use = TimeUseMeter(self._poses())

@@ -40,7 +40,7 @@ class RobotTeam:
         rng: the source of all randomness.
         tick_s: length of a tick.
         surfaces: glass and mirrors among the walls; None if there are none.
-        disturbance: delays of frames and scans; None for no delays.
+        disturbance: delays of frames and scans.
         traffic: doors, moving obstacles and people; None if there are none.
 
     """
@@ -55,7 +55,7 @@ class RobotTeam:
         rng: np.random.Generator,
         tick_s: float,
         surfaces: Surfaces | None,
-        disturbance: Disturbance | None,
+        disturbance: Disturbance,
         traffic: TrafficPlan | None,
     ) -> None:
         self._space = space = pymunk.Space()

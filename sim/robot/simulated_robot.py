@@ -26,7 +26,7 @@ from robrain.sim.firmware.described_controller import (
     SerialPort,
     obeyed,
 )
-from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
+from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
@@ -68,7 +68,7 @@ class SimulatedRobot:
         tick_s: length of a tick.
         rng: the source of all its randomness.
         surfaces: glass and mirrors among the walls; None if there are none.
-        disturbance: delays of frames and scans; None for no delays.
+        disturbance: delays of frames and scans.
 
     """
 
@@ -82,12 +82,11 @@ class SimulatedRobot:
         index: int,
         tick_s: float,
         rng: np.random.Generator,
-        surfaces: Surfaces | None = None,
-        disturbance: Disturbance | None = None,
+        surfaces: Surfaces | None,
+        disturbance: Disturbance,
     ) -> None:
         battery_rng, (wheels_rng, ranges_rng) = rng.spawn(1)[0], rng.spawn(2)
         self.name = spec.name
-        disturbance = Disturbance(DisturbanceSpec(), 0) if disturbance is None else disturbance
         late_frames, stamps = disturbance.frames(index, endpoint.clock), None
         if late_frames is not None:
             tells_sending = disturbance.spec.can.stamped_at is StampedAt.SENDING

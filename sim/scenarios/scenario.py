@@ -37,6 +37,7 @@ from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.motes.gateway import check_gateways
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.points.point_team import POSSIBLE
+from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.scenarios.driving import Progress, drive
 from robrain.sim.scenarios.scenario_file import (
     MAX_MOTES,
@@ -56,7 +57,7 @@ from robrain.sim.scenarios.scenario_file import (
 )
 from robrain.sim.traffic.specs import TrafficSpec
 from robrain.sim.traffic.traffic import plan_traffic
-from robrain.sim.world.arena import RobotHardware, clearance_m
+from robrain.sim.world.arena import clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.robot_specs import RobotSpec

@@ -25,8 +25,8 @@ from robrain.sim.motes.field import FieldSpec
 from robrain.sim.motes.mote import MoteSpec
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
+from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.traffic.specs import DoorSpec, MoverSpec, PeopleSpec, TrafficSpec
-from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.robot_specs import RobotSpec

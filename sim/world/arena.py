@@ -10,9 +10,9 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from robrain.algorithms.navigation.clearance import least_clearance_m
+from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -21,126 +21,24 @@ from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
+from robrain.sim.faults.fault_times import FaultTimes
 from robrain.sim.firmware.battery import STATUS_PERIOD_S
-from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.gateway import MoteGateway, gateway_motes
-from robrain.sim.motes.mote import ArenaMote
-from robrain.sim.motes.motes import MoteField, SensorNetwork
+from robrain.sim.motes.motes import MoteField
 from robrain.sim.points.point_team import PointFloor, PointRobot, PointTeam
-from robrain.sim.robot.camera import Camera, CameraSpec, SeenMote, SeenRobot
+from robrain.sim.robot.camera import Camera, SeenMote, SeenRobot
 from robrain.sim.robot.robot_body import Body
-from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
+from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
-from robrain.sim.traffic.traffic import TrafficPlan
-from robrain.sim.world.chargers import Chargers, ChargerSpec
+from robrain.sim.world.chargers import Chargers
 from robrain.sim.world.referee import TRUE_POSE_PERIOD_S, AccuracyWatch, Referee, team_geometry
-from robrain.sim.world.scenario_tasks import TaskSchedule, TaskSpec
-
-
-class SensorDesk:
-    """Answers with the current measurements of a robot's board, with the noise of a mote's.
-
-    As with pictures, the noise comes from the time and the robot alone: queries do not change it.
-
-    Args:
-        names: of the robots.
-        bodies: their poses, in the same order.
-        field: the field that is sensed.
-        endpoint: where it is asked.
-        rng: source of the noise.
-        moment: counts the ticks.
-        tick_s: how long one is.
-
-    """
-
-    def __init__(
-        self,
-        names: Sequence[str],
-        bodies: Sequence[Body],
-        field: SimulatedField,
-        endpoint: Endpoint,
-        rng: np.random.Generator,
-        moment: Callable[[], int],
-        tick_s: float,
-    ) -> None:
-        self._index = {name: index for index, name in enumerate(names)}
-        self._seeds = rng.integers(1 << 32, size=len(names)).tolist()
-        self._bodies = bodies
-        self._field = field
-        self._moment = moment
-        self._tick_s = tick_s
-        for name in names:
-            endpoint.answer(ARENA_SENSE, self._answer, robot=name)
-
-    def values(self, robot: str) -> dict[str, float]:
-        """Current measurement of a robot, by the wire's names (KeyError: no such robot)."""
-        own, moment = self._index[robot], self._moment()
-        body = self._bodies[own]
-        place = Point2D(body.x_m, body.y_m)
-        noise = np.random.default_rng([self._seeds[own], moment]).standard_normal(len(Quantity)).tolist()
-        measured = {}
-        for quantity, one in zip(Quantity, noise, strict=True):
-            true = self._field.value(quantity, place, moment * self._tick_s)
-            measured[quantity.wire_name] = round(true + self._field.spec.levels(quantity).noise * one, 3)
-        return measured
-
-    def _answer(self, request: Request[Any]) -> dict[str, float]:
-        return self.values(request.names["robot"])
-
-
-class CameraDesk:
-    """Answers with a PNG of a robot's current view. A picture is drawn on request only.
-
-    Args:
-        names: of the robots.
-        specs: their cameras.
-        bodies: their poses; all three in the same order.
-        motes: further objects that may be in view.
-        walls: (H, W) solid cells.
-        geometry: placement of `walls` in the arena frame.
-        endpoint: where it is asked.
-        rng: source of the pictures' noise.
-        moment: counts the ticks.
-        chargers: places of mats, arena frame.
-
-    """
-
-    def __init__(
-        self,
-        names: Sequence[str],
-        specs: Sequence[CameraSpec],
-        bodies: Sequence[Body],
-        motes: Sequence[SeenMote],
-        walls: NDArray[np.bool_],
-        geometry: GridGeometry,
-        endpoint: Endpoint,
-        rng: np.random.Generator,
-        moment: Callable[[], int],
-        chargers: Sequence[Point2D] = (),
-    ) -> None:
-        self._index = {name: index for index, name in enumerate(names)}
-        seeds = rng.integers(1 << 32, size=len(names)).tolist()
-        self._cameras = [Camera(spec, walls, geometry, seed, chargers) for spec, seed in zip(specs, seeds, strict=True)]
-        self._bodies = bodies
-        self._motes = motes
-        self._moment = moment
-        for name in names:
-            endpoint.answer(ARENA_CAMERA, self._answer, robot=name)
-
-    def png(self, robot: str) -> bytes:
-        """Current camera picture of a robot (KeyError: no such robot)."""
-        own = self._index[robot]
-        others = [SeenRobot(index, body.pose, body.radius_m) for index, body in enumerate(self._bodies) if index != own]
-        return self._cameras[own].png(self._bodies[own].pose, others, self._motes, self._moment())
-
-    def _answer(self, request: Request[Any]) -> bytes:
-        return self.png(request.names["robot"])
-
+from robrain.sim.world.scenario_tasks import TaskSchedule
+from robrain.sim.world.world import Fidelity, World
 
 FLOOD_PACKETS_A_TICK = 40
 """2,000 a second at 50 ticks; a Mica2's radio brings some 40."""
@@ -152,11 +50,8 @@ class FaultSchedule:
 
     Args:
         faults: of hardware, at set times.
-        robots: that they are of.
+        robots: their robots, by name.
         endpoint: floods are put there.
-
-    Raises:
-        ValueError: a fault names a robot that there is not.
 
     """
 
@@ -165,22 +60,16 @@ class FaultSchedule:
     ) -> None:
         self._robots = robots
         self._endpoint = endpoint
-        self._waiting: list[tuple[float, int, FaultSpec, bool]] = []
-        for number, fault in enumerate(faults):
-            self._waiting.append((fault.at_s, number, fault, True))
-            if fault.until_s is not None:
-                self._waiting.append((fault.until_s, number, fault, False))
-        self._waiting.sort(key=lambda due: due[:2])
+        self._times = FaultTimes(faults, seed=0)
         self._floods: dict[str, Any] = {}
         """By robot: where its mote base is flooded at present."""
         self.is_on = bool(faults)
         """Whether `step` must be called."""
         self._noise = ActiveMessage(type=FLOOD_TYPE, payload=bytes(16), source=0).pack()
 
-    def step(self, sim_time_s: float) -> None:
+    def step(self, now_ns: int) -> None:
         """Begin and end the faults that are due, and flood."""
-        while self._waiting and self._waiting[0][0] <= sim_time_s + 1e-9:
-            _, _, fault, breaks = self._waiting.pop(0)
+        for _, fault, breaks in self._times.due(now_ns):
             self.set(fault, breaks=breaks)
         for radio in self._floods.values():
             for _ in range(FLOOD_PACKETS_A_TICK):
@@ -189,9 +78,8 @@ class FaultSchedule:
     def set(self, fault: FaultSpec, *, breaks: bool) -> None:
         """Apply a fault now, or repair it."""
         name = fault.robot
-        robot = self._robots[name]
         if fault.kind is not FaultKind.MOTE_BASE_FLOODS:
-            robot.set_fault(fault, breaks=breaks)
+            self._robots[name].set_fault(fault, breaks=breaks)
         elif breaks:
             self._floods[name] = self._endpoint.publisher(ARENA_RADIO_RX, robot=name)
             self.is_on = True
@@ -199,9 +87,6 @@ class FaultSchedule:
             del self._floods[name]
 
 
-__all__ = ["TICK_S", "Arena", "ArenaRobot", "RobotHardware"]
-
-TICK_S = 0.02
 CLOCK_PERIOD_S = 0.1
 TRUTH_PERIOD_S = 0.2
 
@@ -209,24 +94,13 @@ TRUTH_PERIOD_S = 0.2
 class Arena:
     """Walls, robots and motes, advanced tick by tick.
 
-    Randomness is spawned from `rng` by place: robots, motes and links keep theirs when others are added after them.
+    Randomness is spawned by place: robots, motes and links keep theirs when others are added after them.
 
     Args:
-        plan: the floor and its walls.
-        robots: in this order; each starts clear of walls and of the others.
-        motes: in this order.
+        world: the floor with all that is put on it; each robot starts clear of walls and of the others.
         endpoint: publishes all messages of the arena; its owner closes it after the arena.
-        rng: the source of all randomness.
-        tick_s: length of a tick.
-        network: specification of motes, their radio and the field that they sense.
-        chargers: docks on the floor.
-        faults: faults of hardware, at set times.
-        surfaces: glass and mirrors among the walls; None if there are none.
-        disturbance: delays of frames and scans; None for no delays.
-        tasks: tasks of the scenario, and their times.
-        traffic: doors, moving obstacles and people; None if there are none.
         gateway_wire: opens the endpoint of a gateway of this name, which its owner closes; None for the arena's own.
-        points: whether robots are points, without hardware (`sim/points/`).
+        rng: source of all randomness; that of the world's seed if None.
 
     Raises:
         ValueError: a name is there twice, or a robot's start is taken.
@@ -235,27 +109,18 @@ class Arena:
 
     def __init__(
         self,
-        plan: FloorPlan,
-        robots: Sequence[ArenaRobot],
-        motes: Sequence[ArenaMote],
+        world: World,
         endpoint: Endpoint,
-        rng: np.random.Generator,
-        *,
-        tick_s: float = TICK_S,
-        network: SensorNetwork = SensorNetwork(),  # noqa: B008 - immutable, so a shared default is safe
-        chargers: Sequence[ChargerSpec] = (),
-        faults: Sequence[FaultSpec] = (),
-        surfaces: Surfaces | None = None,
-        disturbance: Disturbance | None = None,
-        tasks: Sequence[TaskSpec] = (),
-        traffic: TrafficPlan | None = None,
         gateway_wire: Callable[[str], Endpoint] | None = None,
-        points: bool = False,
+        rng: np.random.Generator | None = None,
     ) -> None:
+        plan, robots, motes, network = world.plan, world.robots, world.motes, world.network
+        tick_s = world.tick_s
         names = [robot.name for robot in robots]
         _check_names(names, "robot")
         _check_names([mote.name for mote in motes], "mote")
         _check_starts(plan, robots)
+        rng = world.arena_rng() if rng is None else rng
         robots_rng, motes_rng, field_rng = rng.spawn(3)
 
         self.tick_s = tick_s
@@ -264,16 +129,25 @@ class Arena:
         rows, columns = walls.shape
         geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
         self._team: RobotTeam | PointTeam
-        if points:
+        if world.fidelity is Fidelity.POINTS:
             self._team = PointTeam(robots, PointFloor(true_walls, geometry), tick_s)
             self._bodies: Sequence[Body] = self._team.robots
         else:
             self._team = RobotTeam(
-                plan, walls, geometry, robots, endpoint, robots_rng, tick_s, surfaces, disturbance, traffic
+                plan,
+                walls,
+                geometry,
+                robots,
+                endpoint,
+                robots_rng,
+                tick_s,
+                None if world.surfaces.is_plain else Surfaces.draw(world.surfaces, plan, world.seed),
+                Disturbance(world.disturbance, world.seed),
+                world.traffic,
             )
             self._bodies = self._team.bodies.bodies
         self._robots: Sequence[SimulatedRobot | PointRobot] = self._team.robots
-        self.chargers = Chargers(chargers, tick_s)
+        self.chargers = Chargers(world.chargers, tick_s)
         self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
 
         field = SimulatedField.draw(network.field, plan, field_rng)
@@ -288,27 +162,27 @@ class Arena:
             for mote in standing
         ]
         """Those beside motes."""
-        self.cameras = CameraDesk(
-            names,
-            [robot.camera for robot in robots],
-            self._bodies,
-            [SeenMote(mote.number, mote.place) for mote in motes],
-            walls,
-            geometry,
-            endpoint,
-            rng.spawn(1)[0],
-            lambda: self._ticks,
-            [Point2D(*charger.place_m) for charger in chargers],
-        )
-        sensors_rng = rng.spawn(1)[0]
-        self.sensors = SensorDesk(names, self._bodies, field, endpoint, sensors_rng, lambda: self._ticks, tick_s)
+        docks = [Point2D(*charger.place_m) for charger in world.chargers]
+        seeds = rng.spawn(1)[0].integers(1 << 32, size=len(names)).tolist()
+        self._cameras = [
+            Camera(robot.camera, walls, geometry, seed, docks) for robot, seed in zip(robots, seeds, strict=True)
+        ]
+        self._sensor_seeds = rng.spawn(1)[0].integers(1 << 32, size=len(names)).tolist()
+        self._field = field
+        self._index = {name: index for index, name in enumerate(names)}
+        self._seen_motes = [SeenMote(mote.number, mote.place) for mote in motes]
+        for name in names:
+            endpoint.answer(ARENA_CAMERA, self._answer_picture, robot=name)
+        for name in names:
+            endpoint.answer(ARENA_SENSE, self._answer_measurement, robot=name)
         self._mote_truths = [MoteTruth(mote=mote.name, place=mote.place) for mote in motes]
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
         self.accuracy = AccuracyWatch(names, self._bodies, self.referee, true_walls, geometry, endpoint)
+        faults = [fault for fault in world.faults if fault.is_plain]
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
-        self.tasks = TaskSchedule(tasks, endpoint)
+        self.tasks = TaskSchedule(world.tasks, endpoint)
         self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
@@ -355,7 +229,7 @@ class Arena:
     def step(self) -> None:
         """One tick: firmware reads its bus, bodies move, firmware and sensors send."""
         if self._faults.is_on:
-            self._faults.step(self.sim_time_s)
+            self._faults.step(to_ns(self.sim_time_s))
         tick = self._ticks + 1
         self._team.move(tick)
         self._ticks = tick
@@ -375,10 +249,6 @@ class Arena:
             self.accuracy.step()
             self._truth_publisher.put(self.truth)
 
-    def break_can(self, robot: str, fault: LineFault) -> None:
-        """Cut or short the line between a robot's nodes and its computer, or repair it (KeyError: no such robot)."""
-        self._named(robot).bus.break_down(fault)
-
     def set_fault(self, fault: FaultSpec, *, breaks: bool) -> None:
         """Break a robot's hardware now, or mend it; drain its battery."""
         self._faults.set(fault, breaks=breaks)
@@ -395,17 +265,33 @@ class Arena:
         finally:
             self.robot(robot).drop_commands()
 
-    def freeze_lidar(self, robot: str, *, frozen: bool = True) -> None:
-        """Make a robot's lidar send the same turn again and again, or resume it (KeyError: no such robot)."""
-        self._named(robot).lidar.is_frozen = frozen
+    def picture(self, robot: str) -> bytes:
+        """A PNG of a robot's current view (KeyError: no such robot)."""
+        own = self._index[robot]
+        others = [SeenRobot(index, body.pose, body.radius_m) for index, body in enumerate(self._bodies) if index != own]
+        return self._cameras[own].png(self._bodies[own].pose, others, self._seen_motes, self._ticks)
 
-    def fail_motors(self, robot: str, *, failed: bool = True) -> None:
-        """Make a robot's power stage fail, or remove the cause (KeyError: no such robot)."""
-        self._named(robot).controller.has_failed = failed
+    def measurement(self, robot: str) -> dict[str, float]:
+        """What a robot's board measures now, by the wire's names, with the noise of a mote (KeyError: no such robot).
 
-    def carry_off(self, robot: str, pose: Pose2D) -> None:
-        """Pick a robot up and put it down elsewhere, arena frame (KeyError: no such robot)."""
-        self._named(robot).body.carry_to(pose)
+        As with pictures, the noise comes from the time and the robot alone: queries do not change it.
+        """
+        own, field = self._index[robot], self._field
+        body = self._bodies[own]
+        place = Point2D(body.x_m, body.y_m)
+        noise = np.random.default_rng([self._sensor_seeds[own], self._ticks]).standard_normal(len(Quantity)).tolist()
+        return {
+            quantity.wire_name: round(
+                field.value(quantity, place, self.sim_time_s) + field.spec.levels(quantity).noise * one, 3
+            )
+            for quantity, one in zip(Quantity, noise, strict=True)
+        }
+
+    def _answer_picture(self, request: Request[Any]) -> bytes:
+        return self.picture(request.names["robot"])
+
+    def _answer_measurement(self, request: Request[Any]) -> dict[str, float]:
+        return self.measurement(request.names["robot"])
 
     def close(self) -> None:
         """Leave the robots' buses."""
@@ -416,11 +302,6 @@ class Arena:
             supplies_w = self.chargers.supplies_w(self._bodies)
             for robot, supply_w in zip(self._robots, supplies_w, strict=True):
                 robot.supply(supply_w)
-
-    def _named(self, robot: str) -> SimulatedRobot:
-        found = self.robot(robot)
-        assert isinstance(found, SimulatedRobot)
-        return found
 
 
 def _check_names(names: Sequence[str], what: str) -> None:

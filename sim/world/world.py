@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -20,23 +20,21 @@ from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial.serial_line import SIMULATED
-from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.provenance import MAP_ATTACHMENT
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
 from robrain.sim.firmware.described_controller import BASE_LINE, CYCLES_PER_S, frames_of
-from robrain.sim.firmware.disturbance import Disturbance, DisturbanceSpec
+from robrain.sim.firmware.disturbance import DisturbanceSpec
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
 from robrain.sim.firmware.wit_imu import IMU_LINE
 from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 from robrain.sim.maps.placement import Starts, scatter_points
-from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
+from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.points.point_team import HARDWARE_PLUGINS, PLACE, POINT_TICK_S, ROLES
-from robrain.sim.robot.robot_hardware import Controller
+from robrain.sim.robot.robot_hardware import ArenaRobot, Controller, RobotHardware
 from robrain.sim.traffic.traffic import TrafficPlan
-from robrain.sim.world.arena import TICK_S, Arena, ArenaRobot, RobotHardware
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.referee import team_geometry
@@ -52,6 +50,7 @@ from robrain.sim.world.robot_specs import (
 )
 from robrain.sim.world.scenario_tasks import TaskSpec
 
+TICK_S = 0.02
 MOTE_CLEARANCE_M = 0.1
 EXACT_NOISE = {"sigma_m_per_sqrt_m": 2e-4, "sigma_rad_per_sqrt_m": 1e-5, "sigma_rad_per_sqrt_rad": 3e-5}
 EXACT_ERRORS = {"scale": 1e-5, "curve_rad_per_m": 2e-6, "turn": 1e-5}
@@ -105,26 +104,6 @@ class World:
     def tick_s(self) -> float:
         """Duration of a tick."""
         return POINT_TICK_S if self.fidelity is Fidelity.POINTS else TICK_S
-
-    def arena(self, endpoint: Endpoint, gateway_wire: Callable[[str], Endpoint] | None = None) -> Arena:
-        """An arena with all of it, that speaks by this endpoint; see `Arena` for that of gateways."""
-        return Arena(
-            self.plan,
-            self.robots,
-            self.motes,
-            endpoint,
-            self.arena_rng(),
-            network=self.network,
-            chargers=self.chargers,
-            faults=[fault for fault in self.faults if fault.is_plain],
-            surfaces=None if self.surfaces.is_plain else Surfaces.draw(self.surfaces, self.plan, self.seed),
-            disturbance=Disturbance(self.disturbance, self.seed),
-            tasks=self.tasks,
-            traffic=self.traffic,
-            gateway_wire=gateway_wire,
-            tick_s=self.tick_s,
-            points=self.fidelity is Fidelity.POINTS,
-        )
 
     def arena_rng(self) -> np.random.Generator:
         """The randomness of the arena."""

@@ -123,7 +123,7 @@ def _template() -> Template:
     """One robot of a real team that has just begun to drive."""
     from robrain.sim.lockstep.lockstep import LockstepRun
     from robrain.sim.scenarios.scenario import Scenario
-    from robrain.sim.world.arena import TICK_S as SIMULATED_TICK_S
+    from robrain.sim.world.world import TICK_S as SIMULATED_TICK_S
 
     run = LockstepRun(Scenario.builtin("arena_small").replace(robots=1).world())
     try:

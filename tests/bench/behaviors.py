@@ -32,6 +32,7 @@ from robrain.sim.robot.camera import Camera, CameraSpec, SeenRobot
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.robot.wheels import WheelSpec
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.arena import Arena
 from tests.plugins.behavior.errands import CHARGER, Errands, room
 
 ROUNDS = 5
@@ -118,7 +119,7 @@ class _Standing:
         world = Scenario.builtin("arena_small").replace(robots=1).world()
         self.clock, self._session = VirtualClock(), open_lockstep_session()
         self._wire = Endpoint(self._session, "default", self.clock, Drive.LOCKSTEP)
-        self.arena = world.arena(self._wire)
+        self.arena = Arena(world, self._wire)
         robot_file = world.robot_file(world.robots[0])
         parameters = {name: values for name, values in robot_file.parameters.items() if name in load}
         robot_file = msgspec.structs.replace(robot_file, robot=RobotTable("r1", load=load), parameters=parameters)

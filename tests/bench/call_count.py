@@ -11,7 +11,7 @@ from collections.abc import Callable
 from robrain import Scenario
 from robrain.algorithms.warm_up import warm_up
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.world.arena import TICK_S
+from robrain.sim.world.world import TICK_S
 
 
 def calls_per_robot_second(

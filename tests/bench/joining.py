@@ -147,7 +147,7 @@ def _carried_off(case: Case) -> Iterator[JoiningRun]:
     try:
         while run.sim_time_s < CARRIED_AT_S:
             watch.go_on()
-        run.arena.carry_off(name, _place(world, run, name))
+        run.arena.robot(name).body.carry_to(_place(world, run, name))
         watch.begin_at(name)
         while run.sim_time_s < CARRIED_AT_S + case.time_limit_s and run.sim_time_s < watch.until_s(name):
             watch.go_on()

@@ -32,7 +32,7 @@ from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.mote import ANSWER_GAP_S, ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
-from robrain.sim.world.arena import TICK_S
+from robrain.sim.world.world import TICK_S
 
 SIMULATED_S = 20.0
 FIELDS = ((4, 24), (8, 400))

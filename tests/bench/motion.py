@@ -29,8 +29,10 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.firmware.range_sensors import RangeSensorSpec
 from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.robot.robot_hardware import ArenaRobot, RobotHardware
 from robrain.sim.robot.wheels import WheelSpec
-from robrain.sim.world.arena import Arena, ArenaRobot, RobotHardware
+from robrain.sim.world.arena import Arena
+from robrain.sim.world.world import World
 
 SEEDS = 8
 SIDE_M = 5.0
@@ -57,7 +59,7 @@ class Robot:
         self.clock = VirtualClock()
         self.wire = Endpoint(self.session, "bench", self.clock, Drive.LOCKSTEP)
         robot = ArenaRobot(name="r1", start=start, **{name: getattr(hardware, name) for name in HARDWARE})
-        self.arena = Arena(plan, [robot], [], self.wire, np.random.default_rng(seed))
+        self.arena = Arena(World(plan, [robot], [], seed), self.wire, rng=np.random.default_rng(seed))
         parameters = {"mocdevice": {"base": msgspec.structs.asdict(hardware.base)}}
         robot_file = RobotFile(robot=RobotTable("r1", "bench", load=["driver"]), parameters=parameters)
         self.host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP, seed=seed)
@@ -186,7 +188,7 @@ def _faults() -> list[Figure]:
     with robot_in_hall(RobotHardware()) as robot:
         robot.driver.drive(SIDE_M)
         robot.run(2.0)
-        robot.arena.break_can("r1", LineFault.CUT)
+        robot.arena.robot("r1").bus.break_down(LineFault.CUT)
         named_s = robot.run_until(lambda: robot.host.manager.get("mocdevice").state == "faulted")
         robot.run(0.5)
         place = robot.truth
@@ -203,7 +205,7 @@ def _faults() -> list[Figure]:
         with robot_in_hall(RobotHardware()) as robot:
             robot.driver.drive(SIDE_M)
             robot.run(2.0 + float(delay_s))
-            robot.arena.freeze_lidar("r1")
+            robot.arena.robot("r1").lidar.is_frozen = True
             took_s.append(robot.run_until(lambda: robot.host.manager.get("scan").state == "faulted"))
     beside = f"median {statistics.median(took_s):.2f} s, of {len(took_s)}; a lidar of 5 Hz"
     frozen = deterministic("lidar frozen at 0.6 m/s: fault named after, worst", max(took_s), "s", at_most(0.8), beside)

@@ -12,8 +12,7 @@ from robrain.algorithms.warm_up import warm_up
 from robrain.lab.bench.figure import Figure, at_least, at_most, timing
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.wall_shapes import add_walls
-from robrain.sim.world.arena import TICK_S
-from robrain.sim.world.world import World
+from robrain.sim.world.world import TICK_S, World
 
 TEAMS = {1: 120.0, 4: 45.0, 16: 12.0, 64: 2.5}
 """Robots, and the least real-time factor."""

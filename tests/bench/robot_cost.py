@@ -28,7 +28,8 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
 from robrain.recording.writer.recorder import Recorder
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.world.arena import TICK_S, Arena
+from robrain.sim.world.arena import Arena
+from robrain.sim.world.world import TICK_S
 
 BOUND_MS = 10.0
 ROBOTS = 8

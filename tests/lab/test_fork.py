@@ -198,7 +198,7 @@ def test_where_a_run_is_not_that_of_the_recording_is_told(tmp_path: Path) -> Non
     path = tmp_path / "poked.mcap"
     with Scenario.builtin("arena_small").replace(seed=3).team(record=path) as team:
         team.run_for(1.5)
-        team.transport.run.arena.freeze_lidar("r1")  # type: ignore[attr-defined]  # behind the team's back
+        team.transport.run.arena.robot("r1").lidar.is_frozen = True  # type: ignore[attr-defined]  # behind the team's back
         team.run_for(1.5)
     result = fork(path, tmp_path / "fork.mcap", 2.5)
     assert not result.same_before

@@ -20,7 +20,9 @@ from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_SCAN, HALT, ROBO
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec
-from robrain.sim.world.arena import Arena, ArenaRobot
+from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.world.arena import Arena
+from robrain.sim.world.world import World
 from tests.plugins.arena_bench import ArenaBench, start_parameters
 
 RESOLUTION_M = 0.05
@@ -40,7 +42,7 @@ class Stage(ArenaBench):
             robots = [
                 ArenaRobot(name=name, start=start, lidar=LidarSpec(noise_m=0.0)) for name, start in starts.items()
             ]
-            self.arena = Arena(plan, robots, [], self.wire, np.random.default_rng(1))
+            self.arena = Arena(World(plan, robots, [], 1), self.wire, rng=np.random.default_rng(1))
 
     def host(self, *load: str, robot: str = "r1", start: bool = True, **parameters: dict[str, Any]) -> AgentHost:
         """A robot's host with these plugins and what they require; it knows where its body stands."""

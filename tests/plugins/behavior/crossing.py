@@ -12,7 +12,9 @@ from robrain.plugins.behavior.travel import TravelState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec
-from robrain.sim.world.arena import TICK_S, Arena, ArenaRobot
+from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.world.arena import Arena
+from robrain.sim.world.world import TICK_S, World
 from tests.plugins.arena_bench import ArenaBench, start_parameters
 
 RESOLUTION_M = 0.1
@@ -63,7 +65,7 @@ class Crossing(ArenaBench):
             ArenaRobot(name=f"s{number}", start=Pose2D(place.x_m, place.y_m, 0.0))
             for number, place in enumerate(silent, 1)
         ]
-        self.arena = Arena(plan, robots, [], self.wire, np.random.default_rng(seed))
+        self.arena = Arena(World(plan, robots, [], seed), self.wire, rng=np.random.default_rng(seed))
         cells = np.where(plan.occupied, 100, 0).astype(np.int8)
         for name, start in starts.items():
             table = RobotTable(name, TEAM, places=[str(COURIERS)], load=["courier"])

@@ -15,8 +15,10 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.robot.lidar import LidarSpec
-from robrain.sim.world.arena import Arena, ArenaRobot
+from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.world.arena import Arena
 from robrain.sim.world.chargers import ChargerSpec
+from robrain.sim.world.world import World
 from tests.plugins.arena_bench import ArenaBench, start_parameters
 
 Build = Callable[..., "Errands"]
@@ -98,8 +100,7 @@ class Errands(ArenaBench):
         robots = [ArenaRobot(name=name, start=start, **built) for name, start in poses.items()]
         motes = [ArenaMote(name=f"m{number}", number=number, place=place) for number, place in MOTES.items()]
         chargers = tuple(ChargerSpec(place_m=(dock.x_m, dock.y_m)) for dock in docks)
-        rng = np.random.default_rng([seed, 1])
-        self.arena = Arena(plan, robots, motes, self.wire, rng, chargers=chargers)
+        self.arena = Arena(World(plan, robots, motes, seed, chargers=chargers), self.wire)
         for name, pose in poses.items():
             known = start_parameters(plan, pose) if set(load) - PLACELESS else {}
             for plugin, values in (parameters or {}).items():

@@ -133,7 +133,7 @@ def test_a_robot_senses_by_itself_what_motes_sense(errands):
     place = Point2D(4.0, 2.8)
     status = run.finish(Task(id="s", kind="sense", place=place))
     assert (status.state, status.result["mote"]) == (TaskState.DONE, "")
-    assert status.result["value"] == pytest.approx(run.arena.sensors.values("r1")["temperature_c"], abs=1.0)
+    assert status.result["value"] == pytest.approx(run.arena.measurement("r1")["temperature_c"], abs=1.0)
 
 
 def test_a_robot_brings_the_reading_of_a_mote(errands):

@@ -25,7 +25,7 @@ def heat(run, source=SOURCE, spec=HOT):
     """From now on the room's field is one plume here, or none."""
     plumes = [] if source is None else [Plume(source.x_m, source.y_m, 0.0, 0.0)]
     field = SimulatedField(spec, plumes, Point2D(-10.0, -10.0), (40.0, 40.0))
-    run.arena.sensors._field = run.arena._motes._field = field
+    run.arena._field = run.arena._motes._field = field
 
 
 def seek(**parameters):

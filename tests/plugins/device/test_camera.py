@@ -24,7 +24,7 @@ def test_a_simulated_camera_sees_what_the_arena_draws():
     info = run.call("camera", "look")
     assert (info["width"], info["height"], info["stamp_ns"]) == (160, 120, run.clock.now_ns())
     picture = run.plugin("camera").snapshot()
-    assert picture.png == run.arena.cameras.png("r1")
+    assert picture.png == run.arena.picture("r1")
     run.close()
 
 

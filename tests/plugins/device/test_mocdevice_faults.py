@@ -33,7 +33,7 @@ def state(one, plugin="mocdevice"):
 
 
 def test_a_cut_bus_is_named_and_told_within_half_a_second_and_the_robot_stands(robot):
-    robot.arena.break_can("r1", LineFault.CUT)
+    robot.arena.robot("r1").bus.break_down(LineFault.CUT)
     took_s = robot.run_until(lambda: state(robot)[0] == "faulted", 0.5)
     assert took_s <= 0.5
     ((ok, why),) = conditions(robot)
@@ -51,9 +51,9 @@ def test_a_cut_bus_is_named_and_told_within_half_a_second_and_the_robot_stands(r
 
 
 def test_a_bus_that_comes_back_is_used_again_and_the_odometry_goes_on(robot):
-    robot.arena.break_can("r1", LineFault.CUT)
+    robot.arena.robot("r1").bus.break_down(LineFault.CUT)
     robot.run(4.0)
-    robot.arena.break_can("r1", LineFault.NONE)
+    robot.arena.robot("r1").bus.break_down(LineFault.NONE)
     robot.run_until(lambda: conditions(robot)[-1:] == [(True, "the motor controller speaks again")], 5.0)
     robot.run(0.2)
     assert state(robot)[0] == state(robot, "driver")[0] == "active"
@@ -68,26 +68,26 @@ def test_a_bus_that_comes_back_is_used_again_and_the_odometry_goes_on(robot):
 
 
 def test_a_shorted_bus_is_bus_off_at_once(robot):
-    robot.arena.break_can("r1", LineFault.SHORTED)
+    robot.arena.robot("r1").bus.break_down(LineFault.SHORTED)
     robot.run(0.04)
     assert state(robot)[0] == "faulted"
     assert conditions(robot) == [(False, "the computer's CAN controller is bus off")]
     robot.run(1.0)
-    robot.arena.break_can("r1", LineFault.NONE)
+    robot.arena.robot("r1").bus.break_down(LineFault.NONE)
     robot.run(4.0)
     assert state(robot)[0] == state(robot, "driver")[0] == "active"
     assert robot.call("driver", "controller_status")["transmit_errors"] == 0
 
 
 def test_a_power_stage_that_has_failed_is_a_fault_until_it_is_well_again(robot):
-    robot.arena.fail_motors("r1")
+    robot.arena.robot("r1").controller.has_failed = True
     robot.run(0.1)
     assert state(robot)[0] == "faulted"
     assert conditions(robot)[0] == (False, "the motor controller reports that its power stage has failed")
     robot.run(6.0)
     assert state(robot)[0] == "faulted"
     place = robot.truth().pose
-    robot.arena.fail_motors("r1", failed=False)
+    robot.arena.robot("r1").controller.has_failed = False
     robot.run(8.0)
     assert state(robot)[0] == state(robot, "driver")[0] == "active"
     assert robot.call("driver", "controller_status")["state"] == 1  # it waits for commands
@@ -98,7 +98,7 @@ def test_a_power_stage_that_has_failed_is_a_fault_until_it_is_well_again(robot):
 
 
 def test_no_command_is_given_on_a_bus_that_has_not_spoken_again(robot, frames):
-    robot.arena.break_can("r1", LineFault.CUT)
+    robot.arena.robot("r1").bus.break_down(LineFault.CUT)
     robot.run_until(lambda: state(robot)[0] == "faulted", 0.5)
     robot.run(0.1)
     bus = robot.bus()

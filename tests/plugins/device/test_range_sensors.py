@@ -49,6 +49,6 @@ def test_a_cut_bus_silences_the_range_sensors_too(stage, room):
     one = stage(room(4.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
     one.host("range_sensors")
     one.run(0.5)
-    one.arena.break_can("r1", LineFault.CUT)
+    one.arena.robot("r1").bus.break_down(LineFault.CUT)
     one.run(1.1)
     assert one.infos()["range_sensors"].state == "faulted"

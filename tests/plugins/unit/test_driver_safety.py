@@ -24,7 +24,7 @@ def robot(stage, room):
 def test_a_frozen_lidar_is_named_and_told_and_the_robot_stands(robot, motion):
     robot.call("driver", *motion)
     robot.run(0.8)
-    robot.arena.freeze_lidar("r1")
+    robot.arena.robot("r1").lidar.is_frozen = True
     took_s = robot.run_until(lambda: robot.infos()["scan"].state == "faulted", 1.0)
     assert took_s < 0.8
     (told,) = robot.told.drain()
@@ -39,7 +39,7 @@ def test_a_frozen_lidar_is_named_and_told_and_the_robot_stands(robot, motion):
 def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_again_all_goes_on(robot):
     robot.call("driver", "drive", 4.0)
     robot.run(0.8)
-    robot.arena.freeze_lidar("r1")
+    robot.arena.robot("r1").lidar.is_frozen = True
     robot.run(2.0)
     assert robot.infos()["scan"].state == "active"  # it was restarted, and hands nothing on
     assert robot.call("scan", "nearest_m") is None
@@ -50,7 +50,7 @@ def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_
     assert robot.call("mapper", "known_area_m2") == known_m2
     robot.run(4.0)
     assert "nothing but the turn that it froze in" in robot.told.drain()[-1].message.value
-    robot.arena.freeze_lidar("r1", frozen=False)
+    robot.arena.robot("r1").lidar.is_frozen = False
     robot.run(3.0)
     x_m = robot.truth().pose.x_m
     robot.call("driver", "drive", 0.5)

@@ -31,7 +31,7 @@ def test_one_task_is_made_and_the_run_goes_on_until_the_source_is_found():
     assert result.collisions == 0
     (record,) = told["records"]
     assert record.state is TaskState.DONE
-    source = runs[0].arena.sensors._field._plumes[0]
+    source = runs[0].arena._field._plumes[0]
     assert math.hypot(record.result["x_m"] - source.x_m, record.result["y_m"] - source.y_m) < NEAR_M
     first = told["histories"][0][0]
     assert first.reason.code == "rule_reading"

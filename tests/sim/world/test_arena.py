@@ -19,7 +19,9 @@ from robrain.sim.firmware.battery import BatterySpec, GaugeSpec
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.robot.lidar import LidarSpec
-from robrain.sim.world.arena import Arena, ArenaRobot
+from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.world.arena import Arena
+from robrain.sim.world.world import World
 from tests.waiting import PATIENCE_S, until
 
 RESOLUTION_M = 0.05
@@ -72,7 +74,7 @@ class Stage:
             for robot in robots
         }
         rng = np.random.default_rng(seed)
-        self.arena = Arena(plan if plan is not None else room(), robots, motes, self.endpoint, rng)
+        self.arena = Arena(World(plan if plan is not None else room(), robots, motes, seed), self.endpoint, rng=rng)
         self.ticks = 0
 
     def command(self, robot: str, *wheels_rad_s: float) -> None:
@@ -362,7 +364,7 @@ def test_an_arena_without_robots_goes_on(stage):
 def test_in_live_the_same_arena_follows_its_commands():
     session = open_lockstep_session()
     endpoint = Endpoint(session, "test", LiveClock(), Drive.LIVE)
-    arena = Arena(room(), [ArenaRobot(name="r1", start=Pose2D(1.0, 2.0, 0.0))], [], endpoint, np.random.default_rng(1))
+    arena = Arena(World(room(), [ArenaRobot(name="r1", start=Pose2D(1.0, 2.0, 0.0))], [], 1), endpoint)
     host = ZenohBus("r1/can0", session=session, team="test")
     wheels = dict(zip(SIGNALS, BASE.wheel_speeds_rad_s(Twist2D(0.3)), strict=True))
     number = itertools.count()
@@ -403,6 +405,6 @@ def test_two_of_one_name_are_refused():
     endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
     twins = [ArenaRobot(name="r1", start=Pose2D(x_m, 2.0, 0.0)) for x_m in (1.0, 3.0)]
     with pytest.raises(ValueError, match="expected each robot once, got r1 twice"):
-        Arena(room(), twins, [], endpoint, np.random.default_rng(1))
+        Arena(World(room(), twins, [], 1), endpoint)
     endpoint.close()
     session.close()

@@ -24,15 +24,15 @@ def test_each_robot_has_a_camera_of_its_own_that_is_asked_over_the_wire(run):
     first, second = (run.wire.ask(ARENA_CAMERA, robot=name) for name in ("r1", "r2"))
     assert first != second
     assert np.asarray(Image.open(io.BytesIO(first))).shape == (120, 160, 3)
-    assert first == run.arena.cameras.png("r1")
+    assert first == run.arena.picture("r1")
 
 
 def test_a_board_measures_what_there_is_with_the_noise_of_a_mote(run):
     values = run.wire.ask(ARENA_SENSE, robot="r1")
     assert set(values) == {"temperature_c", "light_lx", "humidity_pct"}
-    assert values == run.arena.sensors.values("r1")
+    assert values == run.arena.measurement("r1")
     run.run(0.02)
-    later = run.arena.sensors.values("r1")
+    later = run.arena.measurement("r1")
     assert later != values
     assert later["temperature_c"] == pytest.approx(values["temperature_c"], abs=1.0)
 

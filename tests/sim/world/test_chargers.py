@@ -9,11 +9,12 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
+from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.scenarios.scenario_file import parse_scenario
-from robrain.sim.world.arena import TICK_S, Arena, ArenaRobot
+from robrain.sim.world.arena import Arena
 from robrain.sim.world.chargers import Chargers, ChargerSpec
-from robrain.sim.world.world import build_world
+from robrain.sim.world.world import TICK_S, World, build_world
 
 DOCK = ChargerSpec(place_m=(1.0, 1.0), power_w=30.0, reach_m=0.2)
 
@@ -63,7 +64,7 @@ def test_a_robot_of_the_arena_is_charged_at_a_dock():
         ArenaRobot(name=f"r{number}", start=Pose2D(x_m, 1.0, 0.0), battery=battery)
         for number, x_m in enumerate((1.0, 2.0), 1)
     ]
-    arena = Arena(room(), robots, [], wire, np.random.default_rng(1), chargers=[DOCK])
+    arena = Arena(World(room(), robots, [], 1, chargers=(DOCK,)), wire)
     for tick in range(1, 3000):
         clock.advance_to(tick * 20_000_000)
         arena.step()

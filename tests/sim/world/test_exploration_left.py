@@ -18,7 +18,7 @@ from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall
 from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.traffic.specs import DoorSpec, TrafficSpec
-from robrain.sim.world.arena import TICK_S
+from robrain.sim.world.world import TICK_S
 from tests.sim.maps.test_narrow_floor import rooms_joined_by_a_bend, two_rooms
 
 LIMIT_S = 150.0

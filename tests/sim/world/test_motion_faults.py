@@ -56,7 +56,7 @@ def why(run, plugin):
 
 
 def test_a_robot_whose_bus_is_cut_stands_until_it_is_whole_again_and_the_others_go_on(team):
-    team.arena.break_can("r1", LineFault.CUT)
+    team.arena.robot("r1").bus.break_down(LineFault.CUT)
     ticks(team, 0.5)
     assert why(team, "mocdevice").startswith("faulted: BusFault: no encoder frame for 0.4")
     assert told(team, "mocdevice", "condition")[0]["ok"] is False
@@ -65,7 +65,7 @@ def test_a_robot_whose_bus_is_cut_stands_until_it_is_whole_again_and_the_others_
     ticks(team, 5.0)
     assert truth(team, "r1").pose == place
     assert truth(team, "r2").distance_m > others_m + 1.0
-    team.arena.break_can("r1", LineFault.NONE)
+    team.arena.robot("r1").bus.break_down(LineFault.NONE)
     before_m = truth(team, "r1").distance_m
     ticks(team, 10.0)
     assert truth(team, "r1").distance_m > before_m + 1.0
@@ -75,7 +75,7 @@ def test_a_robot_whose_bus_is_cut_stands_until_it_is_whole_again_and_the_others_
 
 
 def test_a_robot_whose_lidar_freezes_stands_and_maps_nothing_of_it(team):
-    team.arena.freeze_lidar("r1")
+    team.arena.robot("r1").lidar.is_frozen = True
     ticks(team, 1.0)
     assert "the lidar is frozen" in told(team, "scan", "trouble")[0]
     ticks(team, 0.5)
@@ -83,6 +83,6 @@ def test_a_robot_whose_lidar_freezes_stands_and_maps_nothing_of_it(team):
     ticks(team, 5.0)
     assert truth(team, "r1").pose == place
     assert truth(team, "r1").collisions == 0
-    team.arena.freeze_lidar("r1", frozen=False)
+    team.arena.robot("r1").lidar.is_frozen = False
     ticks(team, 10.0)
     assert truth(team, "r1").pose.distance_m(place) > 0.5

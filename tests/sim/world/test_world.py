@@ -11,8 +11,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec
 from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
 from robrain.sim.maps.placement import Starts
+from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.robot.wheels import WheelSpec
-from robrain.sim.world.arena import RobotHardware
 from robrain.sim.world.referee import team_geometry
 from robrain.sim.world.robot_specs import ROBOT_SPACING_M
 from robrain.sim.world.world import build_world
