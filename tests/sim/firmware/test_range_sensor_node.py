@@ -127,19 +127,3 @@ def test_a_robot_without_sensors_says_nothing():
     assert not any(ring.measures_at(tick) for tick in range(100))
     ring.feel(50, 0.0, [0.0])
     assert bus.frames == []
-
-
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        ({"angles_rad": (0.0,) * 13}, "expected angles_rad of length at most 12"),
-        ({"rate_hz": 0.0}, "expected rate_hz > 0"),
-        ({"range_max_m": 2.55}, "range_max_m < 2.55"),
-        ({"cone_rad": 4.0}, "expected cone_rad"),
-        ({"noise_m": -1.0}, "expected noise_m >= 0"),
-        ({"dropout": 1.5}, "expected dropout"),
-    ],
-)
-def test_a_ring_without_sense_is_refused(values, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        RangeSensorSpec(**values)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.can.frames import codec
-from robrain.sim.firmware.motor_controller import ENCODER_IDENTIFIER, WheelEncoders
+from robrain.sim.firmware.motor_controller import WheelEncoders
 
 TURNS = st.lists(st.tuples(*[st.floats(-1e5, 1e5)] * 3), min_size=1, max_size=4)
 
@@ -25,7 +25,3 @@ def test_the_counter_of_the_frames_wraps_at_a_byte():
     encoders = WheelEncoders(np.ones(1))
     counters = [codec("WheelEncoders").decode(encoders.frames(np.zeros((1, 3)))[0])[-1] for _ in range(258)]
     assert counters == [*range(256), 0, 1]
-
-
-def test_the_frames_have_the_identifier_of_the_dbc_file():
-    assert codec("WheelEncoders").arbitration_id == ENCODER_IDENTIFIER

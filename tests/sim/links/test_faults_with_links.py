@@ -2,7 +2,6 @@
 
 import pytest
 
-from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
@@ -54,13 +53,6 @@ def test_a_relay_that_is_cut_off_takes_those_behind_it_with_it_and_gives_them_ba
         assert sorted(tokens(team)) == ["r1", "r2", "r3"]
 
 
-def test_those_on_the_side_of_a_cut_still_hear_each_other():
-    with team_of(fault(FaultKind.PARTITION, side=("r3",))) as team:
-        by_r3 = team.hear(ROBOT_STATE, "r3")
-        team.go(2.1)
-        assert heard_within(team, by_r3, 4.0) == {"r2", "r3"}
-
-
 def test_messages_that_faults_lose_are_lost_on_the_hop_and_counted():
     with team_of(fault(FaultKind.LOSE, until_s=6.0, share=1.0)) as team:
         heard = team.hear(ROBOT_STATE, "coordinator")
@@ -70,37 +62,6 @@ def test_messages_that_faults_lose_are_lost_on_the_hop_and_counted():
         assert counted(team.run)["lost"] > before
         assert team.run.lost_by_faults > 0
         assert sorted(tokens(team)) == ["r1", "r2", "r3"]  # a lossy link is a link
-
-
-def ages_s(team, inbox, until_s):
-    """How old the states of r2 are when the coordinator gets them, in the order in which it does, s."""
-    found = []
-    while team.run.sim_time_s < until_s - 1e-9:
-        team.run.tick()
-        now_ns = team.run.clock.now_ns()
-        for received in inbox.drain():
-            if received.message.robot == "r2":
-                found.append((to_seconds(received.message.stamp_ns), to_seconds(now_ns)))
-    return found
-
-
-def test_delayed_messages_are_late_and_in_order():
-    with team_of(fault(FaultKind.DELAY, late_s=(0.3, 0.9))) as team:
-        heard = team.hear(ROBOT_STATE, "coordinator")
-        team.go(3.5)
-        heard.drain()
-        got = ages_s(team, heard, 6.0)
-        assert all(now_s - said_s >= 0.28 for said_s, now_s in got)
-        assert [said_s for said_s, _ in got] == sorted(said_s for said_s, _ in got)
-
-
-def test_reordered_messages_overtake_each_other():
-    with team_of(fault(FaultKind.REORDER, late_s=(0.0, 0.9))) as team:
-        heard = team.hear(ROBOT_STATE, "coordinator")
-        team.go(3.5)
-        heard.drain()
-        said = [said_s for said_s, _ in ages_s(team, heard, 6.0)]
-        assert said != sorted(said)
 
 
 def test_a_relay_that_hangs_cuts_the_traffic_that_it_carries_and_keeps_its_token():

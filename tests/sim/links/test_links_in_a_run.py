@@ -5,7 +5,6 @@ import math
 import msgspec
 import pytest
 
-from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.tasks.task import TaskState
@@ -15,7 +14,6 @@ from robrain.protocol.table.topics import (
     HALT,
     ROBOT_ALIVE,
     ROBOT_CALL,
-    ROBOT_PLUGINS,
     ROBOT_STATE,
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -49,37 +47,6 @@ def test_robot_beyond_range_is_not_heard_and_neither_are_those_behind_it():
 
 
 @pytest.mark.slow
-def test_only_named_robots_relay():
-    with RadioTeam(f'{RANGE}\nrelays = ["r2"]', [2.0, 10.0, 18.0, 26.0]) as team:
-        heard = team.hear(ROBOT_STATE, "coordinator")
-        team.go(2.0)
-        assert robots_in(heard) == {"r1", "r2", "r3"}
-
-
-@pytest.mark.slow
-def test_robot_that_is_switched_off_relays_nothing():
-    with RadioTeam(RANGE, [2.0, 10.0, 18.0]) as team:
-        heard = team.hear(ROBOT_STATE, "coordinator")
-        team.go(2.0)
-        assert robots_in(heard) == {"r1", "r2", "r3"}
-        team.run.switch_off("r2")
-        team.go(2.5)
-        heard.drain()
-        team.go(4.0)
-        assert robots_in(heard) == {"r1"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("walls", "names"), [(0, {"r1", "r2"}), (1, {"r1"})])
-def test_walls_stop_a_radio_that_they_block(walls, names):
-    wall = "walls = [{ from_m = [6.0, 0.0], to_m = [6.0, 3.0] }]" if walls else ""
-    with RadioTeam(f"{RANGE}\nwalls_block = true", [2.0, 10.0], walls=wall) as team:
-        heard = team.hear(ROBOT_STATE, "coordinator")
-        team.go(1.0)
-        assert robots_in(heard) == names
-
-
-@pytest.mark.slow
 def test_robot_is_called_and_driven_through_two_relays():
     with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0], party="coordinator") as team:
         team.go(2.0)
@@ -89,14 +56,6 @@ def test_robot_is_called_and_driven_through_two_relays():
         team.team.call("r4", "driver", "drive", -0.5)
         team.go(7.0)
         assert before.distance_m(team.pose_of("r4")) == pytest.approx(0.5, abs=0.1)
-
-
-@pytest.mark.slow
-def test_without_the_relay_the_same_call_reaches_nobody():
-    with RadioTeam(RANGE, [2.0, 18.0], party="coordinator") as team:
-        team.go(2.0)
-        with pytest.raises(NobodyThere):
-            team.team.call("r2", "driver", "drive", -1.0)
 
 
 @pytest.mark.slow
@@ -127,34 +86,6 @@ def test_partition_cuts_at_its_times_and_the_coordinator_gets_the_robot_and_its_
         ]  # fmt: skip
         assert seen[2][2] == pytest.approx(6.0, abs=0.15)
         assert seen[3][2] == pytest.approx(10.0, abs=0.15)
-
-
-@pytest.mark.slow
-def test_those_of_one_group_still_hear_each_other():
-    cut = '[[links.partitions]]\ngroups = [["r1", "r2"], ["r3", "coordinator"]]'
-    with RadioTeam(cut, [2.0, 4.0, 6.0]) as team:
-        by_r1, by_coordinator = team.hear(ROBOT_STATE, "r1"), team.hear(ROBOT_STATE, "coordinator")
-        team.go(1.0)
-        assert robots_in(by_r1) == {"r1", "r2"}
-        assert robots_in(by_coordinator) == {"r3"}
-
-
-@pytest.mark.slow
-def test_query_without_a_way_times_out_and_later_nobody_is_there():
-    cut = CUT_R2.format(from_s=4.0, until_s=20.0)
-    with RadioTeam(cut, [2.0, 4.0]) as team:
-        wire = team.wire("coordinator")
-        team.go(3.9)
-        assert wire.ask(ROBOT_PLUGINS, robot="r2")
-        team.go(4.5)
-        with pytest.raises(CallError) as error:
-            wire.ask(ROBOT_PLUGINS, robot="r2")
-        assert error.value.code is ErrorCode.TIMEOUT
-        team.go(7.0)
-        with pytest.raises(NobodyThere):
-            wire.ask(ROBOT_PLUGINS, robot="r2")
-        assert team.wire().ask(ROBOT_PLUGINS, robot="r2")
-        assert team.run.outside == 0
 
 
 @pytest.mark.slow
@@ -244,14 +175,6 @@ def test_who_hears_whom_is_published_for_viewers():
         assert message.radios[0].place.x_m == 1.0
         assert message.counters.out_of_reach > 0
         assert len(by_robot.drain()) == 4
-
-
-@pytest.mark.slow
-def test_result_of_a_run_counts_what_became_of_the_messages():
-    result = corridor(RANGE, robots=2).run(time_limit_s=1.0)
-    assert result.links is not None
-    assert result.links.delivered > 0
-    assert corridor(RANGE, robots=2).replace(links=None).run(time_limit_s=1.0).links is None
 
 
 @pytest.mark.parametrize("run", [lambda one: one.run(listen="tcp/127.0.0.1:0"),

@@ -8,12 +8,8 @@ import zenoh
 
 from robrain import Scenario
 from robrain.client.team import Team
-from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.links.exchange import Exchange
-from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import teams_there
@@ -23,16 +19,6 @@ from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 SMALL = Scenario.builtin("arena_small").replace(motes=0)
 KEY = ROBOT_STATE.key("t", robot="r1")
 USED = ("declare_publisher", "declare_subscriber", "declare_queryable", "declare_keyexpr", "get", "put", "liveliness")
-
-
-class Network:
-    """Keeps what is put on it."""
-
-    def __init__(self) -> None:
-        self.put_there: list[bytes] = []
-
-    def put(self, payload: bytes) -> None:
-        self.put_there.append(payload)
 
 
 @pytest.fixture
@@ -52,26 +38,6 @@ def used(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     for name in USED:
         monkeypatch.setattr(zenoh.Session, name, counting(name))
     return counted
-
-
-@pytest.mark.parametrize("is_alone", [True, False])
-def test_what_is_put_reaches_the_run_itself_and_the_network_only_if_somebody_may_be_there(*, is_alone: bool) -> None:
-    exchange, network, inbox = Exchange(is_alone=is_alone), Network(), Inbox()
-    exchange.subscribe(ROBOT_STATE.selector("t"), ROBOT_STATE, inbox)
-    declare = None if is_alone else lambda: network
-    publisher = Publisher(ROBOT_STATE, KEY, VirtualClock(), exchange, declare)
-    publisher.put(RobotState(robot="r1"))
-    assert [received.message.robot for received in inbox.drain()] == ["r1"]
-    assert len(network.put_there) == (0 if is_alone else 1)
-
-
-@pytest.mark.slow
-def test_a_run_that_listens_is_not_alone() -> None:
-    run = LockstepRun(SMALL.replace(robots=1).world(), listen="tcp/127.0.0.1:0")
-    try:
-        assert not Exchange.of(run.session).is_alone
-    finally:
-        run.close()
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Whole runs on floors with passages hardly wider than the robots, or narrower."""
 
 import json
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -13,6 +14,7 @@ from robrain.sim.world.referee import GapTooNarrow, NotSeen
 
 pytestmark = pytest.mark.slow
 
+EXAMPLES = Path(__file__).parents[3] / "examples" / "maps"
 ROOM_M = 4.0
 HEIGHT_M = 4.4
 
@@ -83,3 +85,10 @@ def test_floor_that_could_be_reached_and_was_not_seen_is_named():
     (left,) = result.floor_left
     assert left.why == NotSeen()
     assert left.area_m2 == pytest.approx((1.0 - result.explored_fraction) * 34.0, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["warehouse", "office_ring"])
+def test_eight_robots_start_on_a_large_floor_of_the_examples_and_explore_without_touching(name):
+    result = Scenario.from_map(EXAMPLES / f"{name}.yaml", robots=8).run(time_limit_s=1.5)
+    assert (result.robots, result.collisions) == (8, 0)
+    assert result.distance_m > 1.0

@@ -15,10 +15,8 @@ from robrain.algorithms.mapping.ray_cast import (
     SOLID,
 )
 from robrain.protocol.model.geometry import Pose2D
-from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.drawing import Block, FloorDrawing, Wall, rasterise
 from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
-from robrain.sim.scenarios.scenario_file import parse_scenario
 
 GLASS = GLASS_X | GLASS_Y
 MIRRORS = MIRROR_WEST | MIRROR_EAST | MIRROR_SOUTH | MIRROR_NORTH
@@ -100,21 +98,3 @@ def test_pane_of_a_floor_is_seen_through_at_a_slant():
     straight_m, slanting_m = surfaces.cast(Pose2D(12.0, 4.0, 0.0), angles_rad, 6.0, np.empty((0, 3))).tolist()
     assert straight_m == pytest.approx(1.9, abs=0.06)
     assert slanting_m == pytest.approx(4.0 / math.cos(0.4), abs=0.1), "the block behind the pane"
-
-
-@pytest.mark.parametrize(
-    ("line", "sentence"),
-    [
-        ("glass_share = 1.1", "surfaces: expected glass_share"),
-        ("mirror_share = -0.1", "surfaces: expected mirror_share"),
-        ("mirror_share = nan", "surfaces: expected mirror_share"),
-        ("stretch_m = 0.1", "surfaces: expected stretch_m"),
-        ("echo_rad = 2", "surfaces: expected echo_rad"),
-        ("glas_share = 0.1", "surfaces: unknown key `glas_share` (did you mean `glass_share`?)"),
-    ],
-)
-def test_surfaces_without_sense_are_refused_with_file_and_key(line, sentence):
-    text = f'[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 4.0]\n[surfaces]\n{line}\n'
-    with pytest.raises(ScenarioError) as error:
-        parse_scenario(text, "s.toml")
-    assert f"s.toml: {sentence}" in str(error.value)

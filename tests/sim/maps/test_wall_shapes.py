@@ -54,18 +54,6 @@ def test_room_is_four_rectangles_and_a_solid_block_drops_its_inside() -> None:
     assert not _union(rectangles, block.shape)[4, 5]
 
 
-def test_crossing_walls_are_two_rectangles() -> None:
-    cross = np.zeros((11, 11), dtype=bool)
-    cross[5, 1:-1] = True
-    cross[1:-1, 5] = True
-    assert len(wall_rectangles(cross)) <= 3
-
-
-@pytest.mark.parametrize("filled", [True, False])
-def test_grid_of_one_kind_has_no_rectangles(filled: bool) -> None:
-    assert wall_rectangles(np.full((5, 6), filled)).shape == (0, 4)
-
-
 def _plan() -> FloorPlan:
     occupied = np.zeros((30, 40), dtype=bool)
     occupied[10:20, 20:22] = True

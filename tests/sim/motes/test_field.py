@@ -4,7 +4,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
+from robrain.sim.motes.field import FieldSpec, Plume, SimulatedField
 
 PLAN = FloorPlan(np.zeros((100, 200), np.bool_), 0.1, 5.0, -3.0, "hall")
 ORIGIN = Point2D(0.0, 0.0)
@@ -40,29 +40,8 @@ def test_plumes_add_up():
     assert excess[2] == pytest.approx(excess[0] + excess[1])
 
 
-@pytest.mark.parametrize("quantity", Quantity)
-def test_each_quantity_has_its_own_levels(quantity):
-    levels = FieldSpec().levels(quantity)
-    assert still().value(quantity, ORIGIN, 0.0) == levels.base
-
-
 def test_drawn_plumes_start_on_the_floor():
     for seed in range(20):
         field = SimulatedField.draw(FieldSpec(plumes=1), PLAN, np.random.default_rng(seed))
         grid = [Point2D(x_m, y_m) for x_m in np.arange(5.0, 25.1, 0.5) for y_m in np.arange(-3.0, 7.1, 0.5)]
         assert max(field.value(Quantity.TEMPERATURE, place, 0.0) for place in grid) > 28.5
-
-
-@pytest.mark.parametrize(
-    "build",
-    [
-        lambda: FieldSpec(plumes=-1),
-        lambda: FieldSpec(plumes=1000),
-        lambda: FieldSpec(width_m=0.0),
-        lambda: FieldSpec(wind_m_s=-1.0),
-        lambda: Levels(base=0.0, plume=1.0, noise=-1.0),
-    ],
-)
-def test_a_field_without_sense_is_refused(build):
-    with pytest.raises(ValueError, match="expected"):
-        build()

@@ -202,14 +202,6 @@ def test_a_mote_holds_no_more_readings_than_it_has_room_for_and_none_is_lost(wir
     assert len(numbers) >= 35
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"hops": -1}, {"hops": 256}, {"tries": 0}, {"queue": 0}, {"duty": 1.5}, {"wake_s": 0.0}]
-)
-def test_a_mesh_without_sense_is_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        MeshSpec(**wrong)
-
-
 def test_a_forwarded_reading_is_read_as_it_was_written():
     reading = ReadingPayload(
         mote=7, sequence=65535, oldest=12, age_ds=3, period_ds=40, voltage_mv=2900, quantity=1, value_centi=-5, x_dm=-1,

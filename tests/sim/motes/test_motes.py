@@ -304,20 +304,7 @@ def test_a_mote_whose_batteries_are_flat_falls_silent(wire):
     assert floor.run(60.0)["r1"] == []
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"period_s": 0.0},
-        {"jitter_s": 4.0},
-        {"listen_s": -1.0},
-        {"check_s": float("nan")},
-        {"log_readings": 0},
-        {"log_readings": 40_000},
-        {"capacity_mah": 0.0},
-        {"used_at_start_max": 1.1},
-        {"quantities": ()},
-    ],
-)
+@pytest.mark.parametrize("values", [{"jitter_s": 4.0}, {"quantities": ()}])
 def test_a_mote_without_sense_is_refused(values):
     with pytest.raises(ValueError, match="expected"):
         MoteSpec(**values)

@@ -5,7 +5,6 @@ import pytest
 from robrain import Scenario
 from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import MoteSpec
-from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.motes.radio import RadioModel
 
 FLOOR = '[scenario]\nname = "s"\n[floor]\nsize_m = [6.0, 6.0]\n[team]\nrobots = 1\n'
@@ -37,20 +36,11 @@ def test_what_a_scenario_says_of_motes_radio_and_field_is_what_is_simulated(tmp_
     assert found.world().network == found.network
 
 
-def test_without_the_tables_everything_is_as_usual(tmp_path):
-    assert scenario(tmp_path, "").network == SensorNetwork()
-
-
 @pytest.mark.parametrize(
     ("tables", "key", "sentence"),
     [
-        ("[motes]\nperiod_s = 0.0\n", "motes", "expected period_s"),
-        ("[motes]\ncount = -1\n", "motes", "expected count"),
         ('[motes]\nquantities = ["colour"]\n', "motes.quantities[0]", "unknown value 'colour'"),
-        ("[motes]\ncolour = 1\n", "motes", "unknown key `colour`"),
-        ("[radio]\nstatic_share = 2.0\n", "radio", "expected static_share"),
         ("[radio]\ntransmit_dbm = 30.0\n", "radio", "expected a transmit power of at most 10 dBm, got 30"),
-        ("[field]\nplumes = 65\n", "field", "expected plumes"),
         ("[field.light]\nbase = 1.0\nplume = 1.0\nnoise = -1.0\n", "field.light", "expected noise >= 0, got -1.0"),
     ],
 )

@@ -1,15 +1,11 @@
 """The lidar's imperfections: beams that drop out, and ranges that are anything."""
 
-import math
-
 import numpy as np
 import pytest
 
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.sim.errors import ScenarioError
 from robrain.sim.robot.lidar import Lidar, LidarSpec
-from robrain.sim.scenarios.scenario_file import parse_scenario
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 80, 80)
 WALLS = np.ones(GEOMETRY.shape, np.bool_)
@@ -57,11 +53,3 @@ def test_imperfections_follow_the_seed():
     spec = {"dropout": 0.1, "outlier": 0.1}
     assert np.array_equal(turns_mm(**spec), turns_mm(**spec))
     assert not np.array_equal(turns_mm(**spec), turns_mm(seed=2, **spec))
-
-
-@pytest.mark.parametrize("name", ["dropout", "outlier"])
-@pytest.mark.parametrize("value", [-0.01, 1.01, math.nan])
-def test_shares_are_from_0_to_1_and_the_file_and_key_are_named(name, value):
-    text = f'[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 4.0]\n[robot.lidar]\n{name} = {value}\n'
-    with pytest.raises(ScenarioError, match=f"s.toml: robot.lidar: expected {name} [<>]= [01], got {value}"):
-        parse_scenario(text, "s.toml")

@@ -4,7 +4,6 @@ import msgspec
 import pytest
 
 from robrain import Scenario
-from robrain.plugins.skill.mapper.own_submaps import SubmapSpec
 
 
 @pytest.mark.parametrize(("dropout", "told"), [(0.0, {"misses_min": 1}), (0.01, None)])
@@ -13,8 +12,3 @@ def test_a_robot_believes_single_beams_only_of_a_lidar_without_dropouts(dropout:
     lidar = msgspec.structs.replace(scenario.hardware.lidar, dropout=dropout)
     world = scenario.replace(hardware=msgspec.structs.replace(scenario.hardware, lidar=lidar)).world()
     assert world.robot_file(world.robots[0]).parameters["mapper"].get("submap") == told
-
-
-def test_the_least_number_of_beams_is_one() -> None:
-    with pytest.raises(ValueError, match="expected misses_min >= 1, got 0"):
-        SubmapSpec(misses_min=0)

@@ -134,17 +134,3 @@ def test_a_scenario_s_wheels_are_drawn_for_each_robot_from_its_seed():
     assert driven(2)[0] != drawn
     assert base.encoder_ticks_per_turn == 128  # the plugin knows the encoders, and not what is wrong with the wheels
     assert base.wheel_radius_m == BASE.wheel_radius_m
-
-
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        ({"radius_sigma": -0.01}, "expected radius_sigma"),
-        ({"base_sigma": 0.5}, "expected base_sigma"),
-        ({"slip_sigma_m_per_sqrt_m": float("nan")}, "expected slip_sigma_m_per_sqrt_m"),
-        ({"slip": 1.0}, "expected slip"),
-    ],
-)
-def test_wheels_without_sense_are_refused(values, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        WheelSpec(**values)

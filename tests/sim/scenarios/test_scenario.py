@@ -6,7 +6,6 @@ from PIL import Image
 
 from robrain import Scenario
 from robrain.sim.errors import ScenarioError
-from robrain.sim.maps.drawing import FloorDrawing
 
 ROOT = Path(__file__).parents[3]
 TINY = '[scenario]\nname = "tiny"\nseed = 3\n[floor]\nsize_m = [1.5, 1.5]\n[team]\nrobots = 9\n'
@@ -57,23 +56,9 @@ def test_a_number_of_robots_that_is_none_is_refused_in_a_script_too(robots):
         SMALL.replace(robots=robots).run()
 
 
-def test_replacing_changes_only_what_is_named():
-    changed = SMALL.replace(robots=3, seed=9)
-    assert (changed.robots, changed.seed) == (3, 9)
-    assert (changed.floor, changed.motes, changed.name) == (SMALL.floor, SMALL.motes, SMALL.name)
-    assert SMALL.robots == 2
-
-
 def test_replacing_what_a_scenario_does_not_have_is_answered_with_what_it_has():
     with pytest.raises(ScenarioError, match=r"arena_small: .*robot.*; a scenario has name, floor, robots"):
         SMALL.replace(robot=3)
-
-
-@pytest.mark.slow
-def test_a_scenario_can_be_drawn_in_a_script():
-    scenario = Scenario(name="mine", floor=FloorDrawing(size_m=(5.0, 4.0)), robots=1)
-    result = scenario.run(until_explored=0.9, time_limit_s=60.0)
-    assert (result.scenario, result.ended, result.motes) == ("mine", "explored", 0)
 
 
 @pytest.mark.slow
@@ -85,15 +70,6 @@ def test_the_curve_of_a_run_begins_at_nothing_and_ends_with_the_result():
     assert times_s[-1] == result.sim_time_s
     assert shares[-1] == result.explored_fraction
     assert list(shares) == sorted(shares)
-
-
-@pytest.mark.slow
-def test_progress_is_told_to_the_end():
-    told = []
-    result = SMALL.run(time_limit_s=3.0, until_explored=1.0, on_progress=told.append)
-    assert told[-1].sim_time_s == result.sim_time_s
-    assert told[-1].explored_fraction == result.explored_fraction
-    assert [progress.sim_time_s for progress in told] == sorted(progress.sim_time_s for progress in told)
 
 
 @pytest.mark.slow

@@ -54,16 +54,6 @@ def test_its_team_can_reach_nearly_all_of_it_and_begins_to_explore_it_without_a_
         run.close()
 
 
-def test_the_scenarios_are_those_that_the_issue_names():
-    assert set(builtin_names()) >= OF_THE_ISSUE | {"arena_small", "depot"}
-
-
-def test_each_says_what_it_is_in_a_sentence():
-    for one in listed_scenarios():
-        assert one.about.endswith(".")
-        assert len(one.about) <= 140
-
-
 @pytest.mark.parametrize("name", builtin_names())
 def test_each_has_a_small_picture_on_the_page_with_the_shape_of_its_floor(name):
     assert f"(../images/scenarios/{name}.png)" in PAGE.read_text(encoding="utf-8")

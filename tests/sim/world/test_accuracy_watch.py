@@ -190,19 +190,6 @@ def test_robot_that_is_as_shifted_but_says_that_it_is_unsure_is_not(monkeypatch)
 
 
 @pytest.mark.slow
-def test_robot_that_is_where_it_believes_is_right_to_millimetres(monkeypatch) -> None:
-    result = run_believing(monkeypatch)
-    told = result.per_robot[0].pose_accuracy
-    assert told is not None
-    assert told.samples >= 28
-    assert told.max_error_m is not None
-    assert told.max_error_m < 0.01
-    assert result.map_accuracy is not None
-    assert result.map_accuracy.cells_off == 0
-    assert result.map_accuracy.occupied_cells > 100
-
-
-@pytest.mark.slow
 def test_truth_on_the_wire_tells_what_the_result_tells() -> None:
     run = LockstepRun(SMALL.world())
     try:

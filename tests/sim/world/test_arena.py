@@ -155,16 +155,6 @@ def test_a_robot_drives_the_arc_that_its_wheels_were_told(stage):
     assert one.truth().distance_m == pytest.approx(0.4 - 0.2 * 0.2 / 1.5 / 2, abs=0.005)
 
 
-def test_wheels_on_an_arc_turn_as_fast_as_they_were_told(stage):
-    one = stage(Pose2D(2.0, 1.0, 0.0))
-    twist = Twist2D(0.3, 0.1, 1.5)
-    one.run(50, r1=twist)
-    one.frames("WheelEncoders")
-    one.run(51, r1=twist)
-    turned = turns_rad(one.frames("WheelEncoders"))
-    assert turned == pytest.approx(BASE.wheel_speeds_rad_s(twist), abs=2 * BASE.rad_per_tick)
-
-
 def test_encoders_alone_lead_along_the_true_way(stage):
     pose = start = Pose2D(2.0, 1.0, 0.4)
     one = stage(start)
@@ -280,14 +270,6 @@ def test_a_scan_shows_walls_and_the_other_robot_but_not_oneself(stage):
     assert scans["r1"].angle_min_rad + 90 * scans["r1"].angle_increment_rad == pytest.approx(0.0)
 
 
-def test_walls_out_of_range_return_nothing(stage):
-    one = stage(Pose2D(1.0, 2.0, 0.0), plan=room(12.0, 4.0))
-    one.run(10)
-    (scan,) = one.messages("arena_scan")
-    assert scan.ranges_mm[90] == 0
-    assert scan.ranges_mm[0] == pytest.approx(900, abs=60)
-
-
 def test_everything_comes_at_its_rate_and_robots_take_turns_to_scan(stage):
     one = stage(Pose2D(1.0, 2.0, 0.0), Pose2D(2.0, 2.0, 0.0))
     one.run(100)
@@ -353,12 +335,6 @@ def test_another_mote_changes_nothing_that_robots_sense(stage):
 def test_a_start_that_is_taken_is_refused(stage, starts, sentence):
     with pytest.raises(ValueError, match=sentence):
         stage(*starts)
-
-
-def test_an_arena_without_robots_goes_on(stage):
-    one = stage(motes=(ArenaMote(name="m1", number=1, place=Point2D(3.0, 3.0)),))
-    one.run(500)
-    assert len(one.messages("arena_truth")) == 50
 
 
 def test_in_live_the_same_arena_follows_its_commands():

@@ -7,8 +7,6 @@ from PIL import Image
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import ARENA_CAMERA, ARENA_SENSE
-from robrain.sim.errors import ScenarioError
-from robrain.sim.scenarios.scenario_file import parse_scenario
 from tests.plugins.behavior.errands import Errands
 
 
@@ -57,13 +55,3 @@ def test_who_looks_changes_nothing():
 
 
 FLOOR = '[scenario]\nname = "x"\n[floor]\nsize_m = [4.0, 4.0]\n'
-
-
-def test_a_scenario_says_what_cameras_its_robots_have():
-    tables = parse_scenario(f"{FLOOR}[robot.camera]\nwidth = 80\nview_rad = 0.9\n", "x.toml")
-    assert (tables.robot.camera.width, tables.robot.camera.view_rad) == (80, 0.9)
-
-
-def test_a_camera_that_makes_no_sense_is_named_with_file_and_key():
-    with pytest.raises(ScenarioError, match=r"x\.toml: robot\.camera: expected width"):
-        parse_scenario(f"{FLOOR}[robot.camera]\nwidth = 2\n", "x.toml")

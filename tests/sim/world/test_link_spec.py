@@ -1,6 +1,5 @@
 """The table `[links]`: what is read, what is written, and what is refused in words."""
 
-import math
 import re
 from pathlib import Path
 
@@ -66,29 +65,10 @@ def test_robots_are_told_to_wait_at_their_start_if_they_know_it_and_are_to_retur
     assert idle("", links=None)[1] is None
 
 
-def test_an_empty_table_limits_nothing_and_no_table_is_none():
-    assert corridor("", robots=1).links == LinkSpec()
-    assert LinkSpec().range_m == math.inf
-    assert Scenario.builtin("depot").links is None
-    assert Scenario.from_toml(corridor("", robots=1).to_toml()).links == LinkSpec()
-
-
 @pytest.mark.parametrize(
     ("lines", "sentence"),
     [
-        ("range_m = 0", "links: expected range_m > 0, got 0"),
-        ("range_m = nan", "links: expected range_m > 0, got nan"),
-        ("loss = 1.0", "links: expected loss"),
-        ("delay_s = -1", "links: expected delay_s"),
-        ("bandwidth_bytes_s = 0", "links: expected bandwidth_bytes_s > 0, got 0"),
-        ("queue_s = inf", "links: expected a finite queue_s, got inf"),
-        ("wall_db = -3", "links: expected wall_db"),
-        ("return_after_s = -1", "links: expected return_after_s >= 0, got -1"),
-        ("lost_after_s = inf", "links: expected a finite lost_after_s, got inf"),
-        ("coordinator_m = [nan, 1.0]", "links: expected a finite coordinator_m, got nan"),
         ("relays = 3", "links.relays: Expected `bool | array`, got `int`"),
-        ("reach = 3", "links: unknown key `reach`"),
-        ("[[links.partitions]]\nfrom_s = 1", "links.partitions[0]: Object missing required field `groups`"),
         ("[[links.partitions]]\ngroups = []", "links.partitions[0]: expected groups with at least one name each"),
         ('[[links.partitions]]\ngroups = [["r1"], []]', "expected groups with at least one name each"),
         (

@@ -6,7 +6,6 @@ import pytest
 from robrain.algorithms.slam.submap import Submap
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.referee import overlap
 
 GEOMETRY = GridGeometry(0.1, -1.0, -1.0, 60, 40)
@@ -35,9 +34,3 @@ def test_what_two_robots_see_counts_once_more() -> None:
 def test_a_submap_counts_where_it_lies_in_the_arena() -> None:
     moved = submap(0, 0, 10, 10, Pose2D(1.0, 0.0, 0.0))
     assert overlap({("r1", 1): submap(0, 10, 10, 10), ("r2", 1): moved}, GEOMETRY) == pytest.approx(1.0)
-
-
-@pytest.mark.slow
-def test_two_robots_that_start_together_overlap() -> None:
-    result = Scenario.builtin("arena_small").replace(seed=3, robots=2).run(time_limit_s=3.0)
-    assert result.overlap > 0.2

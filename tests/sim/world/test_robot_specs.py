@@ -113,11 +113,6 @@ def robot(*lines: str) -> str:
 @pytest.mark.parametrize(
     ("robots", "told"),
     [
-        (
-            robot('type = "skout"'),
-            "robots[0].type: unknown value 'skout' (did you mean `scout`?); it may be car, carrier, ",
-        ),
-        (robot("pose_m = [1, 1]"), "robots[0]: unknown key `pose_m` (did you mean `place_m`?)"),
         (robot("place_m = [1, 1]", "near_m = [1, 1]"), "robots[0]: expected either place_m or near_m, got both"),
         (robot("yaw_rad = 1.0"), "robots[0]: expected a finite yaw_rad, and only with place_m"),
         (robot('without = ["lidar"]'), "robots[0]: no plugin lidar; there are "),

@@ -86,15 +86,6 @@ def test_what_becomes_of_a_task_is_told_in_words():
 @pytest.mark.parametrize(
     ("tasks", "told"),
     [
-        (task("place_m = [1, 1]"), "tasks[0]: Object missing required field `kind`"),
-        (
-            task('kind = "visit"', "place = [1, 1]"),
-            "tasks[0]: unknown key `place` (did you mean `place_m`?); there are",
-        ),
-        (task('kind = "visit"', "place_m = [1, 1]", "at_s = -1"), "tasks[0]: expected at_s >= 0, got -1"),
-        (task('kind = "visit"', "place_m = [1, nan]"), "tasks[0]: expected a finite place_m, got nan"),
-        (task('kind = "visit"', "place_m = [1, 1]", "robots = 0"), "tasks[0]: robots: "),
-        (task('kind = "visit"', "place_m = [1, 1]", 'name = "a b"'), "tasks[0]: name: "),
         (task('kind = "relay"', "place_m = [1, 1]"), "tasks[0]: a task to relay needs duration_s"),
         (
             task('kind = "visit"', "place_m = [1, 1]", "parameters = {mote = 1}"),

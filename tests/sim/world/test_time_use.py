@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.time_use import TimeUse, TimeUseMeter
 
 
@@ -22,12 +21,6 @@ def test_a_robot_drives_turns_waits_or_stands() -> None:
     assert one.of(3) == TimeUse(standing_s=0.2)
 
 
-def test_who_drives_and_turns_drives() -> None:
-    one = meter(1)
-    one.note(np.array([[0.1, 0.1, 1.0]]), [False], 0.2)
-    assert one.of(0) == TimeUse(driving_s=0.2)
-
-
 @given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.booleans()), min_size=1, max_size=20))
 def test_the_times_add_up_to_the_whole(steps: list[tuple[float, float, bool]]) -> None:
     one = meter(1)
@@ -36,13 +29,3 @@ def test_the_times_add_up_to_the_whole(steps: list[tuple[float, float, bool]]) -
     used = one.of(0)
     total_s = used.driving_s + used.turning_s + used.waiting_s + used.standing_s
     assert total_s == pytest.approx(0.2 * len(steps), abs=2e-3)
-
-
-@pytest.mark.slow
-def test_a_run_tells_where_the_time_of_each_robot_went() -> None:
-    result = Scenario.builtin("arena_small").replace(seed=3, robots=2).run(time_limit_s=10.0, until_explored=1.0)
-    for robot in result.per_robot:
-        used = robot.time_use
-        total_s = used.driving_s + used.turning_s + used.waiting_s + used.standing_s
-        assert total_s == pytest.approx(result.sim_time_s, abs=0.3)
-        assert used.driving_s > 2.0
