@@ -280,7 +280,7 @@ class _Forking:
 
     def _submit(self, kind: str, fields: dict[str, object]) -> None:
         if self._team is None:
-            self._team = Team(LockstepTransport(self._run, is_noted=False), by=BY)
+            self._team = Team(LockstepTransport(self._run, is_recorded=False), by=BY)
         name = fields.pop("id", None)
         try:
             self._team.submit(kind, id=None if name is None else str(name), parameters=fields)

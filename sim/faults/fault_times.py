@@ -49,7 +49,7 @@ class FaultTimes:
         """Whether no fault begins or ends any more, unless a fault still waits for an event."""
         return not self._due
 
-    def note(self, moment: FaultMoment, robot: str, now_ns: int) -> None:
+    def record(self, moment: FaultMoment, robot: str, now_ns: int) -> None:
         """An event has happened to a robot, or the coordinator."""
         for number in list(self._waiting):
             fault = self._faults[number]

@@ -359,7 +359,7 @@ class Load:
             mean_s = power.burst_s if self._bursting else power.between_bursts_s
             if self._rng.random() < 1.0 - math.exp(-period_s / mean_s):
                 self._bursting = not self._bursting
-        load_w = power.standing_w(bursting=self._bursting) + self.motion_j / period_s
+        load_w = power.idle_total_w(bursting=self._bursting) + self.motion_j / period_s
         self.motion_j = 0.0
         return load_w
 

@@ -32,13 +32,13 @@ class FrameStamps:
 
     Args:
         clock: the run's.
-        tells_sending: whether late frames are stamped with their time of sending.
+        stamps_sending: whether late frames are stamped with their time of sending.
 
     """
 
-    def __init__(self, clock: Clock, *, tells_sending: bool) -> None:
+    def __init__(self, clock: Clock, *, stamps_sending: bool) -> None:
         self._clock = clock
-        self._publishes_sending = tells_sending
+        self._stamps_sending = stamps_sending
         self._sent_ns: int | None = None
 
     def now_ns(self) -> int:
@@ -47,7 +47,7 @@ class FrameStamps:
 
     def record_sent(self, sent_ns: int | None) -> None:
         """Set the time of sending of the next frames; None for the current time."""
-        self._sent_ns = sent_ns if self._publishes_sending else None
+        self._sent_ns = sent_ns if self._stamps_sending else None
 
 
 class BusLine(can.BusABC):

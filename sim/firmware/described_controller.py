@@ -154,7 +154,7 @@ class FrameController(DescribedController):
         self._received_tick = tick = self._received_tick + 1 if tick is None else tick
         before = self.state
         if self.has_failed:
-            self._stand(MotorState.ERROR)
+            self._stop_wheels(MotorState.ERROR)
         for identifier, data, _ in self._described.read_frames():
             if identifier != self._wanted.arbitration_id:
                 continue
@@ -164,11 +164,11 @@ class FrameController(DescribedController):
                 self.rejected_frames += 1
                 continue
             if not any(values) and self.state is MotorState.ERROR and not self.has_failed:
-                self._stand(MotorState.WATCHDOG)  # standing still acknowledges the failure
+                self._stop_wheels(MotorState.WATCHDOG)  # standing still acknowledges the failure
             elif self.state is not MotorState.ERROR:
                 self._turn([value / per_si for value, per_si in zip(values, self._per_si, strict=True)])
         if tick >= self.due_tick:
-            self._stand(MotorState.WATCHDOG)
+            self._stop_wheels(MotorState.WATCHDOG)
         self.has_news |= self.state is not before
 
     def send_counts(self) -> None:
@@ -178,7 +178,7 @@ class FrameController(DescribedController):
             own = [(counts.pop(0) + HALF_TURN) % MODULUS - HALF_TURN for _ in codec.bits]
             self._described.send_data(codec.arbitration_id, codec.encode(0, *own))
 
-    def tell(self) -> None:
+    def send_status(self) -> None:
         """As MotorController."""
         self.has_news = False
         data = self._state_frame.encode(0, self.state, int(self.has_failed))
@@ -238,9 +238,9 @@ class LineController(DescribedController):
         """As MotorController."""
         self._received_tick = tick = self._received_tick + 1 if tick is None else tick
         if self.has_failed:
-            self._stand(MotorState.ERROR)
+            self._stop_wheels(MotorState.ERROR)
         elif self.state is MotorState.ERROR:
-            self._stand(MotorState.WATCHDOG)
+            self._stop_wheels(MotorState.WATCHDOG)
         *lines, self._left = (self._left + self._line.read()).split(b"\r")
         for line in lines:
             if answer := self._answer(line.strip()) if len(line) <= LINE_BYTES_MAX else UNKNOWN:
@@ -249,14 +249,14 @@ class LineController(DescribedController):
             self._left = b""
             self.rejected_frames += 1
         if tick >= self.due_tick:
-            self._stand(MotorState.WATCHDOG)
+            self._stop_wheels(MotorState.WATCHDOG)
 
     def forget(self) -> None:
         """Drop all frames that have arrived."""
         self._line.read()
         self._left = b""
 
-    def tell(self) -> None:
+    def send_status(self) -> None:
         """It has no status."""
         self.has_news = False
 
@@ -273,7 +273,7 @@ class LineController(DescribedController):
             return UNKNOWN
         counts = [int(group) for group in found.groups()]
         if not any(counts):
-            self._stand(MotorState.WATCHDOG)
+            self._stop_wheels(MotorState.WATCHDOG)
         elif not self.has_failed:
             self._turn([count * self._rad_s for count in counts])
         return OBEYED

@@ -70,7 +70,7 @@ def _frames(
 WATCHDOG_S = 0.2
 ENCODER_PERIOD_S = 0.02
 STATUS_PERIOD_S = 0.2
-STANDING = (0.0, 0.0, 0.0)
+STOPPED = (0.0, 0.0, 0.0)
 NEVER = 1 << 62
 """A tick that does not come."""
 
@@ -92,7 +92,7 @@ class MotorController:
 
     A tick is `receive()`, and after the motion `report()`. If many controllers are updated together, `receive()` is
     called only if a frame has arrived, `has_failed` is set or `due_tick` is reached. `WheelEncoders` then makes the
-    frames with the counts in place of `report()`, and `tell()` sends the status.
+    frames with the counts in place of `report()`, and `send_status()` sends the status.
 
     Args:
         bus: the robot's bus; other nodes of the same robot may send on it too.
@@ -120,7 +120,7 @@ class MotorController:
         self._transmit_errors = transmit_errors
         self._worst = BusState.ACTIVE
         """The worst state of the CAN controller since the last status."""
-        self._wanted_rad_s = STANDING
+        self._wanted_rad_s = STOPPED
         self._port = frame_port(bus)
         self.ticks_per_rad = 1.0 / base.rad_per_tick
         self.encoder_period_ticks = max(1, round(ENCODER_PERIOD_S / tick_s))
@@ -136,7 +136,7 @@ class MotorController:
     @property
     def wheel_speeds_rad_s(self) -> tuple[float, float, float]:
         """Current command of the wheels."""
-        return self._wanted_rad_s if self.powered else STANDING
+        return self._wanted_rad_s if self.powered else STOPPED
 
     def receive(self, tick: int | None = None) -> None:
         """Handle the frames that have arrived; then check the watchdog.
@@ -148,7 +148,7 @@ class MotorController:
         self._received_tick = tick = self._received_tick + 1 if tick is None else tick
         before = self.state, self.rejected_frames, self._commands.lost
         if self.has_failed:
-            self._stand(MotorState.ERROR)
+            self._stop_wheels(MotorState.ERROR)
         for identifier, data, _ in self._port.read_frames():
             try:
                 if identifier == self._command.arbitration_id:
@@ -158,7 +158,7 @@ class MotorController:
             except BadFrame:
                 self.rejected_frames += 1
         if tick >= self.due_tick:
-            self._stand(MotorState.WATCHDOG)
+            self._stop_wheels(MotorState.WATCHDOG)
         if before != (self.state, self.rejected_frames, self._commands.lost):
             self.has_news = True
 
@@ -169,7 +169,7 @@ class MotorController:
             self._port.send_data(ENCODER_IDENTIFIER, data)
         self.check_errors()
         if self.has_news or self._reports % self.status_period_ticks == 0:
-            self.tell()
+            self.send_status()
         self._reports += 1
 
     def check_errors(self) -> None:
@@ -178,7 +178,7 @@ class MotorController:
         if errors:
             self._worst = max(self._worst, state_of(errors, 0))
 
-    def tell(self) -> None:
+    def send_status(self) -> None:
         """Send the status."""
         self.has_news = False
         errors = self._transmit_errors()
@@ -207,9 +207,9 @@ class MotorController:
     def _stop_by(self, latched: float, counter: float) -> None:
         self._commands.note(int(counter))  # a host counts its commands and stops together
         if not self.has_failed:
-            self._stand(MotorState.LATCHED if latched else MotorState.WATCHDOG)
+            self._stop_wheels(MotorState.LATCHED if latched else MotorState.WATCHDOG)
 
-    def _stand(self, state: MotorState) -> None:
-        self._wanted_rad_s = STANDING
+    def _stop_wheels(self, state: MotorState) -> None:
+        self._wanted_rad_s = STOPPED
         self.due_tick = NEVER
         self.state = state

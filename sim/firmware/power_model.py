@@ -33,7 +33,7 @@ LOAD = np.dtype(
     ]
 )
 """A robot's terms of power, its speed in the last tick, and the energy of its motion since the energy was last read."""
-STANDING = 1e-3
+AT_REST_BELOW = 1e-3
 """Below a millimetre (milliradian) a second the robot counts as standing."""
 
 
@@ -50,7 +50,7 @@ def motion_w(
 ) -> float:
     """Power of this motion, beyond standing; both speeds may have either sign, the mass is the base's."""
     speed_m_s, yaw_rate_rad_s = abs(speed_m_s), abs(yaw_rate_rad_s)
-    if speed_m_s < STANDING and yaw_rate_rad_s < STANDING:
+    if speed_m_s < AT_REST_BELOW and yaw_rate_rad_s < AT_REST_BELOW:
         return 0.0
     rolling_w = speed_w_per_m_s * speed_m_s + yaw_w_per_rad_s * yaw_rate_rad_s
     loaded = 1.0 + payload_kg / mass_kg
@@ -118,7 +118,7 @@ class PowerModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
     drive_efficiency: Annotated[float, Meta(gt=0, le=1)] = 0.6
     """Share of the motors' power that becomes kinetic energy on acceleration; none is recovered."""
 
-    def standing_w(self, *, bursting: bool) -> float:
+    def idle_total_w(self, *, bursting: bool) -> float:
         """Power of an idle robot."""
         return self.idle_w + self.compute_w + (self.burst_w if bursting else 0.0)
 

@@ -92,7 +92,7 @@ class RangeSensors:
         self.bump_period_ticks = max(1, round(BUMP_PERIOD_S / tick_s))
         self.phase = phase % self.period_ticks
         """Measurements and bump contacts are due in ticks that leave this when divided by the period of each."""
-        self.told = 0
+        self.reported = 0
         """The contacts that were reported last, a bit for each sector."""
         self._rings = [codec(f"RangeRing{number}") for number in range(1, math.ceil(sensors / SENSORS_A_FRAME) + 1)]
         self._silence = [NO_ECHO_M] * (len(self._rings) * SENSORS_A_FRAME - sensors)
@@ -122,10 +122,10 @@ class RangeSensors:
         contacts = 0
         for direction_rad in contacts_rad:
             contacts |= 1 << bump_sector(direction_rad - yaw_rad)
-        if contacts != self.told or tick % self.bump_period_ticks == self.phase:
+        if contacts != self.reported or tick % self.bump_period_ticks == self.phase:
             if not self._rings:
                 return
-            self.told = contacts
+            self.reported = contacts
             self._port.send_data(self._bumps.arbitration_id, self._bumps.encode(self._sent[-1], contacts))
             self._sent[-1] += 1
 

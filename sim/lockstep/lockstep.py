@@ -402,7 +402,7 @@ class LockstepRun:
             else:
                 self.nothing_left = received.message.all_explored
                 self.idle = {robot.name: robot.idle for robot in received.message.robots if robot.idle is not None}
-        self.time_use.note(self._poses(), self.arena.accuracy.at_task, self._watch_ticks * self.tick_s)
+        self.time_use.add(self._poses(), self.arena.accuracy.at_task, self._watch_ticks * self.tick_s)
         plan = self.world.plan
         for body in self.arena.bodies:
             row, column = plan.cell_of(body.x_m, body.y_m)
@@ -419,8 +419,8 @@ def _radio(world: World, links: LinkSpec, faults: WireFaults) -> TeamRadio:
     starts_m = np.array([(robot.start.x_m, robot.start.y_m) for robot in world.robots], dtype=float)
     names = [robot.name for robot in world.robots]
     motes = gateway_motes(world.motes, world.network.motes.gateways)
-    standing = {mote.name: (mote.place.x_m, mote.place.y_m) for mote in motes}
-    return TeamRadio(links, world.plan, names, starts_m.reshape(-1, 2), world.seed, standing, faults)
+    fixed = {mote.name: (mote.place.x_m, mote.place.y_m) for mote in motes}
+    return TeamRadio(links, world.plan, names, starts_m.reshape(-1, 2), world.seed, fixed, faults)
 
 
 class LockstepTransport:
@@ -428,7 +428,7 @@ class LockstepTransport:
 
     Args:
         run: the run, of the default team; closed by `close`.
-        is_noted: whether the queries are recorded, so that the run can be repeated.
+        is_recorded: whether the queries are recorded, so that the run can be repeated.
         party: party whose radio is used, with `[links]`: a robot's name, `coordinator`, or `EVERYWHERE`, which needs
             none.
 
@@ -439,8 +439,8 @@ class LockstepTransport:
     patience_s = 0.0
     gather_s = 0.0
 
-    def __init__(self, run: LockstepRun, *, is_noted: bool = True, party: str = EVERYWHERE) -> None:
-        self._is_recorded = is_noted
+    def __init__(self, run: LockstepRun, *, is_recorded: bool = True, party: str = EVERYWHERE) -> None:
+        self._is_recorded = is_recorded
         self.party = party
         self.run = run
         """Arena, hosts and coordinator, for inspection."""

@@ -145,17 +145,17 @@ class TeamFaults:
             # A task of the coordinator's own is never queued before it is offered.
             if event.task.id not in self._accepted and event.state is TaskState.QUEUED:
                 self._accepted.add(event.task.id)
-                self.times.note(FaultMoment.TASK_ACCEPTED, COORDINATOR, now_ns)
+                self.times.record(FaultMoment.TASK_ACCEPTED, COORDINATOR, now_ns)
         for host in self.hosts:
             name, status = host.name, host.desk.facts.task
             if status is not None and self._at.get(name) != (status.id, status.state.ended):
                 self._at[name] = (status.id, status.state.ended)
                 moment = FaultMoment.TASK_DONE if status.state.ended else FaultMoment.TASK_ASSIGNED
-                self.times.note(moment, name, now_ns)
+                self.times.record(moment, name, now_ns)
             battery = host.board.battery
             is_docked = battery is not None and battery.charging
             if is_docked and not self._docked.get(name, False):
-                self.times.note(FaultMoment.DOCKED, name, now_ns)
+                self.times.record(FaultMoment.DOCKED, name, now_ns)
             self._docked[name] = is_docked
 
 

@@ -55,8 +55,8 @@ class Pillar(Checked, frozen=True, forbid_unknown_fields=True):
 class FloorDrawing(Checked, frozen=True, forbid_unknown_fields=True):
     """A floor plan drawn with walls, blocks and pillars; the outer walls are added.
 
-    Raises ValueError that names the key if a length is not above 0, if a shape lies outside the floor, or for a floor
-    with more than MAX_CELLS cells.
+    Raises ValueError that names the key: for a length that is not above 0, a shape outside the floor, or more than
+    MAX_CELLS cells.
     """
 
     size_m: tuple[Positive, Positive]
@@ -72,8 +72,8 @@ class FloorDrawing(Checked, frozen=True, forbid_unknown_fields=True):
         width_m, height_m = self.size_m
         if width_m * height_m / self.resolution_m**2 > MAX_CELLS:
             raise MapError(f"expected resolution_m for at most {MAX_CELLS} cells, got {self.resolution_m}")
-        if why := size_refusal(width_m, height_m):
-            raise MapError(f"size_m: {why}")
+        if reason := size_refusal(width_m, height_m):
+            raise MapError(f"size_m: {reason}")
         for index, wall in enumerate(self.walls):
             self._check_inside(f"walls[{index}].from_m", *wall.from_m)
             self._check_inside(f"walls[{index}].to_m", *wall.to_m)

@@ -151,8 +151,8 @@ def _read_image(
             width, height = image.size
             if width * height > MAX_CELLS:
                 raise MapError(f"{too_many}, got {width} × {height}")
-            if why := size_refusal(width * resolution_m, height * resolution_m):
-                raise MapError(f"{yaml_path}: resolution: {why}")
+            if reason := size_refusal(width * resolution_m, height * resolution_m):
+                raise MapError(f"{yaml_path}: resolution: {reason}")
             image.load()
             return _channel_mean(image, alpha_counts=mode == "trinary")
     except MapError:

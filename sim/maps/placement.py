@@ -174,25 +174,25 @@ def _gather(
     rows, cols = region.shape
     waiting = region.copy()
     apart = np.ones_like(region)
-    way = {anchor: 0.0}
+    length_to = {anchor: 0.0}
     queue = [(0.0, anchor)]
-    taken: list[tuple[int, int]] = []
-    while queue and len(taken) < count:
+    chosen_cells: list[tuple[int, int]] = []
+    while queue and len(chosen_cells) < count:
         length, (row, col) = heapq.heappop(queue)
         if not waiting[row, col]:
             continue
         waiting[row, col] = False
         if apart[row, col]:
-            taken.append((row, col))
+            chosen_cells.append((row, col))
             _clear_disc(apart, row, col, spacing_cells)
         for row_step, col_step, step_length in _STEPS:
             cell = (row + row_step, col + col_step)
             if not (0 <= cell[0] < rows and 0 <= cell[1] < cols and waiting[cell]):
                 continue
-            if length + step_length < way.get(cell, math.inf):
-                way[cell] = length + step_length
-                heapq.heappush(queue, (way[cell], cell))
-    return taken
+            if length + step_length < length_to.get(cell, math.inf):
+                length_to[cell] = length + step_length
+                heapq.heappush(queue, (length_to[cell], cell))
+    return chosen_cells
 
 
 def _clear_disc(mask: NDArray[np.bool_], row: int, col: int, radius_cells: float) -> None:

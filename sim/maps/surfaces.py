@@ -190,10 +190,10 @@ def _pieces(cells: int, length: int) -> list[tuple[int, int]]:
 def _chosen(stretches: list[_Stretch], share: float, rng: np.random.Generator) -> list[_Stretch]:
     """Randomly drawn stretches whose total length is about this share of the length of all."""
     wanted = share * sum(stretch.cells for stretch in stretches)
-    chosen, taken = [], 0.0
+    chosen, covered = [], 0.0
     for index in rng.permutation(len(stretches)).tolist() if share > 0 else ():
         stretch = stretches[index]
-        if taken + stretch.cells / 2 <= wanted:
+        if covered + stretch.cells / 2 <= wanted:
             chosen.append(stretch)
-            taken += stretch.cells
+            covered += stretch.cells
     return chosen

@@ -71,15 +71,15 @@ class MoteGateway:
             return
         for _, _, packet in self._inbox.drain_raw():
             try:
-                self._take(ActiveMessage.unpack(packet), now_ns)
+                self._receive(ActiveMessage.unpack(packet), now_ns)
             except BadPacket:
                 continue
 
-    def _take(self, message: ActiveMessage, now_ns: int) -> None:
-        way = None
+    def _receive(self, message: ActiveMessage, now_ns: int) -> None:
+        forwarded = None
         if message.type == FORWARDED_TYPE:
-            way = ForwardedPayload.unpack(message.payload)
-            reading = way.reading
+            forwarded = ForwardedPayload.unpack(message.payload)
+            reading = forwarded.reading
         elif message.type in (READING_TYPE, STORED_TYPE):
             reading = ReadingPayload.unpack(message.payload)
         else:
@@ -90,16 +90,16 @@ class MoteGateway:
         if is_live:
             record.window.mote_holds_from(reading.oldest)
         if is_new:
-            self.store.publish(wire_reading(reading, self.name, now_ns, way))
-        complete = record.window.complete() if way is None else None
+            self.store.publish(wire_reading(reading, self.name, now_ns, forwarded))
+        complete = record.window.complete() if forwarded is None else None
         if complete is not None and complete[1] >= ACKNOWLEDGED_TOGETHER:
             answer = ActiveMessage(
                 type=ACKNOWLEDGE_TYPE, payload=complete[0].pack(), source=ADDRESS, destination=record.number
             )
             self._radio.put_bytes(answer.pack())
-        if way is not None:
+        if forwarded is not None:
             self._is_meshed = True
-            self._over_hops.received_forwarded(record, reading, way.forwarder, now_ns)
+            self._over_hops.received_forwarded(record, reading, forwarded.forwarder, now_ns)
         elif self._is_meshed:
             self._over_hops.received_direct(record, reading, now_ns)
 

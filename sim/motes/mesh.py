@@ -58,7 +58,7 @@ Hand = Callable[[int, int, Callable[[], bool]], bool]
 class DownCounters(msgspec.Struct):
     """Counters of routed packets."""
 
-    taken: int = 0
+    accepted: int = 0
     """From base stations."""
     passed_on: int = 0
     """By a mote, to the next one."""
@@ -122,9 +122,9 @@ class RoutedDown:
             routed = RoutedPayload.unpack(payload)
         except BadPacket:
             return
-        self.counters.taken += self._take(index, routed, tick)
+        self.counters.accepted += self._accept(index, routed, tick)
 
-    def _take(self, index: int, routed: RoutedPayload, tick: int) -> bool:
+    def _accept(self, index: int, routed: RoutedPayload, tick: int) -> bool:
         """A mote receives a packet that it is to forward; whether it acknowledges it."""
         if self._held.get(index, 0) >= self._spec.queue:
             self.counters.refused += 1
@@ -150,7 +150,7 @@ class RoutedDown:
     def _arrive(self, index: int, routed: RoutedPayload, tick: int) -> bool:
         rest = msgspec.structs.replace(routed, route=routed.route[1:])
         if rest.route:
-            return self._take(index, rest, tick)
+            return self._accept(index, rest, tick)
         if not self._has_seen(index, rest):
             self.counters.delivered += 1
             number = routed.route[0]
@@ -190,7 +190,7 @@ REPEATS_S = 8.0
 """A reading that arrives again within this time was repeated because its acknowledgement was lost (chosen)."""
 MILLI = 1e-3
 
-Say = Callable[[int, ActiveMessage], bool]
+SendToStations = Callable[[int, ActiveMessage], bool]
 """Sends a mote's packet to the base stations; returns whether one has received and acknowledged it."""
 
 
@@ -251,9 +251,9 @@ class _Station:
         A reading that comes again later was asked for because it did not arrive.
         """
         key = packet.reading.mote, packet.reading.sequence
-        heard_tick = self.seen.pop(key, None)
+        seen_tick = self.seen.pop(key, None)
         self.seen[key] = tick
-        if heard_tick is not None and tick - heard_tick <= repeats_ticks:
+        if seen_tick is not None and tick - seen_tick <= repeats_ticks:
             return True
         if len(self.seen) > SEEN:
             del self.seen[next(iter(self.seen))]
@@ -271,7 +271,7 @@ class MoteMesh:
         rate_hz: readings a second of each mote.
         seed: seed of the randomness of each pair of motes.
         tick_s: length of a tick.
-        say: sends to base stations.
+        send_to_stations: sends to base stations.
         near: motes whose packets a base station receives now, by the mean, at least at a strength in dBm.
         deliver: gives a mote a packet that has come to it over others.
 
@@ -286,7 +286,7 @@ class MoteMesh:
         rate_hz: float,
         seed: np.random.SeedSequence,
         tick_s: float,
-        say: Say,
+        send_to_stations: SendToStations,
         near: Callable[[float], list[int]],
         deliver: Callable[[int, ActiveMessage], None],
     ) -> None:
@@ -297,7 +297,7 @@ class MoteMesh:
         self._motes = motes
         self._index = {mote.mote.number: index for index, mote in enumerate(motes)}
         self._spec, self._radio, self._energy, self._rate_hz = spec, radio, energy, rate_hz
-        self._seed, self._tick_s, self._say, self._near = seed, tick_s, say, near
+        self._seed, self._tick_s, self._send_to_stations, self._near = seed, tick_s, send_to_stations, near
         self._sink = len(motes)
         self._stations = [_Station() for _ in motes]
         self._strengths_dbm = _strengths_dbm(motes, radio, seed)
@@ -324,13 +324,13 @@ class MoteMesh:
                 self._send(index, tick)
         self.down.step(tick)
 
-    def sent(self, index: int, message: ActiveMessage, tick: int, *, is_heard: bool) -> None:
+    def sent(self, index: int, message: ActiveMessage, tick: int, *, is_received: bool) -> None:
         """A mote has just sent its own reading, or one of its log; whether a base station has received it."""
         station = self._stations[index]
         packet = _Packet(ReadingPayload.unpack(message.payload), tick, message.type)
         is_stored = message.type == STORED_TYPE  # asked for: it is asked for again if it does not arrive
         is_paused = tick < station.paused_tick
-        if is_heard or (not is_paused and self._reach_next(index, packet, tick)):
+        if is_received or (not is_paused and self._reach_next(index, packet, tick)):
             station.failed = 0
             if not is_stored:
                 self._catch_up(index, tick)
@@ -359,7 +359,7 @@ class MoteMesh:
         to = self._motes[hop].mote.number if hop != self._sink else None
         mote.battery.spend(MoteState.SEND, AIRTIME_S)
         message = packet.message(mote.mote.number, to, tick, self._tick_s)
-        if self._say(index, message) or self._reach_next(index, packet, tick):
+        if self._send_to_stations(index, message) or self._reach_next(index, packet, tick):
             station.failed = 0
             station.queue.popleft()
             self._wake(index, tick + self._gap_ticks)
@@ -377,28 +377,28 @@ class MoteMesh:
         if hop in (NO_ROUTE, self._sink):
             return False
         self.counters.sent += 1
-        return self._receive(index, hop, lambda: self._take(hop, index, packet, tick))
+        return self._receive(index, hop, lambda: self._accept(hop, index, packet, tick))
 
-    def _hand(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
+    def _hand(self, index: int, hop: int, accept: Callable[[], bool]) -> bool:
         """Send a packet that comes from a base station on to a mote; whether it has acknowledged it."""
         if self._motes[index].battery.is_flat:
             return False
         self._motes[index].battery.spend(MoteState.SEND, AIRTIME_S)
-        return self._receive(index, hop, take)
+        return self._receive(index, hop, accept)
 
-    def _receive(self, index: int, hop: int, take: Callable[[], bool]) -> bool:
+    def _receive(self, index: int, hop: int, accept: Callable[[], bool]) -> bool:
         """Whether a mote receives a packet of another one and accepts it, and its acknowledgement comes back."""
         self._motes[index].battery.spend(MoteState.LISTEN, SHORT_S)
         other = self._motes[hop]
         if other.battery.is_flat or not self._arrives(index, hop):
             return False
         other.battery.spend(MoteState.LISTEN, AIRTIME_S)
-        if not take():
+        if not accept():
             return False
         other.battery.spend(MoteState.SEND, SHORT_S)
         return self._arrives(hop, index)
 
-    def _take(self, index: int, sender: int, packet: _Packet, tick: int) -> bool:
+    def _accept(self, index: int, sender: int, packet: _Packet, tick: int) -> bool:
         """A mote receives a neighbour's packet; whether it acknowledges it."""
         station = self._stations[index]
         if len(station.queue) >= self._spec.queue:
@@ -532,6 +532,6 @@ def _strengths_dbm(
     for index in range(len(motes)):
         distances_m = np.hypot(xs_m - xs_m[index], ys_m - ys_m[index])
         strengths_dbm = radio.mean_rssi_dbm_of(distances_m) + shadows_db + shadows_db[index]
-        heard = np.flatnonzero(strengths_dbm >= radio.sensitivity_dbm).tolist()
-        found.append({other: float(strengths_dbm[other]) for other in heard if other != index})
+        received = np.flatnonzero(strengths_dbm >= radio.sensitivity_dbm).tolist()
+        found.append({other: float(strengths_dbm[other]) for other in received if other != index})
     return found

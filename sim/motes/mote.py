@@ -135,16 +135,16 @@ class ReadingLog:
         self.capacity = capacity
         self._numbers = np.full(capacity, -1, np.int64)
         self._values_centi = np.zeros(capacity, np.int32)
-        self._taken_s = np.zeros(capacity)
+        self._sensed_s = np.zeros(capacity)
         self._oldest = 0
         self.lost = 0
         """Readings that were overwritten before anybody had acknowledged them."""
 
-    def add(self, number: int, value_centi: int, taken_s: float) -> None:
+    def add(self, number: int, value_centi: int, sensed_s: float) -> None:
         """Keep the next reading."""
         slot = number % len(self._numbers)
         self.lost += self._numbers[slot] >= 0
-        self._numbers[slot], self._values_centi[slot], self._taken_s[slot] = number, value_centi, taken_s
+        self._numbers[slot], self._values_centi[slot], self._sensed_s[slot] = number, value_centi, sensed_s
 
     def __contains__(self, number: int) -> bool:
         return number >= 0 and bool(self._numbers[number % len(self._numbers)] == number)
@@ -154,7 +154,7 @@ class ReadingLog:
         if number not in self:
             raise KeyError(number)
         slot = number % len(self._numbers)
-        return int(self._values_centi[slot]), float(self._taken_s[slot])
+        return int(self._values_centi[slot]), float(self._sensed_s[slot])
 
     def forget(self, number: int) -> None:
         """It was acknowledged."""
@@ -246,7 +246,7 @@ class SimulatedMote:
         self._listens_until_tick = tick + 1 + round(self._spec.listen_s / self._tick_s)
         return ActiveMessage(type=kind, payload=self._payload(number, tick).pack(), source=self.mote.number)
 
-    def hear(self, message: ActiveMessage, tick: int) -> None:
+    def receive(self, message: ActiveMessage, tick: int) -> None:
         """A packet for it has arrived; an unknown packet is ignored."""
         if tick > self._listens_until_tick:  # received with low-power listening: on the average half of the preamble
             self.battery.spend(MoteState.LISTEN, 0.5 * self._spec.check_s)
@@ -275,13 +275,13 @@ class SimulatedMote:
         return self._newest
 
     def _payload(self, number: int, tick: int) -> ReadingPayload:
-        value_centi, taken_s = self.log.get(number)
+        value_centi, sensed_s = self.log.get(number)
         place = self.mote.place
         return ReadingPayload(
             mote=self.mote.number,
             sequence=number % SEQUENCES,
             oldest=self.log.oldest(number) % SEQUENCES,
-            age_ds=round(DECI * (tick * self._tick_s - taken_s) / self._rate),
+            age_ds=round(DECI * (tick * self._tick_s - sensed_s) / self._rate),
             period_ds=self.period_ds,
             voltage_mv=round(1000.0 * self.battery.voltage_v),
             quantity=self._quantity,

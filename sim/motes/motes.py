@@ -102,7 +102,7 @@ class MoteField:
                 rate_hz,
                 seed,
                 tick_s,
-                self._say,
+                self._send_to_stations,
                 self._near_stations,
                 self._deliver,
             )
@@ -133,18 +133,18 @@ class MoteField:
             self.mesh.step(self._tick)
 
     def _send(self, index: int, message: ActiveMessage) -> None:
-        is_heard = self._say(index, message)
+        is_received = self._send_to_stations(index, message)
         if self.mesh is not None:
-            self.mesh.sent(index, message, self._tick, is_heard=is_heard)
+            self.mesh.sent(index, message, self._tick, is_received=is_received)
 
-    def _say(self, index: int, message: ActiveMessage) -> bool:
+    def _send_to_stations(self, index: int, message: ActiveMessage) -> bool:
         """To each base station in reach, with its own signal strength; whether there is one."""
         self.counters.sent += 1
         packet = message.pack()
-        heard = self._air[index].heard_by(self._xs_m, self._ys_m)
-        for station, rssi_dbm in heard:
+        received = self._air[index].receivers_of(self._xs_m, self._ys_m)
+        for station, rssi_dbm in received:
             self._receivers[station].put_bytes(with_rssi(packet, rssi_dbm))
-        return bool(heard)
+        return bool(received)
 
     def _near_stations(self, least_dbm: float) -> list[int]:
         """Motes whose packets a base station receives at least at this mean strength."""
@@ -169,7 +169,7 @@ class MoteField:
             if index is None:
                 continue
             mote = self.motes[index]
-            if mote.listens_at(self._tick) and self._air[index].hears(robot, self._xs_m, self._ys_m):
+            if mote.listens_at(self._tick) and self._air[index].receives(robot, self._xs_m, self._ys_m):
                 if message.type != ROUTED_TYPE:
                     self._deliver(index, message)
                 elif self.mesh is not None:
@@ -179,7 +179,7 @@ class MoteField:
         """Give a mote a packet that it has received."""
         mote = self.motes[index]
         before = mote.next_tick
-        mote.hear(message, self._tick)
+        mote.receive(message, self._tick)
         if mote.next_tick != before:
             heapq.heappush(self._wakes, (mote.next_tick, index))
 
@@ -188,7 +188,7 @@ class MoteField:
         if sender >= robots:  # a gateway: robots ignore its messages
             return
         xs_m, ys_m = self._xs_m[:robots], self._ys_m[:robots]
-        for robot, rssi_dbm in self.between_robots.heard_by(sender, xs_m, ys_m, self._tick):
+        for robot, rssi_dbm in self.between_robots.receivers_of(sender, xs_m, ys_m, self._tick):
             self._receivers[robot].put_bytes(with_rssi(packet, rssi_dbm) if is_beacon else packet)
 
     def _update_robot_places(self, robots: Sequence[Body]) -> None:
@@ -212,18 +212,18 @@ class _Air:
         self._links: dict[int, FadingLink] = {}
         self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
 
-    def heard_by(self, xs_m: Floats, ys_m: Floats) -> list[tuple[int, float]]:
+    def receivers_of(self, xs_m: Floats, ys_m: Floats) -> list[tuple[int, float]]:
         """Robots that one packet reaches, with its strength in dBm at each."""
         expected_dbm = self._expected_dbm(xs_m, ys_m)
-        heard = []
+        received = []
         for robot, strength_dbm in enumerate(expected_dbm.tolist()):
             if strength_dbm >= self._weakest_dbm:
                 rssi_dbm = self._link(robot).receive_dbm(strength_dbm)
                 if rssi_dbm is not None:
-                    heard.append((robot, rssi_dbm))
-        return heard
+                    received.append((robot, rssi_dbm))
+        return received
 
-    def hears(self, robot: int, xs_m: Floats, ys_m: Floats) -> bool:
+    def receives(self, robot: int, xs_m: Floats, ys_m: Floats) -> bool:
         """Whether one packet of a robot reaches the mote."""
         strength_dbm = float(self._expected_dbm(xs_m[robot : robot + 1], ys_m[robot : robot + 1])[0])
         return strength_dbm >= self._weakest_dbm and self._link(robot).receive_dbm(strength_dbm) is not None

@@ -243,7 +243,7 @@ class RadioCounters(msgspec.Struct):
 
     sent: int = 0
     """Packets, each once."""
-    heard: int = 0
+    received: int = 0
     crc_errors: int = 0
     """Noticed, but not whole: the receiver throws them away."""
     lost: int = 0
@@ -268,7 +268,7 @@ class FadingLink:
         """
         rssi_dbm = expected_dbm + self._per_packet_db * self._rng.standard_normal()
         if self._rng.random() < self._model.arrival_probability(rssi_dbm):
-            self._counters.heard += 1
+            self._counters.received += 1
             return rssi_dbm
         if rssi_dbm >= self._model.sensitivity_dbm - NOTICED_DB:
             self._counters.crc_errors += 1
@@ -302,7 +302,7 @@ class RobotAir:
         self._shadows_tick = -1
         self._shadows_db = np.zeros(0)
 
-    def heard_by(self, sender: int, xs_m: Floats, ys_m: Floats, tick: int) -> list[tuple[int, float]]:
+    def receivers_of(self, sender: int, xs_m: Floats, ys_m: Floats, tick: int) -> list[tuple[int, float]]:
         """Robots that one packet of a robot reaches, with its strength in dBm at each.
 
         Args:
@@ -316,14 +316,14 @@ class RobotAir:
         distances_m = np.hypot(xs_m - xs_m[sender], ys_m - ys_m[sender])
         shadows_db = self._shadows_at(xs_m, ys_m, tick)
         expected_dbm = self._radio.mean_rssi_dbm_of(distances_m) + shadows_db + shadows_db[sender]
-        heard = []
+        received = []
         for robot in np.flatnonzero(expected_dbm >= self._weakest_dbm).tolist():
             if robot != sender:
                 link = self._links.get((sender, robot)) or self._new_link(sender, robot)
                 rssi_dbm = link.receive_dbm(float(expected_dbm[robot]))
                 if rssi_dbm is not None:
-                    heard.append((robot, rssi_dbm))
-        return heard
+                    received.append((robot, rssi_dbm))
+        return received
 
     def _shadows_at(self, xs_m: Floats, ys_m: Floats, tick: int) -> Floats:
         if self._shadows_tick != tick:

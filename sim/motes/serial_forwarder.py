@@ -25,7 +25,7 @@ CHUNK_BYTES = 4096
 class ForwarderCounters(msgspec.Struct):
     """Counters of one forwarder."""
 
-    heard: int = 0
+    received: int = 0
     """Packets handed to each client."""
     sent: int = 0
     """Packets that clients have sent on the air."""
@@ -77,7 +77,7 @@ class SerialForwarder:
         readable, _, _ = select.select(everybody, (), (), 0.0)
         if self._server in readable:
             self._accept()
-        self.counters.heard += len(packets)
+        self.counters.received += len(packets)
         for client in list(self._clients):
             try:
                 if client in readable:

@@ -51,10 +51,10 @@ class I2cHandle:
         bus = self._there(address)
         sent = bus.chips[address].word(register)
         code = _packet_code(address, register, sent)
-        heard = sent ^ 1 << bus.flips.pop(0) if bus.flips else sent
-        if self.pec and code != _packet_code(address, register, heard):
+        read = sent ^ 1 << bus.flips.pop(0) if bus.flips else sent
+        if self.pec and code != _packet_code(address, register, read):
             raise OSError(errno.EBADMSG, "Bad message")
-        return heard
+        return read
 
     def write_word_data(self, address: int, register: int, word: int) -> None:
         """Write a register."""

@@ -59,6 +59,6 @@ class PointBattery(Unit):
         if soc > limit_soc:
             return is_warned and soc <= limit_soc + self.parameters.hysteresis_soc
         if not is_warned:
-            why = f"{100 * soc:.0f} % left, the limit is {100 * limit_soc:g} %"
-            event.notify(BatteryAlarm(why, soc, self._robot.energy_j, NOMINAL_V))
+            reason = f"{100 * soc:.0f} % left, the limit is {100 * limit_soc:g} %"
+            event.notify(BatteryAlarm(reason, soc, self._robot.energy_j, NOMINAL_V))
         return True

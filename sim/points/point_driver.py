@@ -40,7 +40,7 @@ class PointDriver(Unit):
 
     def step(self) -> None:
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
-            self._stand()
+            self._stop_robot()
         if self._goal is None:
             return
         self._robot.command()
@@ -50,10 +50,10 @@ class PointDriver(Unit):
             self._action.progress(1.0 - self._robot.remaining_m() / self._length_m)
 
     def deactivate(self) -> None:
-        self._stand()
+        self._stop_robot()
 
     def emergency_halt(self) -> None:
-        self._stand()
+        self._stop_robot()
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """See DriverInterface."""
@@ -63,7 +63,7 @@ class PointDriver(Unit):
         if path:
             self._set_out(path, fastest_m_s)
         else:
-            self._stand()
+            self._stop_robot()
 
     @external
     def drive_path(self, points: Annotated[list[Point2D], Meta(min_length=1, max_length=POINTS_MAX)]) -> ActionId:
@@ -94,7 +94,7 @@ class PointDriver(Unit):
         """Cancel this action and stand still; False if it is not running."""
         if not self._actions.cancel(action):
             return False
-        self._stand()
+        self._stop_robot()
         return True
 
     @external
@@ -102,7 +102,7 @@ class PointDriver(Unit):
         """Stand still."""
         caller = self.env.caller
         self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
-        self._stand()
+        self._stop_robot()
 
     @external
     def motion(self) -> Motion:
@@ -164,7 +164,7 @@ class PointDriver(Unit):
         self._goal, self._yaw_rad = path[-1], None
         self._robot.follow(path, min(fastest_m_s, self.parameters.speed_m_s))
 
-    def _stand(self) -> None:
+    def _stop_robot(self) -> None:
         self._action = self._goal = None
         self._robot.stop()
 
@@ -172,7 +172,7 @@ class PointDriver(Unit):
         action, yaw_rad = self._action, self._yaw_rad
         if yaw_rad is not None:
             self._robot.face(yaw_rad)
-        self._stand()
+        self._stop_robot()
         self.arrived.notify(goal)
         if action is not None:
             action.done(self._robot.pose)

@@ -37,7 +37,7 @@ POSSIBLE = frozenset(FaultKind) - {
     FaultKind.BATTERY_LIES,
 }
 """Faults that points can have."""
-STANDING = Twist2D()
+AT_REST = Twist2D()
 
 
 class PointFloor:
@@ -106,7 +106,7 @@ class PointRobot:
         """Power drawn in the last tick, without the charger's."""
         self.is_driving = False
         self._power = spec.power
-        self._standing_w = spec.power.standing_w(bursting=False)
+        self._idle_total_w = spec.power.idle_total_w(bursting=False)
         self._moving_w: dict[float, float] = {}
         self._path: list[tuple[float, float]] = []
         """Points that remain, the last one first."""
@@ -123,7 +123,7 @@ class PointRobot:
     @property
     def velocity(self) -> Twist2D:
         """In the body frame."""
-        return Twist2D(forward_m_s=self._speed_m_s) if self.forward_m else STANDING
+        return Twist2D(forward_m_s=self._speed_m_s) if self.forward_m else AT_REST
 
     def follow(self, path: Sequence[Point2D], speed_m_s: float) -> None:
         """Drive along these points, arena frame; `command` must be repeated meanwhile."""
@@ -177,7 +177,7 @@ class PointRobot:
     def step(self, period_s: float) -> None:
         """Move on, and draw from the battery."""
         self.forward_m = 0.0
-        power_w = self._standing_w
+        power_w = self._idle_total_w
         if self._path:
             self._uncommanded_s += period_s
             if self._uncommanded_s > WATCHDOG_S:

@@ -224,7 +224,7 @@ class Camera:
         self, pose: Pose2D, robots: Sequence[SeenRobot], motes: Sequence[SeenMote], moment: int
     ) -> NDArray[np.uint8]:
         """View from `pose`, arena frame: (H, W, 3) RGB. `moment` selects its noise."""
-        view = _View(self, pose)
+        view = _Drawing(self, pose)
         for robot in robots:
             view.draw_robot(robot)
         for mote in motes:
@@ -250,7 +250,7 @@ class Camera:
         return ahead_m
 
 
-class _View:
+class _Drawing:
     """One picture while it is drawn: nearer things over those behind."""
 
     def __init__(self, camera: Camera, pose: Pose2D) -> None:

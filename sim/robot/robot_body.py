@@ -163,8 +163,8 @@ class RobotBodies:
         self._motion, self._velocities = np.zeros((rows, MOTION)), np.zeros((rows, 3))
         self.other_velocities = self._velocities[len(bodies) : len(bodies) + len(others)]
         """(K, 3) rates of x, y and yaw of the other bodies, set by their owner before `drive()`."""
-        self._told, self._telling = pymunk.batch.Buffer(), pymunk.batch.Buffer()
-        self._telling.set_float_buf(self._velocities)  # read in place; the output needs its own buffer
+        self._poses_buffer, self._velocities_buffer = pymunk.batch.Buffer(), pymunk.batch.Buffer()
+        self._velocities_buffer.set_float_buf(self._velocities)  # read in place; the output needs its own buffer
 
     def drive(self) -> None:
         """Set the bodies' velocities, as near to those of their wheels as the acceleration allows in a tick."""
@@ -187,13 +187,13 @@ class RobotBodies:
             self._speed_change_m_s,
             self._yaw_rate_change_rad_s,
         )
-        pymunk.batch.set_space_bodies(self._space, _RATES, self._telling)
+        pymunk.batch.set_space_bodies(self._space, _RATES, self._velocities_buffer)
 
     def roll(self) -> None:
         """Update the bodies after the step of the space: pose, path length and wheels."""
-        self._told.clear()
-        pymunk.batch.get_space_bodies(self._space, _POSE_AND_RATES, self._told)
-        self._motion = np.frombuffer(self._told.float_buf()).reshape(-1, MOTION)
+        self._poses_buffer.clear()
+        pymunk.batch.get_space_bodies(self._space, _POSE_AND_RATES, self._poses_buffer)
+        self._motion = np.frombuffer(self._poses_buffer.float_buf()).reshape(-1, MOTION)
         if roll(self.state, self._motion, self._wheels, self.turns_rad, self._normals, self._used, DRAWS):
             self._draw_normals()
         for body, row in zip(self.bodies, self.state.tolist(), strict=True):

@@ -157,9 +157,9 @@ class RobotTeam:
             if robot.bus.transmit_errors:
                 controller.check_errors()
             if controller.has_news or before % controller.status_period_ticks == 0:
-                controller.tell()
+                controller.send_status()
             contacts_rad = robot.body.contacts_rad
-            if contacts_rad or ranges.told or tick % ranges.bump_period_ticks == ranges.phase:
+            if contacts_rad or ranges.reported or tick % ranges.bump_period_ticks == ranges.phase:
                 ranges.feel(tick, robot.body.yaw_rad, contacts_rad)
             if tick % robot.manager.period_ticks == 0:
                 robot.manager.load.motion_j = float(self._loads[row]["motion_j"])

@@ -89,8 +89,8 @@ class SimulatedRobot:
         self.name = spec.name
         late_frames, stamps = disturbance.frames(index, endpoint.clock), None
         if late_frames is not None:
-            tells_sending = disturbance.spec.can.stamped_at is StampedAt.SENDING
-            stamps = FrameStamps(endpoint.clock, tells_sending=tells_sending)
+            stamps_sending = disturbance.spec.can.stamped_at is StampedAt.SENDING
+            stamps = FrameStamps(endpoint.clock, stamps_sending=stamps_sending)
         self._late_scans = disturbance.scans(index, endpoint.clock)
         self.is_late = late_frames is not None or self._late_scans is not None
         """Whether frames or scans can be late, so that `deliver` must be called."""

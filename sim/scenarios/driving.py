@@ -42,7 +42,7 @@ def drive(
     """
     curve: list[tuple[float, float]] = [(0.0, 0.0)]
     milestones: dict[int, float] = {}
-    told_s = -1.0
+    reported_s = -1.0
     with StopOnInterrupt() as interrupt:
         while True:
             run.tick()
@@ -51,9 +51,9 @@ def drive(
                 curve.append((round(sim_time_s, 3), explored))
             while len(milestones) < len(MILESTONES_PERCENT) and 100 * explored >= MILESTONES_PERCENT[len(milestones)]:
                 milestones[MILESTONES_PERCENT[len(milestones)]] = round(sim_time_s, 3)
-            if on_progress is not None and pacer.wall_time_s - told_s > 0.1:
-                told_s = pacer.wall_time_s
-                on_progress(Progress(sim_time_s, told_s, explored, run.messages))
+            if on_progress is not None and pacer.wall_time_s - reported_s > 0.1:
+                reported_s = pacer.wall_time_s
+                on_progress(Progress(sim_time_s, reported_s, explored, run.messages))
             ended = end_reason(run, until_explored, time_limit_s, interrupted=interrupt.requested)
             if ended:
                 break

@@ -299,8 +299,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         check_gateways(gateways, robots, world.motes, self.name)
         if self.links is not None:
             self.links.check_names(robots, self.name, gateways)
-        if why := faults_refusal(self.faults, robots):
-            raise ScenarioError(f"{self.name}: faults: {why}")
+        if reason := faults_refusal(self.faults, robots):
+            raise ScenarioError(f"{self.name}: faults: {reason}")
         for fault in self.faults:
             if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:
                 raise ScenarioError(

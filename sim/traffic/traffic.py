@@ -122,7 +122,7 @@ class Walkways:
         free = plan.clearance_m[:: self._step, :: self._step] >= radius_m
         self._free = {(row, column) for row, column in np.argwhere(free).tolist()}
 
-    def way(self, start: Point2D, end: Point2D) -> list[Point2D] | None:
+    def path(self, start: Point2D, end: Point2D) -> list[Point2D] | None:
         """Corners of the shortest path, from start to end; None if there is none."""
         begin, goal = self._node(start), self._node(end)
         if begin is None or goal is None:
@@ -165,10 +165,10 @@ class Walkways:
                 sides = {(row + row_step, column), (row, column + column_step), there}
                 if not sides <= self._free:
                     continue
-                way = best[node] + length
-                if way < best.get(there, way + 1):
-                    best[there], before[there] = way, node
-                    heapq.heappush(queue, (way + _least(there, goal), there))
+                path = best[node] + length
+                if path < best.get(there, path + 1):
+                    best[there], before[there] = path, node
+                    heapq.heappush(queue, (path + _least(there, goal), there))
         return []
 
     def _node(self, place: Point2D) -> Node | None:
@@ -289,7 +289,7 @@ class TrafficPlan(NamedTuple):
     seed: int
     rounds: tuple[tuple[Point2D, ...], ...]
     """Points of each mover."""
-    ways: tuple[dict[tuple[int, int], list[Point2D]], ...]
+    paths: tuple[dict[tuple[int, int], list[Point2D]], ...]
     """For each table of people: path from a place to another, by their numbers."""
     places: tuple[tuple[Point2D, ...], ...]
     """For each table of people."""
@@ -315,14 +315,14 @@ def plan_traffic(spec: TrafficSpec, plan: FloorPlan, starts: Sequence[Disc], see
                 raise MapError(f"{plan.name}: expected doors[{index}].{key} on the floor, got {x_m:g}, {y_m:g}")
     for index, mover in enumerate(spec.movers):
         rounds.append(_rounds(mover, f"movers[{index}]", plan, starts))
-    ways, places = [], []
+    paths, places = [], []
     for index, people in enumerate(spec.people):
         found = _places(
             people, f"people[{index}]", plan, starts, np.random.default_rng([seed, _RNG_OF_TRAFFIC, 1, index])
         )
         places.append(found[0])
-        ways.append(found[1])
-    return TrafficPlan(spec, seed, tuple(rounds), tuple(ways), tuple(places))
+        paths.append(found[1])
+    return TrafficPlan(spec, seed, tuple(rounds), tuple(paths), tuple(places))
 
 
 def _rounds(spec: MoverSpec, key: str, plan: FloorPlan, starts: Sequence[Disc]) -> tuple[Point2D, ...]:
@@ -374,20 +374,20 @@ def _places(
                 f"{plan.name}: expected room for {key} at {place.x_m:g}, {place.y_m:g}: {spec.radius_m:g} m and "
                 f"{WALL_ROOM_M:g} m to walls",
             )
-    ways: dict[tuple[int, int], list[Point2D]] = {}
+    paths: dict[tuple[int, int], list[Point2D]] = {}
     for one in range(len(places)):
         for other in range(one):
-            way = walkways.way(places[one], places[other])
-            if way is None:
+            path = walkways.path(places[one], places[other])
+            if path is None:
                 here, there = places[one], places[other]
                 raise MapError(
                     f"{plan.name}: expected a way for {key} from {here.x_m:g}, {here.y_m:g} to "
                     f"{there.x_m:g}, {there.y_m:g}, there is none",
                 )
-            ways[one, other], ways[other, one] = way, way[::-1]
+            paths[one, other], paths[other, one] = path, path[::-1]
     if not any(_is_apart(place, spec.radius_m, starts) for place in places):
         raise MapError(f"{plan.name}: expected a place for {key} clear of the robots' starts, there is none")
-    return tuple(places), ways
+    return tuple(places), paths
 
 
 class Traffic:
@@ -519,12 +519,12 @@ class Traffic:
 def _people(planned: TrafficPlan, starts: Sequence[Disc]) -> list[Walker]:
     people: list[Walker] = []
     for index, spec in enumerate(planned.spec.people):
-        places, ways = planned.places[index], planned.ways[index]
+        places, paths = planned.places[index], planned.paths[index]
         apart = [number for number, place in enumerate(places) if _is_apart(place, spec.radius_m, starts)]
         rng = np.random.default_rng([planned.seed, _RNG_OF_TRAFFIC, 2, index])
         order = rng.permutation(apart).tolist()
         for number, own_rng in enumerate(rng.spawn(spec.count)):
-            errands = Errands(places, ways, order[number % len(order)], spec.pause_s, own_rng)
+            errands = Errands(places, paths, order[number % len(order)], spec.pause_s, own_rng)
             name = f"person{len(people) + 1}"
             people.append(Walker(name, errands, spec.radius_m, spec.speed_m_s, spec.stop_m))
     return people

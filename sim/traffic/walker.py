@@ -47,7 +47,7 @@ class Errands:
 
     Args:
         places: between which it walks.
-        ways: path from a place to another, by their numbers; all pairs have one.
+        paths: path from a place to another, by their numbers; all pairs have one.
         start: number of its first place.
         pause_s: shortest and longest stay.
         rng: draws places and stays.
@@ -57,13 +57,13 @@ class Errands:
     def __init__(
         self,
         places: Sequence[Point2D],
-        ways: Mapping[tuple[int, int], Sequence[Point2D]],
+        paths: Mapping[tuple[int, int], Sequence[Point2D]],
         start: int,
         pause_s: tuple[float, float],
         rng: np.random.Generator,
     ) -> None:
         self._places = places
-        self._ways = ways
+        self._paths = paths
         self._from = self._to = start
         self._pause_s = pause_s
         self._rng = rng
@@ -76,7 +76,7 @@ class Errands:
         """The path to another place."""
         others = [number for number in range(len(self._places)) if number != self._to]
         self._from, self._to = self._to, others[int(self._rng.integers(len(others)))]
-        return [*self._ways[self._from, self._to][1:]], float(self._rng.uniform(*self._pause_s))
+        return [*self._paths[self._from, self._to][1:]], float(self._rng.uniform(*self._pause_s))
 
     def turns_back(self) -> bool:
         """It goes back to where it comes from."""
@@ -125,14 +125,14 @@ class Walker:
         if self._pause_s > 0:
             self._pause_s -= tick_s
             return
-        way_m = self._speed_m_s * tick_s
-        x_m, y_m = self.x_m + way_m * self.along[0], self.y_m + way_m * self.along[1]
+        step_m = self._speed_m_s * tick_s
+        x_m, y_m = self.x_m + step_m * self.along[0], self.y_m + step_m * self.along[1]
         if self._is_held(robots) or blocks(x_m, y_m, self.radius_m):
             self._wait(tick_s)
             return
         self._waits_s = 0.0
         target = self._ahead[0]
-        if self._distance_m(target) > way_m:
+        if self._distance_m(target) > step_m:
             self.x_m, self.y_m = x_m, y_m
             return
         self.x_m, self.y_m = target.x_m, target.y_m

@@ -36,7 +36,7 @@ from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
 from robrain.sim.world.chargers import Chargers
-from robrain.sim.world.referee import TRUE_POSE_PERIOD_S, AccuracyWatch, Referee, team_geometry
+from robrain.sim.world.referee import TRUE_POSE_PERIOD_S, AccuracyMeter, Referee, team_geometry
 from robrain.sim.world.scenario_tasks import TaskSchedule
 from robrain.sim.world.world import Fidelity, World
 
@@ -151,15 +151,15 @@ class Arena:
         self._charger_period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
 
         field = SimulatedField.draw(network.field, plan, field_rng)
-        standing = gateway_motes(motes, network.motes.gateways)
-        self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s, standing)
+        fixed = gateway_motes(motes, network.motes.gateways)
+        self._motes = MoteField(motes, names, network, field, endpoint, motes_rng, tick_s, fixed)
         self.gateways = [
             MoteGateway(
                 mote.name,
                 endpoint if gateway_wire is None else gateway_wire(mote.name),
                 network.motes.gateway_readings,
             )
-            for mote in standing
+            for mote in fixed
         ]
         """Those beside motes."""
         docks = [Point2D(*charger.place_m) for charger in world.chargers]
@@ -179,7 +179,7 @@ class Arena:
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
         self.referee = Referee(plan, starts, least_clearance_m(radius_m), team_geometry(plan), endpoint)
-        self.accuracy = AccuracyWatch(names, self._bodies, self.referee, true_walls, geometry, endpoint)
+        self.accuracy = AccuracyMeter(names, self._bodies, self.referee, true_walls, geometry, endpoint)
         faults = [fault for fault in world.faults if fault.is_plain]
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
         self.tasks = TaskSchedule(world.tasks, endpoint)
@@ -272,7 +272,7 @@ class Arena:
         return self._cameras[own].png(self._bodies[own].pose, others, self._seen_motes, self._ticks)
 
     def measurement(self, robot: str) -> dict[str, float]:
-        """What a robot's board measures now, by the wire's names, with the noise of a mote (KeyError: no such robot).
+        """Measurement of a robot's board now, by the wire's names, with the noise of a mote (KeyError: no such robot).
 
         As with pictures, the noise comes from the time and the robot alone: queries do not change it.
         """

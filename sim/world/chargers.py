@@ -7,7 +7,7 @@ from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive
 from robrain.sim.robot.robot_body import Body
 
-STANDS_BELOW_M_S = 0.05
+AT_REST_BELOW_M_S = 0.05
 """A robot that passes by is not charged; contacts must rest on each other."""
 
 
@@ -35,7 +35,7 @@ class Chargers:
 
     def __init__(self, specs: Sequence[ChargerSpec], tick_s: float) -> None:
         self._specs = specs
-        self._step_m = STANDS_BELOW_M_S * tick_s
+        self._step_m = AT_REST_BELOW_M_S * tick_s
         self.docked: list[int | None] = [None] * len(specs)
         """For each charger the index of the robot that it feeds."""
 
@@ -60,6 +60,6 @@ class Chargers:
         return None
 
     def _touches(self, spec: ChargerSpec, body: Body) -> bool:
-        stands = math.hypot(body.forward_m, body.left_m) < self._step_m
+        is_at_rest = math.hypot(body.forward_m, body.left_m) < self._step_m
         x_m, y_m = spec.place_m
-        return stands and math.hypot(body.x_m - x_m, body.y_m - y_m) <= spec.reach_m
+        return is_at_rest and math.hypot(body.x_m - x_m, body.y_m - y_m) <= spec.reach_m

@@ -140,7 +140,7 @@ MAP_PERIOD_STEPS = 5
 """Calls of `step` from one measurement of the map to the next."""
 
 
-class AccuracyWatch:
+class AccuracyMeter:
     """Measures the accuracy of the team's poses and map.
 
     Call `keep()` every `TRUE_POSE_PERIOD_S`, and `step()` five times a second.

@@ -64,7 +64,7 @@ class TeamRadio:
         robots: their names.
         starts_m: (N, 2), where they start, metres, arena frame.
         seed: of the run.
-        standing: names and places of further radios, which do not move.
+        fixed: names and places of further radios, which do not move.
         faults: of the wire; a message must pass them on each hop, as it must pass the radio.
 
     """
@@ -78,12 +78,12 @@ class TeamRadio:
         robots: Sequence[str],
         starts_m: NDArray[np.float64],
         seed: int,
-        standing: Mapping[str, Place] | None = None,
+        fixed: Mapping[str, Place] | None = None,
         faults: WireFaults | None = None,
     ) -> None:
         self.counters = LinkCounters()
-        self._standing = dict(standing or {})
-        self.parties: Sequence[str] = (COORDINATOR, *robots, *self._standing)
+        self._fixed = dict(fixed or {})
+        self.parties: Sequence[str] = (COORDINATOR, *robots, *self._fixed)
         self.where: Places = lambda: starts_m
         """Gives the robots' poses; their starts until it is set."""
         own_m = spec.coordinator_m
@@ -108,7 +108,7 @@ class TeamRadio:
     def places_m(self) -> dict[str, Place]:
         """Places of the radios, metres, arena frame."""
         robots = [(float(x_m), float(y_m)) for x_m, y_m in self.where()]
-        return dict(zip(self.parties, [self._own_m, *robots, *self._standing.values()], strict=True))
+        return dict(zip(self.parties, [self._own_m, *robots, *self._fixed.values()], strict=True))
 
     def update(self, now_ns: int, on: Collection[str]) -> bool:
         """See `Network`."""

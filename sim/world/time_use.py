@@ -38,7 +38,7 @@ class TimeUseMeter:
         self._poses = poses
         self._spent_s = np.zeros((len(poses), 4))
 
-    def note(self, poses: NDArray[np.float64], at_task: Sequence[bool], step_s: float) -> None:
+    def add(self, poses: NDArray[np.float64], at_task: Sequence[bool], step_s: float) -> None:
         """Add the time since the last call.
 
         Args:

@@ -76,7 +76,7 @@ def _costs(robots: int, motes: int) -> Iterator[Figure]:
     finally:
         run.close()
     case = f"{motes} motes, {robots} robots"
-    beside = f"whole run {whole_ms:.1f}; {counters.heard / SIMULATED_S:.0f} packets/s heard"
+    beside = f"whole run {whole_ms:.1f}; {counters.received / SIMULATED_S:.0f} packets/s heard"
     unit = "ms/sim s"
     yield timing(f"{case}: the field, CPU", field_ms, unit, at_most(FIELD_BOUND_MS), beside)
     bound_ms = ROBOT_BOUND_MS if motes < 100 else 3 * ROBOT_BOUND_MS

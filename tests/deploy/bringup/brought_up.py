@@ -17,7 +17,8 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.world.arena import TICK_S, Arena
+from robrain.sim.world.arena import Arena
+from robrain.sim.world.world import TICK_S
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import World
 
@@ -52,7 +53,7 @@ class LockstepBench(Bench):
         self._session = open_lockstep_session()
         self.clock = VirtualClock()
         self._wire = Endpoint(self._session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
-        self.arena: Arena = world.arena(self._wire)
+        self.arena = Arena(world, self._wire)
         self._host: AgentHost | None = None
 
     def start(self, robot_file: RobotFile, *, with_lidar: bool, with_imu: bool = False) -> None:

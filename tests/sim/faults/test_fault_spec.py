@@ -30,7 +30,7 @@ def test_a_fault_that_makes_no_sense_is_refused_in_one_sentence(given, told):
 def changes(faults, seed=1, until_s=100.0, moments=()):
     times = FaultTimes(faults, seed)
     for moment, robot, at_s in moments:
-        times.note(moment, robot, to_ns(at_s))
+        times.record(moment, robot, to_ns(at_s))
     found = []
     for tick in range(int(10 * until_s) + 1):
         found += [(tick / 10, one.number, one.begins) for one in times.due(to_ns(tick / 10))]

@@ -161,7 +161,7 @@ def test_the_watchdog_bites_at_its_tick_when_the_ticks_between_are_left_out(desk
     assert desk.controller.state is MotorState.RUNNING
     desk.controller.receive(16)
     assert desk.controller.state is MotorState.RUNNING
-    desk.controller.tell()
+    desk.controller.send_status()
     assert not desk.controller.has_news
     desk.controller.receive(17)
     assert desk.controller.state is MotorState.WATCHDOG

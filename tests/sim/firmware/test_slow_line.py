@@ -16,9 +16,9 @@ LATE_S = 0.1
 class Line:
     """A line whose frames take 0.1 s, and the computer at its end."""
 
-    def __init__(self, session, *, tells_sending):
+    def __init__(self, session, *, stamps_sending):
         self.clock = VirtualClock()
-        stamps = FrameStamps(self.clock, tells_sending=tells_sending)
+        stamps = FrameStamps(self.clock, stamps_sending=stamps_sending)
         late = DelayLine(DelaySpec(late_s=(LATE_S, LATE_S)), np.random.default_rng(1), self.clock)
         self.line = BusLine(ZenohBus("r1/can0", session=session, direct=True, now_ns=stamps.now_ns), late, stamps)
         self.computer = ZenohBus("r1/can0", session=session, direct=True)
@@ -39,8 +39,8 @@ def build():
     session = open_lockstep_session()
     lines = []
 
-    def build(*, tells_sending=False):
-        lines.append(Line(session, tells_sending=tells_sending))
+    def build(*, stamps_sending=False):
+        lines.append(Line(session, stamps_sending=stamps_sending))
         return lines[-1]
 
     yield build
@@ -50,9 +50,9 @@ def build():
     session.close()
 
 
-@pytest.mark.parametrize(("tells_sending", "stamps_s"), [(True, [1.0, 1.02]), (False, [1.2, 1.2])])
-def test_late_frames_are_stamped_when_they_were_sent_or_when_they_arrive(build, tells_sending, stamps_s):
-    line = build(tells_sending=tells_sending)
+@pytest.mark.parametrize(("stamps_sending", "stamps_s"), [(True, [1.0, 1.02]), (False, [1.2, 1.2])])
+def test_late_frames_are_stamped_when_they_were_sent_or_when_they_arrive(build, stamps_sending, stamps_s):
+    line = build(stamps_sending=stamps_sending)
     line.run_to(1.0)
     line.send(1)
     assert line.run_to(1.02) == []
@@ -78,7 +78,7 @@ def test_frames_that_are_on_their_way_when_the_line_is_cut_are_lost(build):
 
 
 def test_word_of_a_short_is_not_late(build):
-    line = build(tells_sending=True)
+    line = build(stamps_sending=True)
     line.run_to(1.0)
     line.line.break_down(LineFault.SHORTED)
     ((_, stamp_s),) = line.run_to(1.0)

@@ -83,7 +83,7 @@ def test_a_mote_holds_no_more_packets_than_it_has_room_for():
     motes = Motes()
     for serial in range(5):
         motes.give(11, serial=serial)
-    assert motes.down.counters.taken == SPEC.queue
+    assert motes.down.counters.accepted == SPEC.queue
     assert motes.down.counters.refused == 5 - SPEC.queue
 
 
@@ -91,4 +91,4 @@ def test_bytes_that_are_no_routed_packet_are_left_alone():
     motes = Motes()
     motes.down.from_station(0, b"\x56\x01\x00", 0)
     motes.run(100)
-    assert motes.down.counters.taken == 0
+    assert motes.down.counters.accepted == 0

@@ -117,7 +117,7 @@ def test_a_fifth_of_the_packets_lost_on_each_hop_is_repaired(wire):
     ends.set_duty("m5", 5.0)
     ends.run(540.0)
     air = ends.field.mesh.air
-    tried = air.heard + air.crc_errors + air.lost
+    tried = air.received + air.crc_errors + air.lost
     assert 0.15 < (air.crc_errors + air.lost) / tried < 0.30
     assert ends.last.period_ds == 50
     came = ends.came["m5"]

@@ -62,9 +62,9 @@ def test_what_does_not_arrive_is_counted_as_broken_or_as_lost():
     for strength_dbm in (-60.0, -91.0, -100.0):
         for _ in range(1000):
             link.receive_dbm(strength_dbm)
-    assert counters.heard == pytest.approx(1000 + 1000 * model.arrival_probability(-91.0), abs=60)
+    assert counters.received == pytest.approx(1000 + 1000 * model.arrival_probability(-91.0), abs=60)
     assert counters.lost == 1000
-    assert counters.heard + counters.crc_errors + counters.lost == 3000
+    assert counters.received + counters.crc_errors + counters.lost == 3000
 
 
 def test_more_power_than_a_cc1000_has_is_refused():

@@ -20,7 +20,7 @@ def strengths_dbm(one, sender, spots, packets=400):
     """Mean strength at each robot that heard anything."""
     heard = {}
     for tick in range(packets):
-        for robot, rssi_dbm in one.heard_by(sender, *spots, tick):
+        for robot, rssi_dbm in one.receivers_of(sender, *spots, tick):
             heard.setdefault(robot, []).append(rssi_dbm)
     return {robot: (len(each), float(np.mean(each))) for robot, each in heard.items()}
 
@@ -44,7 +44,7 @@ def test_both_directions_have_the_same_shadow():
 def test_shadows_have_the_deviation_of_the_model_for_ends_that_are_apart():
     radio = RadioModel(shadowing_db=4.0, static_share=1.0, sensitivity_dbm=-200.0)
     off_db = [
-        air(radio, seed).heard_by(0, *places(0.0, 20.0), 0)[0][1] - radio.mean_rssi_dbm(20.0) for seed in range(400)
+        air(radio, seed).receivers_of(0, *places(0.0, 20.0), 0)[0][1] - radio.mean_rssi_dbm(20.0) for seed in range(400)
     ]
     assert np.std(off_db) == pytest.approx(4.0, rel=0.12)
 
@@ -54,7 +54,7 @@ def test_at_the_edge_of_reach_half_of_the_packets_arrive_and_the_rest_is_counted
     (heard,) = strengths_dbm(one, 0, places(0.0, PLAIN.reach_m), packets=1000).values()
     assert heard[0] == pytest.approx(500, abs=60)
     counters = one.counters
-    assert (counters.sent, counters.heard) == (1000, heard[0])
+    assert (counters.sent, counters.received) == (1000, heard[0])
     assert counters.crc_errors + counters.lost == 1000 - heard[0]
 
 
@@ -63,4 +63,4 @@ def test_another_robot_changes_nothing_between_the_others():
     few, many = air(radio), air(radio)
     for tick in range(50):
         two, three = places(0.0, 8.0), places(0.0, 8.0, 4.0)
-        assert few.heard_by(0, *two, tick) == [each for each in many.heard_by(0, *three, tick) if each[0] == 1]
+        assert few.receivers_of(0, *two, tick) == [each for each in many.receivers_of(0, *three, tick) if each[0] == 1]

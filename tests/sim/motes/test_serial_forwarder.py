@@ -98,7 +98,7 @@ def test_a_client_that_has_not_greeted_gets_the_greeting_only(desk):
     client = desk.client(greeting=b"")
     assert desk.read(client, 2) == b"U "
     desk.hear()
-    desk.until(lambda: desk.forwarder.counters.heard == 1)
+    desk.until(lambda: desk.forwarder.counters.received == 1)
     client.sendall(b"U \x10" + PACKET)
     desk.until(lambda: len(desk.sent))
     desk.hear(PACKET[:9])

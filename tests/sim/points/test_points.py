@@ -61,7 +61,7 @@ def test_equal_seeds_give_equal_digests() -> None:
 def test_energy_follows_the_model() -> None:
     scenario = arena(robots=1, motes=0, idle=True)
     result = scenario.run(time_limit_s=10.0)
-    standing_j = 10.0 * scenario.hardware.power.standing_w(bursting=False)
+    standing_j = 10.0 * scenario.hardware.power.idle_total_w(bursting=False)
     assert result.energy_j == pytest.approx(standing_j)
     assert result.distance_m == 0.0
 

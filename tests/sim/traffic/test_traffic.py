@@ -213,12 +213,12 @@ def test_traffic_is_written_as_it_was_read_and_a_run_without_has_no_bodies():
 def test_ways_go_around_walls_and_are_short():
     plan = Scenario.from_toml(ROOMS).plan()
     walkways = Walkways(plan, 0.25)
-    way = walkways.way(Point2D(3.0, 0.8), Point2D(5.0, 0.8))
+    way = walkways.path(Point2D(3.0, 0.8), Point2D(5.0, 0.8))
     assert way is not None
     length_m = sum(one.distance_m(other) for one, other in pairwise(way))
     assert 2.0 * math.hypot(1.0, 0.85) <= length_m < 3.1
     assert len(way) <= 5
-    assert Walkways(plan, 0.65).way(Point2D(3.0, 0.8), Point2D(5.0, 0.8)) is None
+    assert Walkways(plan, 0.65).path(Point2D(3.0, 0.8), Point2D(5.0, 0.8)) is None
 
 
 WRONG = {

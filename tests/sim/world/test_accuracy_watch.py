@@ -20,7 +20,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.world.referee import KEPT_TRUE_POSES, MAP_PERIOD_STEPS, AccuracyWatch, Referee, team_geometry
+from robrain.sim.world.referee import KEPT_TRUE_POSES, MAP_PERIOD_STEPS, AccuracyMeter, Referee, team_geometry
 from robrain.sim.world.world import World
 
 SMALL = Scenario.builtin("arena_small").replace(robots=1, motes=0)
@@ -49,7 +49,7 @@ class Bench:
         self.body = Body()
         self.referee = Referee(PLAN, [Point2D(1.0, 2.0)], 0.2, GEOMETRY, self.endpoint)
         geometry = GridGeometry(0.1, 0.0, 0.0, 60, 40)
-        self.watch = AccuracyWatch(["r1"], [self.body], self.referee, WALLS, geometry, self.endpoint)
+        self.watch = AccuracyMeter(["r1"], [self.body], self.referee, WALLS, geometry, self.endpoint)
         self._states = self.endpoint.publisher(ROBOT_STATE, robot="r1")
         self._maps = self.endpoint.publisher(ROBOT_MAP, robot="r1")
 
