@@ -258,7 +258,6 @@ class BatteryManager:
         bus: the robot's bus.
         battery: what it manages.
         power: power draw of the robot by activity.
-        mass_kg: of the robot without payload.
         tick_s: length of a tick.
         rng: of the gauge's errors and of the computer's bursts.
 
@@ -269,7 +268,6 @@ class BatteryManager:
         bus: can.BusABC,
         battery: SimulatedBattery,
         power: PowerModel,
-        mass_kg: float,
         tick_s: float,
         rng: np.random.Generator,
     ) -> None:
@@ -278,28 +276,23 @@ class BatteryManager:
         """Current power of a charger."""
         self.lie: Callable[[Reading], Reading] | None = None
         """A fault of the gauge: the value that it reports in place of the measured one."""
-        self.load = Load(power, mass_kg, rng)
-        """Energy that the robot has drawn since the last status."""
+        self.load = Load(power, rng)
         self._port = frame_port(bus)
         self._gauge = Gauge(battery.spec.gauge, rng)
-        self._tick_s = tick_s
         self.period_ticks = max(1, round(STATUS_PERIOD_S / tick_s))
         self._period_s = self.period_ticks * tick_s
         self._codec = codec("BatteryStatus")
-        self._tick = 0
         self._sent = 0
 
-    def report(self, speed_m_s: float, yaw_rate_rad_s: float) -> None:
-        """Account for a tick of this motion; at 5 Hz, load the battery with its share and send the status."""
-        self.load.move(speed_m_s, yaw_rate_rad_s, self._tick_s)
-        self._tick += 1
-        if self._tick % self.period_ticks == 0:
-            self.measure()
+    def measure(self, motion_j: float) -> None:
+        """Load the battery with the draw of the period that ends now, and send the status.
 
-    def measure(self) -> None:
-        """Load the battery with the draw of the period that ends now, and send the status."""
+        Args:
+            motion_j: energy of the robot's motion in the period.
+
+        """
         battery, period_s = self.battery, self._period_s
-        battery.step(self.load.mean_power_w(period_s), self.supply_w, period_s)
+        battery.step(self.load.mean_power_w(motion_j, period_s), self.supply_w, period_s)
         reading = self._gauge.read(battery.voltage_v, battery.current_a, battery.temperature_c)
         if self.lie is not None:
             reading = self.lie(reading)
@@ -311,57 +304,27 @@ class BatteryManager:
 
 
 class Load:
-    """Power draw of the robot: its motion tick by tick, and a computer that has bursts of work.
+    """Power draw of the robot: its motion, and a computer that has bursts of work.
 
     Args:
         power: terms of the robot's power.
-        mass_kg: of the robot without payload.
         rng: gives the times of bursts.
 
     """
 
-    def __init__(self, power: PowerModel, mass_kg: float, rng: np.random.Generator) -> None:
-        self.motion_j = 0.0
-        """Energy of its motion since `mean_power_w`."""
+    def __init__(self, power: PowerModel, rng: np.random.Generator) -> None:
         self._power = power
-        self._mass_kg = mass_kg
         self._rng = rng
         self._bursting = False
-        self._speed_m_s = 0.0
 
-    def move(self, speed_m_s: float, yaw_rate_rad_s: float, duration_s: float) -> None:
-        """Account for some time of this motion."""
-        if speed_m_s or yaw_rate_rad_s:
-            self.motion_j += self._power.motion_w(speed_m_s, yaw_rate_rad_s, self._mass_kg) * duration_s
-        if speed_m_s > self._speed_m_s:
-            self.motion_j += self._power.acceleration_j(self._mass_kg, self._speed_m_s, speed_m_s)
-        self._speed_m_s = speed_m_s
-
-    def row(self) -> tuple[float, ...]:
-        """Its terms as a row of `LOAD`, for a robot whose motion is accounted for together with others'."""
-        power = self._power
-        return (
-            self._mass_kg,
-            power.payload_kg,
-            power.moving_w,
-            power.speed_w_per_m_s,
-            power.speed2_w_per_m2_s2,
-            power.yaw_w_per_rad_s,
-            power.drive_efficiency,
-            self._speed_m_s,
-            self.motion_j,
-        )
-
-    def mean_power_w(self, period_s: float) -> float:
-        """Mean power of the period that ends now."""
+    def mean_power_w(self, motion_j: float, period_s: float) -> float:
+        """Mean power of the period that ends now, with this energy of motion."""
         power = self._power
         if power.burst_w:
             mean_s = power.burst_s if self._bursting else power.between_bursts_s
             if self._rng.random() < 1.0 - math.exp(-period_s / mean_s):
                 self._bursting = not self._bursting
-        load_w = power.idle_total_w(bursting=self._bursting) + self.motion_j / period_s
-        self.motion_j = 0.0
-        return load_w
+        return power.idle_total_w(bursting=self._bursting) + motion_j / period_s
 
 
 def _stepped(value: float, step: float) -> float:

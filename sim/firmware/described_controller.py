@@ -149,12 +149,7 @@ class FrameController(DescribedController):
         self._count_frames = tuple(codec_of(one) for one in frames.encoders)
         self._state_frame = codec_of(FrameSignals(frame=frames.status.frame, signals=("state", "fault")))
 
-    def receive(self, tick: int | None = None) -> None:
-        """As MotorController."""
-        self._received_tick = tick = self._received_tick + 1 if tick is None else tick
-        before = self.state
-        if self.has_failed:
-            self._stop_wheels(MotorState.ERROR)
+    def _read_commands(self) -> None:
         for identifier, data, _ in self._described.read_frames():
             if identifier != self._wanted.arbitration_id:
                 continue
@@ -167,9 +162,6 @@ class FrameController(DescribedController):
                 self._stop_wheels(MotorState.WATCHDOG)  # standing still acknowledges the failure
             elif self.state is not MotorState.ERROR:
                 self._turn([value / per_si for value, per_si in zip(values, self._per_si, strict=True)])
-        if tick >= self.due_tick:
-            self._stop_wheels(MotorState.WATCHDOG)
-        self.has_news |= self.state is not before
 
     def send_counts(self) -> None:
         """Send the counts of all wheels."""
@@ -234,12 +226,8 @@ class LineController(DescribedController):
         """Speed of a wheel that turns by a count in a cycle."""
         self._left = b""
 
-    def receive(self, tick: int | None = None) -> None:
-        """As MotorController."""
-        self._received_tick = tick = self._received_tick + 1 if tick is None else tick
-        if self.has_failed:
-            self._stop_wheels(MotorState.ERROR)
-        elif self.state is MotorState.ERROR:
+    def _read_commands(self) -> None:
+        if not self.has_failed and self.state is MotorState.ERROR:
             self._stop_wheels(MotorState.WATCHDOG)
         *lines, self._left = (self._left + self._line.read()).split(b"\r")
         for line in lines:
@@ -248,8 +236,6 @@ class LineController(DescribedController):
         if len(self._left) > LINE_BYTES_MAX:
             self._left = b""
             self.rejected_frames += 1
-        if tick >= self.due_tick:
-            self._stop_wheels(MotorState.WATCHDOG)
 
     def forget(self) -> None:
         """Drop all frames that have arrived."""

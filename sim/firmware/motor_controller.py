@@ -5,7 +5,7 @@ stops the wheels when commands cease.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from enum import IntEnum
 
 import can
@@ -90,9 +90,8 @@ class MotorState(IntEnum):
 class MotorController:
     """Wheel commands and stops in, encoder counts and status out.
 
-    A tick is `receive()`, and after the motion `report()`. If many controllers are updated together, `receive()` is
-    called only if a frame has arrived, `has_failed` is set or `due_tick` is reached. `WheelEncoders` then makes the
-    frames with the counts in place of `report()`, and `send_status()` sends the status.
+    Call `receive()` in each tick, unless no frame has arrived, `has_failed` is not set and `due_tick` is not reached.
+    After the motion `WheelEncoders` makes the frames with the counts, and `send_status()` sends the status.
 
     Args:
         bus: the robot's bus; other nodes of the same robot may send on it too.
@@ -128,9 +127,7 @@ class MotorController:
         self._watchdog_ticks = max(1, round(WATCHDOG_S / tick_s))
         self._command, self._stop = codec("WheelCommand"), codec("Stop")
         self._status = codec("MotorStatus")
-        self._encoders = WheelEncoders(np.array([self.ticks_per_rad]))
         self._received_tick = 0
-        self._reports = 0
         self._status_sent = 0
 
     @property
@@ -149,6 +146,13 @@ class MotorController:
         before = self.state, self.rejected_frames, self._commands.lost
         if self.has_failed:
             self._stop_wheels(MotorState.ERROR)
+        self._read_commands()
+        if tick >= self.due_tick:
+            self._stop_wheels(MotorState.WATCHDOG)
+        if before != (self.state, self.rejected_frames, self._commands.lost):
+            self.has_news = True
+
+    def _read_commands(self) -> None:
         for identifier, data, _ in self._port.read_frames():
             try:
                 if identifier == self._command.arbitration_id:
@@ -157,20 +161,6 @@ class MotorController:
                     self._stop_by(*self._stop.decode(data))
             except BadFrame:
                 self.rejected_frames += 1
-        if tick >= self.due_tick:
-            self._stop_wheels(MotorState.WATCHDOG)
-        if before != (self.state, self.rejected_frames, self._commands.lost):
-            self.has_news = True
-
-    def report(self, wheel_turns_rad: Sequence[float]) -> None:
-        """Send due frames: encoder counts at 50 Hz, the status at 5 Hz and on change."""
-        if self._reports % self.encoder_period_ticks == 0:
-            (data,) = self._encoders.frames(np.array([wheel_turns_rad]))
-            self._port.send_data(ENCODER_IDENTIFIER, data)
-        self.check_errors()
-        if self.has_news or self._reports % self.status_period_ticks == 0:
-            self.send_status()
-        self._reports += 1
 
     def check_errors(self) -> None:
         """Check the error counter; due in each tick in which it is not 0."""

@@ -57,15 +57,6 @@ def motion_w(
     return moving_w + loaded * rolling_w + speed2_w_per_m2_s2 * speed_m_s * speed_m_s
 
 
-@register_jitable
-def acceleration_j(
-    mass_kg: float, payload_kg: float, drive_efficiency: float, before_m_s: float, after_m_s: float
-) -> float:
-    """Energy of a change of speed of a base of this mass with its payload; braking costs and returns nothing."""
-    gained_j = 0.5 * (mass_kg + payload_kg) * (after_m_s * after_m_s - before_m_s * before_m_s)
-    return max(0.0, gained_j) / drive_efficiency
-
-
 @njit(cache=True)
 def add_motion(loads: NDArray[np.void], state: NDArray[np.void], tick_s: float) -> None:
     """Account for a tick: `loads` (N,) `LOAD`, updated in place; `state` (N,) as of `body_kernels.STATE`."""
@@ -86,9 +77,11 @@ def add_motion(loads: NDArray[np.void], state: NDArray[np.void], tick_s: float) 
                 load.yaw_w_per_rad_s,
             )
         if speed_m_s > load.speed_m_s:
-            load.motion_j += acceleration_j(
-                load.mass_kg, load.payload_kg, load.drive_efficiency, load.speed_m_s, speed_m_s
+            # Braking costs and returns nothing.
+            gained_j = (
+                0.5 * (load.mass_kg + load.payload_kg) * (speed_m_s * speed_m_s - load.speed_m_s * load.speed_m_s)
             )
+            load.motion_j += gained_j / load.drive_efficiency
         load.speed_m_s = speed_m_s
 
 
@@ -136,7 +129,16 @@ class PowerModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
         )
         return power_w
 
-    def acceleration_j(self, mass_kg: float, before_m_s: float, after_m_s: float) -> float:
-        """Energy of a change of speed of a base of this mass with its payload; braking costs and returns nothing."""
-        energy_j: float = acceleration_j(mass_kg, self.payload_kg, self.drive_efficiency, before_m_s, after_m_s)
-        return energy_j
+    def row(self, mass_kg: float) -> tuple[float, ...]:
+        """The terms as a row of `LOAD`, for a robot of this mass at rest."""
+        return (
+            mass_kg,
+            self.payload_kg,
+            self.moving_w,
+            self.speed_w_per_m_s,
+            self.speed2_w_per_m2_s2,
+            self.yaw_w_per_rad_s,
+            self.drive_efficiency,
+            0.0,
+            0.0,
+        )

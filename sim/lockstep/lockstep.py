@@ -405,8 +405,7 @@ class LockstepRun:
         self.time_use.add(self._poses(), self.arena.accuracy.at_task, self._watch_ticks * self.tick_s)
         plan = self.world.plan
         for body in self.arena.bodies:
-            row, column = plan.cell_of(body.x_m, body.y_m)
-            clearance_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
+            clearance_m = plan.clearance_at(body.x_m, body.y_m)
             # A cell's clearance is that of its middle: half a diagonal may be lost on the path from there.
             slack_m = 0.71 * plan.resolution_m
             self.wall_overlap_m = max(self.wall_overlap_m, body.radius_m - clearance_m - slack_m)

@@ -77,6 +77,11 @@ class FloorPlan:
         clearance_m.setflags(write=False)
         return clearance_m
 
+    def clearance_at(self, x_m: float, y_m: float) -> float:
+        """Clearance of the cell that holds a point, metres; 0 outside the grid."""
+        cell = self.cell_of(x_m, y_m)
+        return float(self.clearance_m[cell]) if self.holds_cell(*cell) else 0.0
+
     def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
         """(row, col) of the cell that holds a point in the arena frame; outside the grid if the point is.
 

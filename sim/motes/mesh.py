@@ -39,7 +39,7 @@ from robrain.sim.motes.radio import (
     RECEIVE_MA,
     SENSOR_BOARD_MA,
     SLEEP_MA,
-    FadingLink,
+    FadingLinks,
     MoteState,
     RadioCounters,
     RadioModel,
@@ -297,11 +297,11 @@ class MoteMesh:
         self._motes = motes
         self._index = {mote.mote.number: index for index, mote in enumerate(motes)}
         self._spec, self._radio, self._energy, self._rate_hz = spec, radio, energy, rate_hz
-        self._seed, self._tick_s, self._send_to_stations, self._near = seed, tick_s, send_to_stations, near
+        self._tick_s, self._send_to_stations, self._near = tick_s, send_to_stations, near
         self._sink = len(motes)
         self._stations = [_Station() for _ in motes]
         self._strengths_dbm = _strengths_dbm(motes, radio, seed)
-        self._links: dict[tuple[int, int], FadingLink] = {}
+        self._links = FadingLinks(radio, seed, self.air)
         self._wake_ticks = max(1, round(spec.wake_s / tick_s))
         self._repeats_ticks = round(REPEATS_S / tick_s)
         self._gap_ticks = max(1, round(GAP_S / tick_s))
@@ -420,12 +420,7 @@ class MoteMesh:
     def _arrives(self, sender: int, receiver: int) -> bool:
         if receiver not in self._strengths_dbm[sender]:
             return False
-        link = self._links.get((sender, receiver))
-        if link is None:
-            key = (*self._seed.spawn_key, sender, receiver)
-            rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
-            link = self._links[sender, receiver] = FadingLink(self._radio, rng, self.air)
-        return link.receive_dbm(self._strengths_dbm[sender][receiver]) is not None
+        return self._links.receive_dbm((sender, receiver), self._strengths_dbm[sender][receiver]) is not None
 
     def _put(self, index: int, packet: _Packet, tick: int, after_ticks: int) -> None:
         station = self._stations[index]

@@ -277,6 +277,31 @@ class FadingLink:
         return None
 
 
+class FadingLinks:
+    """Links of pairs, each with its own randomness, so that further pairs do not change it.
+
+    Args:
+        model: of the radio.
+        seed: of all pairs.
+        counters: of all packets.
+
+    """
+
+    def __init__(self, model: RadioModel, seed: np.random.SeedSequence, counters: RadioCounters) -> None:
+        self._model = model
+        self._seed = seed
+        self._counters = counters
+        self._links: dict[tuple[int, ...], FadingLink] = {}
+
+    def receive_dbm(self, pair: tuple[int, ...], expected_dbm: float) -> float | None:
+        """Strength of one packet between a pair, as `FadingLink.receive_dbm`."""
+        link = self._links.get(pair)
+        if link is None:
+            seed = np.random.SeedSequence(self._seed.entropy, spawn_key=(*self._seed.spawn_key, *pair))
+            link = self._links[pair] = FadingLink(self._model, np.random.default_rng(seed), self._counters)
+        return link.receive_dbm(expected_dbm)
+
+
 class RobotAir:
     """Links between the base stations of all robots.
 
@@ -293,11 +318,10 @@ class RobotAir:
     def __init__(self, radio: RadioModel, seed: np.random.SeedSequence) -> None:
         self.counters = RadioCounters()
         self._radio = radio
-        self._seed = seed
         field_db = radio.static_db / math.sqrt(2.0)
         rng = np.random.default_rng(seed)
         self._shadow = ShadowField(field_db, radio.correlation_m, rng) if field_db > 0 else None
-        self._links: dict[tuple[int, int], FadingLink] = {}
+        self._links = FadingLinks(radio, seed, self.counters)
         self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
         self._shadows_tick = -1
         self._shadows_db = np.zeros(0)
@@ -319,8 +343,7 @@ class RobotAir:
         received = []
         for robot in np.flatnonzero(expected_dbm >= self._weakest_dbm).tolist():
             if robot != sender:
-                link = self._links.get((sender, robot)) or self._new_link(sender, robot)
-                rssi_dbm = link.receive_dbm(float(expected_dbm[robot]))
+                rssi_dbm = self._links.receive_dbm((sender, robot), float(expected_dbm[robot]))
                 if rssi_dbm is not None:
                     received.append((robot, rssi_dbm))
         return received
@@ -330,9 +353,3 @@ class RobotAir:
             self._shadows_tick = tick
             self._shadows_db = self._shadow.at(xs_m, ys_m) if self._shadow is not None else np.zeros(len(xs_m))
         return self._shadows_db
-
-    def _new_link(self, sender: int, receiver: int) -> FadingLink:
-        key = (*self._seed.spawn_key, sender, receiver)
-        rng = np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
-        link = self._links[sender, receiver] = FadingLink(self._radio, rng, self.counters)
-        return link

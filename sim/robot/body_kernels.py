@@ -1,14 +1,12 @@
 """Motion of all bodies of an arena in one tick: compiled loops over arrays with a row for each robot.
 
-The kinematics of the wheels are plain functions, which `Wheels` calls for a robot alone and the kernels for all. A
-length is the root of a sum of squares, which is the same on all processors and in every C library.
+A length is the root of a sum of squares, which is the same on all processors and in every C library.
 """
 
 import math
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from robrain.algorithms.navigation.wheel_bases import TANGENTS, WHEEL_ANGLES_RAD
@@ -42,48 +40,7 @@ along the axle."""
 
 MOTION = 6
 """Columns of a body's motion in the space: x, y, yaw, and their rates, in m, rad and seconds, arena frame."""
-Three = Floats | tuple[float, ...]
-"""One value for each wheel: (3,)."""
 _AXLES = tuple((math.cos(angle), math.sin(angle)) for angle in WHEEL_ANGLES_RAD)
-
-
-@register_jitable
-def body_twist(radius_m: float, distance_m: float, path_per_turn: Three, turns: Three) -> tuple[float, float, float]:
-    """Forward, left and yaw rate of a base whose wheels turn at these rates; with turns, its displacement."""
-    v1 = radius_m * (path_per_turn[0] * turns[0])
-    v2 = radius_m * (path_per_turn[1] * turns[1])
-    v3 = radius_m * (path_per_turn[2] * turns[2])
-    return (
-        (2 / 3) * (TANGENTS[0][0] * v1 + TANGENTS[1][0] * v2 + TANGENTS[2][0] * v3),
-        (2 / 3) * (TANGENTS[0][1] * v1 + TANGENTS[1][1] * v2 + TANGENTS[2][1] * v3),
-        (v1 + v2 + v3) / (3 * distance_m),
-    )
-
-
-@register_jitable
-def wheel_turn_rad(
-    wheel: int,
-    radius_m: float,
-    turning_m: float,
-    forward_m: float,
-    left_m: float,
-) -> float:
-    """Turn of an exact wheel on a base with this motion; `turning_m` is its path length from the base's turn."""
-    return (TANGENTS[wheel][0] * forward_m + TANGENTS[wheel][1] * left_m + turning_m) / radius_m
-
-
-@register_jitable
-def axial_m(wheel: int, forward_m: float, left_m: float) -> float:
-    """Path length of a wheel along its axle."""
-    return _AXLES[wheel][0] * forward_m + _AXLES[wheel][1] * left_m
-
-
-@register_jitable
-def slip_variance_m2(
-    slip_m2_per_m: float, lateral_m2_per_m: float, turn_rad: float, radius_m: float, along_axle_m: float
-) -> float:
-    """Of the slip along the tread: a random walk, whose variance grows with the path length."""
-    return slip_m2_per_m * abs(turn_rad) * radius_m + lateral_m2_per_m * abs(along_axle_m)
 
 
 @njit(cache=True)
@@ -112,9 +69,12 @@ def drive(
     """
     for i in range(state.shape[0]):
         wheel = wheels[i]
-        forward_m_s, left_m_s, wanted_yaw_rate = body_twist(
-            wheel.radius_m, wheel.distance_m, wheel.path_per_turn, wanted_rad_s[i]
-        )
+        v1 = wheel.radius_m * (wheel.path_per_turn[0] * wanted_rad_s[i, 0])
+        v2 = wheel.radius_m * (wheel.path_per_turn[1] * wanted_rad_s[i, 1])
+        v3 = wheel.radius_m * (wheel.path_per_turn[2] * wanted_rad_s[i, 2])
+        forward_m_s = (2 / 3) * (TANGENTS[0][0] * v1 + TANGENTS[1][0] * v2 + TANGENTS[2][0] * v3)
+        left_m_s = (2 / 3) * (TANGENTS[0][1] * v1 + TANGENTS[1][1] * v2 + TANGENTS[2][1] * v3)
+        wanted_yaw_rate = (v1 + v2 + v3) / (3 * wheel.distance_m)
         yaw_rate_rad_s = motion[i, 5]
         change_rad_s = wanted_yaw_rate - yaw_rate_rad_s
         yaw_rate_rad_s += max(-yaw_rate_change_rad_s, min(yaw_rate_change_rad_s, change_rad_s))
@@ -172,12 +132,12 @@ def roll(
 
         turning_m = wheel.distance_m * turned_rad
         for k in range(3):
-            turn_rad = wheel_turn_rad(k, wheel.radius_m, turning_m, forward_m, left_m)
-            along_axle_m = axial_m(k, forward_m, left_m)
+            turn_rad = (TANGENTS[k][0] * forward_m + TANGENTS[k][1] * left_m + turning_m) / wheel.radius_m
+            along_axle_m = _AXLES[k][0] * forward_m + _AXLES[k][1] * left_m
             slip_m = wheel.lateral_slip * along_axle_m
-            variance_m2 = slip_variance_m2(
-                wheel.slip_m2_per_m, wheel.lateral_m2_per_m, turn_rad, wheel.radius_m, along_axle_m
-            )
+            # Of the slip along the tread: a random walk, whose variance grows with the path length.
+            along_tread_m2 = wheel.slip_m2_per_m * abs(turn_rad) * wheel.radius_m
+            variance_m2 = along_tread_m2 + wheel.lateral_m2_per_m * abs(along_axle_m)
             if variance_m2 > 0:
                 slip_m += math.sqrt(variance_m2) * normals[i, used[i]]
                 used[i] += 1

@@ -18,6 +18,7 @@ from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.robot.robot_body import (
     COLLISION_SLOP_M,
+    MASS_KG,
     OVERLAP_LEFT_PER_TICK,
     CollisionCounter,
     RobotBodies,
@@ -90,7 +91,7 @@ class RobotTeam:
         self._tick_s = tick_s
         self._loads = np.zeros(len(robots), LOAD)
         for row, robot in enumerate(robots):
-            self._loads[row] = robot.manager.load.row()
+            self._loads[row] = robot.power.row(MASS_KG)
         self._encoders = WheelEncoders(np.array([robot.controller.ticks_per_rad for robot in robots]))
         self._hulls = np.zeros((len(robots) + len(circles), 3))
         """x, y, radius of each robot, arena frame, filled in for a scan; then those of the circles."""
@@ -162,9 +163,8 @@ class RobotTeam:
             if contacts_rad or ranges.reported or tick % ranges.bump_period_ticks == ranges.phase:
                 ranges.feel(tick, robot.body.yaw_rad, contacts_rad)
             if tick % robot.manager.period_ticks == 0:
-                robot.manager.load.motion_j = float(self._loads[row]["motion_j"])
+                robot.manager.measure(float(self._loads[row]["motion_j"]))
                 self._loads[row]["motion_j"] = 0.0
-                robot.manager.measure()
                 if controller.powered == robot.battery.is_cut_off:  # it has cut off or come back in this tick
                     controller.powered = not robot.battery.is_cut_off
                     bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s

@@ -33,7 +33,7 @@ from robrain.sim.firmware.range_sensors import RangeSensors
 from robrain.sim.firmware.wit_imu import IMU_LINE, WitImu
 from robrain.sim.maps.surfaces import Surfaces
 from robrain.sim.robot.lidar import Lidar
-from robrain.sim.robot.robot_body import MASS_KG, RobotBody
+from robrain.sim.robot.robot_body import RobotBody
 from robrain.sim.robot.robot_hardware import ArenaRobot, Controller
 from robrain.sim.robot.wheels import Wheels
 
@@ -109,6 +109,7 @@ class SimulatedRobot:
         wheels = Wheels.draw(spec.base, spec.wheels, wheels_rng)
         self.body = RobotBody(space, wheels, spec.start, spec.radius_m)
         self.battery = SimulatedBattery(spec.battery)
+        self.power = spec.power
         self.lidar = Lidar(spec.lidar, spec.name, walls, geometry, rng, surfaces)
         self._scans = endpoint.publisher(ARENA_SCAN, robot=spec.name)
         self.line: LidarLine | None = None
@@ -145,7 +146,7 @@ class SimulatedRobot:
         self.ranges = RangeSensors(
             self.bus, spec.range_sensors, spec.radius_m, walls, geometry, ranges_rng, tick_s, index
         )
-        self.manager = BatteryManager(self.bus, self.battery, spec.power, MASS_KG, tick_s, battery_rng)
+        self.manager = BatteryManager(self.bus, self.battery, spec.power, tick_s, battery_rng)
         self.controller.powered = not self.battery.is_cut_off
 
     def drop_commands(self) -> None:

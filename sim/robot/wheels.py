@@ -6,8 +6,6 @@ Odometry Errors in Mobile Robots*, IEEE Transactions on Robotics and Automation 
 with three omni wheels.
 """
 
-import math
-from collections import deque
 from typing import Annotated, Self
 
 import msgspec
@@ -16,8 +14,6 @@ from msgspec import Meta
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.geometry import Twist2D
-from robrain.sim.robot.body_kernels import axial_m, body_twist, slip_variance_m2, wheel_turn_rad
 
 DRAWS = 256
 """Random numbers drawn at a time; one by one they cost ten times as much."""
@@ -49,10 +45,9 @@ class WheelSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class Wheels:
-    """The true wheels of one robot: the path of their turns, and their turns on a path.
+    """The true wheels of one robot.
 
     Args:
-        nominal: the robot's model of the base.
         true: the true base.
         radius_share: true radius of each wheel over that of `true`.
         spec: their slip.
@@ -62,18 +57,14 @@ class Wheels:
 
     def __init__(
         self,
-        nominal: OmniBase,
         true: OmniBase,
         radius_share: tuple[float, float, float],
         spec: WheelSpec,
         rng: np.random.Generator,
     ) -> None:
-        self.nominal = nominal
         self.true = true
         self.radius_share = radius_share
-        self._spec = spec
         self._rng = rng
-        self._normals: deque[float] = deque()
         self.path_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)
         """Path of each wheel over that of an exact one."""
         self.lateral_slip = spec.lateral_slip
@@ -90,35 +81,9 @@ class Wheels:
         distance_m = nominal.wheel_distance_m * (1.0 + spec.base_sigma * float(rng.standard_normal()))
         true = msgspec.structs.replace(nominal, wheel_distance_m=distance_m)
         first, second, third = (1.0 + float(error) for error in radius_errors)
-        return cls(nominal, true, (first, second, third), spec, rng)
-
-    def twist(self, wheel_1_rad_s: float, wheel_2_rad_s: float, wheel_3_rad_s: float) -> Twist2D:
-        """The body's velocity at these speeds of the wheels."""
-        turns = (wheel_1_rad_s, wheel_2_rad_s, wheel_3_rad_s)
-        return Twist2D(*body_twist(self.true.wheel_radius_m, self.true.wheel_distance_m, self.path_per_turn, turns))
-
-    def turns_rad(self, displacement: Twist2D) -> tuple[float, float, float]:
-        """Turns of the wheels while the body moves by this (m, m, rad), slip included."""
-        forward_m, left_m, turned_rad = displacement.forward_m_s, displacement.left_m_s, displacement.yaw_rad_s
-        radius_m, turning_m = self.true.wheel_radius_m, self.true.wheel_distance_m * turned_rad
-        turns = []
-        for wheel, path_per_turn in enumerate(self.path_per_turn):
-            turn_rad = wheel_turn_rad(wheel, radius_m, turning_m, forward_m, left_m)
-            along_axle_m = axial_m(wheel, forward_m, left_m)
-            slip_m = self.lateral_slip * along_axle_m
-            variance_m2 = slip_variance_m2(self.slip_m2_per_m, self.lateral_m2_per_m, turn_rad, radius_m, along_axle_m)
-            if variance_m2 > 0:
-                slip_m += math.sqrt(variance_m2) * self._normal()
-            turns.append((turn_rad + slip_m / radius_m) / path_per_turn)
-        first, second, third = turns
-        return first, second, third
+        return cls(true, (first, second, third), spec, rng)
 
     def draw_normals(self) -> list[float]:
         """The next `DRAWS` normal random numbers of the slip, in the order of their use."""
         drawn: list[float] = self._rng.standard_normal(DRAWS)[::-1].tolist()
         return drawn
-
-    def _normal(self) -> float:
-        if not self._normals:
-            self._normals.extend(self.draw_normals())
-        return self._normals.popleft()

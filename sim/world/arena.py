@@ -32,7 +32,6 @@ from robrain.sim.motes.motes import MoteField
 from robrain.sim.points.point_team import PointFloor, PointRobot, PointTeam
 from robrain.sim.robot.camera import Camera, SeenMote, SeenRobot
 from robrain.sim.robot.robot_body import Body
-from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
 from robrain.sim.world.chargers import Chargers
@@ -102,9 +101,6 @@ class Arena:
         gateway_wire: opens the endpoint of a gateway of this name, which its owner closes; None for the arena's own.
         rng: source of all randomness; that of the world's seed if None.
 
-    Raises:
-        ValueError: a name is there twice, or a robot's start is taken.
-
     """
 
     def __init__(
@@ -117,9 +113,6 @@ class Arena:
         plan, robots, motes, network = world.plan, world.robots, world.motes, world.network
         tick_s = world.tick_s
         names = [robot.name for robot in robots]
-        _check_names(names, "robot")
-        _check_names([mote.name for mote in motes], "mote")
-        _check_starts(plan, robots)
         rng = world.arena_rng() if rng is None else rng
         robots_rng, motes_rng, field_rng = rng.spawn(3)
 
@@ -302,29 +295,6 @@ class Arena:
             supplies_w = self.chargers.supplies_w(self._bodies)
             for robot, supply_w in zip(self._robots, supplies_w, strict=True):
                 robot.supply(supply_w)
-
-
-def _check_names(names: Sequence[str], what: str) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"expected each {what} once, got {', '.join(twice)} twice; give it another name")
-
-
-def _check_starts(plan: FloorPlan, robots: Sequence[ArenaRobot]) -> None:
-    for index, robot in enumerate(robots):
-        start = robot.start
-        room_m = clearance_m(plan, start)
-        if room_m < robot.radius_m:
-            raise ValueError(
-                f"expected {robot.name} to start at least its radius of {robot.radius_m:g} m from the walls of "
-                f"{plan.name}, got {room_m:.3f} m at x {start.x_m:g}, y {start.y_m:g}"
-            )
-        for other in robots[:index]:
-            if start.distance_m(other.start) < robot.radius_m + other.radius_m:
-                raise ValueError(
-                    f"expected {robot.name} to start clear of {other.name}, "
-                    f"got {start.distance_m(other.start):.2f} m between them"
-                )
 
 
 def clearance_m(plan: FloorPlan, pose: Pose2D | Point2D) -> float:

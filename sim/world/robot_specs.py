@@ -239,8 +239,7 @@ def check_places(plan: FloorPlan, specs: Sequence[RobotSpec], radii_m: Sequence[
         if spec.place_m is not None
     ]
     for index, place, radius_m in placed:
-        row, column = plan.cell_of(place.x_m, place.y_m)
-        room_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
+        room_m = plan.clearance_at(place.x_m, place.y_m)
         others = [other for other in placed if other[0] < index]
         near = next((other for other in others if place.distance_m(other[1]) < radius_m + other[2]), None)
         if room_m < radius_m or near is not None:

@@ -277,8 +277,7 @@ def _mote_place(plan: FloorPlan, place_m: tuple[float, float]) -> Point2D:
 
 
 def _check_charger(charger: ChargerSpec, plan: FloorPlan, radius_m: float) -> None:
-    row, column = plan.cell_of(*charger.place_m)
-    clearance_m = float(plan.clearance_m[row, column]) if plan.holds_cell(row, column) else 0.0
+    clearance_m = plan.clearance_at(*charger.place_m)
     if clearance_m < radius_m:
         x_m, y_m = charger.place_m
         raise PlacementError(

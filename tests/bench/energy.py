@@ -24,7 +24,8 @@ from robrain.algorithms.energy.soc_filter import PackModel
 from robrain.lab.bench.figure import Figure, at_least, at_most, between, deterministic
 from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
 from robrain.sim.firmware.battery import BatterySpec, Gauge, Load, SimulatedBattery
-from robrain.sim.firmware.power_model import PowerModel
+from robrain.sim.firmware.power_model import LOAD, PowerModel, add_motion
+from robrain.sim.robot.body_kernels import STATE
 from robrain.sim.robot.robot_body import MASS_KG
 from tests.bench.side_by_side import side_by_side
 
@@ -68,7 +69,8 @@ class Robot:
             speed_w_per_m_s=7.5 * rng.normal(1.0, 0.1),
             speed2_w_per_m2_s2=1.0,
         )
-        self._load = Load(self._power, MASS_KG, rng)
+        self._load = Load(self._power, rng)
+        self._motion, self._moved = np.array([self._power.row(MASS_KG)], LOAD), np.zeros(1, STATE)
         self._gauge = Gauge(self.age.gauge, rng)
         self.tracker = BatteryTracker(PackModel(), GaugeLimits())
         self.consumption = Consumption(PowerPrior(), 0.0008, 0.03)
@@ -116,9 +118,12 @@ class Robot:
 
     def _step(self, speed_m_s: float, yaw_rate_rad_s: float) -> None:
         mean_m_s = 0.5 * (self._speed_m_s + speed_m_s)
-        self._load.move(mean_m_s * self._roughness, yaw_rate_rad_s, STEP_S)
+        self._moved[0]["forward_m"] = mean_m_s * self._roughness * STEP_S
+        self._moved[0]["turned_rad"] = yaw_rate_rad_s * STEP_S
+        self._motion[0]["motion_j"] = 0.0
+        add_motion(self._motion, self._moved, STEP_S)
         self._speed_m_s = speed_m_s
-        self.battery.step(self._load.mean_power_w(STEP_S), 0.0, STEP_S)
+        self.battery.step(self._load.mean_power_w(float(self._motion[0]["motion_j"]), STEP_S), 0.0, STEP_S)
         if self.battery.is_cut_off:
             return
         self._steps += 1
@@ -158,7 +163,7 @@ class Robot:
         if self.rng.random() < 0.1:
             compute_w = max(2.0, self._power.compute_w + self.rng.normal(0.0, 1.0))
             self._power = msgspec.structs.replace(self._power, compute_w=compute_w)
-            self._load = Load(self._power, MASS_KG, self.rng)
+            self._load = Load(self._power, self.rng)
 
 
 class Outcome(NamedTuple):

@@ -9,8 +9,8 @@ from robrain.agent.authoring.testing import PluginBench
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Twist2D
-from robrain.sim.firmware.motor_controller import MotorController, MotorState
-from robrain.sim.robot.wheels import Wheels, WheelSpec
+from robrain.sim.firmware.motor_controller import MotorState
+from tests.sim.firmware.controller_node import ControllerNode
 
 TICK_S = 0.02
 """The group of python-can's documentation for IPv4; `hop_limit = 0` keeps it on this computer."""
@@ -22,7 +22,8 @@ def bench_on(**parameters):
 
 def test_on_a_virtual_bus_the_robot_drives_as_it_is_told():
     board = can.Bus(interface="virtual", channel="test_can_backends")
-    controller = MotorController(board, OmniBase(), TICK_S)
+    node = ControllerNode(board, OmniBase(), TICK_S)
+    controller = node.controller
     turns_rad = [0.0, 0.0, 0.0]
     with bench_on(interface="virtual", channel="test_can_backends", options={"preserve_timestamps": False}) as bench:
         device = bench.plugin("mocdevice")
@@ -32,7 +33,7 @@ def test_on_a_virtual_bus_the_robot_drives_as_it_is_told():
             turns_rad = [
                 turn + TICK_S * speed for turn, speed in zip(turns_rad, controller.wheel_speeds_rad_s, strict=True)
             ]
-            controller.report(turns_rad)
+            node.report(turns_rad)
             bench.run(TICK_S)
         assert controller.state is MotorState.RUNNING
         assert device.pose().x_m == pytest.approx(0.5, abs=0.01)
@@ -65,7 +66,6 @@ def test_on_socketcan_the_robot_drives_where_the_kernel_has_a_virtual_can():
 
 def test_a_log_in_candump_format_replayed_into_the_device_is_the_odometry_of_that_drive(tmp_path):
     log = tmp_path / "drive.log"
-    wheels = Wheels(OmniBase(), OmniBase(), (1.0, 1.0, 1.0), WheelSpec(), None)
     turns_rad = [0.0, 0.0, 0.0]
     with can.CanutilsLogWriter(log) as writer:
         for tick in range(100):
@@ -75,7 +75,7 @@ def test_a_log_in_candump_format_replayed_into_the_device_is_the_odometry_of_tha
             )
             frame.timestamp = TICK_S * tick
             writer.on_message_received(frame)
-            step = wheels.turns_rad(Twist2D(0.01, 0.0, 0.0))
+            step = OmniBase().wheel_speeds_rad_s(Twist2D(0.01, 0.0, 0.0))
             turns_rad = [turn + more for turn, more in zip(turns_rad, step, strict=True)]
     assert log.read_text().splitlines()[0].split()[2] == "180#00000000000000A5"
     board = can.Bus(interface="virtual", channel="test_can_replay")

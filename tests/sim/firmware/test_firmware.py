@@ -7,7 +7,8 @@ from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.firmware.motor_controller import MotorController, MotorState
+from robrain.sim.firmware.motor_controller import MotorState
+from tests.sim.firmware.controller_node import ControllerNode
 
 TICK_S = 0.02
 COMMAND = {"wheel_1_rad_s": 1.0, "wheel_2_rad_s": -2.0, "wheel_3_rad_s": 3.5}
@@ -21,7 +22,8 @@ class Desk:
     def __init__(self, board: can.BusABC, host: can.BusABC) -> None:
         self.board = board
         self.host = host
-        self.controller = MotorController(board, OmniBase(), TICK_S)
+        self.node = ControllerNode(board, OmniBase(), TICK_S)
+        self.controller = self.node.controller
         self.turns_rad = [0.0, 0.0, 0.0]
 
     def command(self) -> None:
@@ -33,7 +35,7 @@ class Desk:
     def tick(self, count: int = 1) -> None:
         for _ in range(count):
             self.controller.receive()
-            self.controller.report(self.turns_rad)
+            self.node.report(self.turns_rad)
 
     def heard(self, name: str) -> list[dict[str, float]]:
         frames = iter(lambda: self.host.recv(timeout=0), None)

@@ -8,7 +8,8 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.bus_line import BusLine, LineFault
-from robrain.sim.firmware.motor_controller import MotorController, MotorState
+from robrain.sim.firmware.motor_controller import MotorState
+from tests.sim.firmware.controller_node import ControllerNode
 
 SPEEDS = {"wheel_1_rad_s": 1.0, "wheel_2_rad_s": 2.0, "wheel_3_rad_s": 3.0}
 STANDING = (0.0, 0.0, 0.0)
@@ -18,7 +19,8 @@ class Desk:
     def __init__(self, session):
         self.line = BusLine(ZenohBus("r1/can0", session=session, direct=True))
         self.host = ZenohBus("r1/can0", session=session, direct=True)
-        self.controller = MotorController(self.line, OmniBase(), 0.02, lambda: self.line.transmit_errors)
+        self.node = ControllerNode(self.line, OmniBase(), 0.02, lambda: self.line.transmit_errors)
+        self.controller = self.node.controller
         self.sent = 0
 
     def command(self):
@@ -32,7 +34,7 @@ class Desk:
     def tick(self, count=1):
         for _ in range(count):
             self.controller.receive()
-            self.controller.report([0.0, 0.0, 0.0])
+            self.node.report([0.0, 0.0, 0.0])
 
     def heard(self):
         return list(iter(lambda: self.host.recv(timeout=0), None))

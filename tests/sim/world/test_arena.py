@@ -324,19 +324,6 @@ def test_another_mote_changes_nothing_that_robots_sense(stage):
     assert few == more
 
 
-@pytest.mark.parametrize(
-    ("starts", "sentence"),
-    [
-        ((Pose2D(0.25, 2.0, 0.0),), "expected r1 to start at least its radius"),  # half in the wall
-        ((Pose2D(9.0, 2.0, 0.0),), "expected r1 to start at least its radius"),  # beyond the plan
-        ((Pose2D(1.0, 2.0, 0.0), Pose2D(1.3, 2.0, 0.0)), "expected r2 to start clear of r1"),
-    ],
-)
-def test_a_start_that_is_taken_is_refused(stage, starts, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        stage(*starts)
-
-
 def test_in_live_the_same_arena_follows_its_commands():
     session = open_lockstep_session()
     endpoint = Endpoint(session, "test", LiveClock(), Drive.LIVE)
@@ -357,30 +344,5 @@ def test_in_live_the_same_arena_follows_its_commands():
     until(lambda: arena.truth.robots[0].pose.x_m > 1.2, "the robot does not follow its commands", step=step)
     host.shutdown()
     arena.close()
-    endpoint.close()
-    session.close()
-
-
-@pytest.mark.parametrize(
-    ("build", "sentence"),
-    [
-        (lambda: ArenaRobot(name="r1", start=Pose2D(1.0, 1.0, 0.0), radius_m=0.0), "expected radius_m > 0"),
-        (lambda: ArenaRobot(name="r1", start=Pose2D(1.0, 1.0, 0.0), radius_m=-1.0), "expected radius_m > 0"),
-        (lambda: ArenaMote(name="m1", number=70000, place=Point2D(0.0, 0.0)), "expected number <= 65534"),
-        (lambda: LidarSpec(rays=0), "expected rays >= 1"),
-        (lambda: LidarSpec(noise_m=-0.1), "expected noise_m >= 0"),
-    ],
-)
-def test_a_specification_without_sense_is_refused(build, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        build()
-
-
-def test_two_of_one_name_are_refused():
-    session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
-    twins = [ArenaRobot(name="r1", start=Pose2D(x_m, 2.0, 0.0)) for x_m in (1.0, 3.0)]
-    with pytest.raises(ValueError, match="expected each robot once, got r1 twice"):
-        Arena(World(room(), twins, [], 1), endpoint)
     endpoint.close()
     session.close()
