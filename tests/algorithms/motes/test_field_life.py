@@ -99,7 +99,7 @@ def test_part_that_needs_more_relays_than_there_are_stays_cut_off() -> None:
 
 def test_robot_on_tour_takes_what_standing_and_driving_take() -> None:
     where = MoteSite(places=(Point2D(50.0, 0.0),), sink=ORIGIN, size_m=60.0)
-    robot = RobotFigures(speed_m_s=1.0, idle_total_w=5.0, driving_j_per_m=7.0, readings_per_s=1440.0)
+    robot = RobotFigures(speed_m_s=1.0, standing_w=5.0, driving_j_per_m=7.0, readings_per_s=1440.0)
     life = live(where, routing=Routing.NONE, tours_per_day=1.0, robot=robot)
     assert life.robot_j / (life.driven_m / 100.0) == pytest.approx(100.0 * 7.0 + 101.0 * 5.0)
 

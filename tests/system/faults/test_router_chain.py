@@ -100,9 +100,9 @@ def test_members_of_two_routers_are_one_team(chain: Chain) -> None:
 @pytest.mark.parametrize(("who", "key"), [(VIC, "as/operator/ann/halt"), (VIC, "robot/r1/state"), (ANN, "task/event")])
 def test_what_one_router_forbids_does_not_come_to_the_other(chain: Chain, who: Member, key: str) -> None:
     heard: list[bytes] = []
-    receivers_of = f"robrain/{TEAM}/{key}".replace("operator/ann", "*/*")
+    heard_by = f"robrain/{TEAM}/{key}".replace("operator/ann", "*/*")
     with chain.session(WITNESS, chain.site) as witness, chain.session(who, chain.hall) as attacker:
-        subscriber = witness.declare_subscriber(receivers_of, lambda sample: heard.append(sample.payload.to_bytes()))
+        subscriber = witness.declare_subscriber(heard_by, lambda sample: heard.append(sample.payload.to_bytes()))
         time.sleep(SOON_S)
         attacker.put(f"robrain/{TEAM}/{key}", b"planted")
         time.sleep(SOON_S)
