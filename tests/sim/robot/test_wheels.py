@@ -28,7 +28,7 @@ def turns_rad(drawn: Wheels, displacement: Twist2D, steps: int = 1) -> np.ndarra
     state, wheels = np.zeros(1, STATE), np.zeros(1, WHEELS)
     wheels[0] = (drawn.true.wheel_radius_m, drawn.true.wheel_distance_m, drawn.path_per_turn, drawn.lateral_slip,
                  drawn.slip_m2_per_m, drawn.lateral_m2_per_m)  # fmt: skip
-    turns, normals = np.zeros((1, 3)), np.array([drawn.draw_normals() * 10])
+    turns, normals = np.zeros((1, 3)), np.array([[each for _ in range(4) for each in drawn.draw_normals()]])
     used, motion = np.zeros(1, np.int64), np.zeros((1, MOTION))
     for _ in range(steps):
         half_rad = state[0]["yaw_rad"] + displacement.yaw_rad_s / 2
