@@ -18,9 +18,8 @@ from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.world.arena import Arena
-from robrain.sim.world.world import TICK_S
 from robrain.sim.world.robot_specs import RobotSpec, RobotType
-from robrain.sim.world.world import World
+from robrain.sim.world.world import TICK_S, World
 
 
 class Watcher(Operator):
