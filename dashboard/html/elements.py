@@ -9,7 +9,7 @@ from jinja2.environment import TemplateModule
 from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import span_text
-from robrain.recording.drawing.palette import battery_class, css, mote_class, style_of
+from robrain.recording.drawing.palette import CHARGER_PLATE, battery_class, css, mote_class, style_of
 
 NONE = "–"
 """A value that is not known."""
@@ -93,6 +93,7 @@ def _macros(template: str) -> TemplateModule:
     environment.filters |= {"clock": clock_text, "span": span_text, "css": css}
     environment.globals |= {
         "NONE": NONE,
+        "CHARGER_PLATE": CHARGER_PLATE,
         "CONDITIONS": CONDITIONS,
         "TASK_STATES": TASK_STATES,
         "battery_class": battery_class,

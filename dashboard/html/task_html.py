@@ -6,11 +6,11 @@ from typing import NamedTuple
 from robrain.dashboard.html.elements import placeholder, render
 from robrain.dashboard.state.shown_robot import ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.dashboard.state.task_board import PLANNED_S, Span
+from robrain.dashboard.state.task_board import PLANNED_S
 from robrain.protocol.messages.tasks.task_messages import TaskWhy
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import natural_key
-from robrain.recording.drawing.palette import CHARGER_PLATE, css, style_of
+from robrain.recording.drawing.palette import css, style_of
 
 LONG_ID = re.compile(r"^(explore|recharge|[a-z_]+(?=-\d{8}))-\d+$")
 """Ids of the coordinator's own tasks, which contain no more than the kind."""
@@ -54,21 +54,21 @@ class Foreseen(NamedTuple):
     end_ns: int
     title: str
     """From the wire: not escaped."""
-    is_held: bool = False
-    """The robot has the task already, and starts it by itself."""
-    is_charge: bool = False
+    kind: str
+    """`held`: the robot has the task already, and starts it by itself; `planned`; or `charge`."""
 
 
 class Bar(NamedTuple):
-    """A bar of the chart: its row, place and width in the picture, SVG attributes, and title."""
+    """A bar of the chart: its row, place and width in the picture."""
 
     row: int
     x: float
     width: float
-    style: dict[str, str]
+    kind: str
+    """As of `Foreseen`; or `running`, `done` or `failed`, which is any other end."""
+    color: str
     title: str
     """From the wire: not escaped."""
-    is_charge: bool = False
 
 
 def gantt_html(view: ShownTeam) -> str:
@@ -87,18 +87,22 @@ def gantt_html(view: ShownTeam) -> str:
         at_s = min(max((stamp_ns - now_ns) / 1e9, start_s), end_s)
         return LEFT + (at_s - start_s) * scale
 
+    def bar(row: int, start_ns: int, end_ns: int, kind: str, color: str, title: str) -> Bar:
+        left, right = x_of(start_ns), x_of(end_ns)
+        return Bar(row, left, max(1.5, right - left), kind, color, title)
+
     bars = []
     for row, robot in enumerate(robots):
         color = css(style_of(robot.index).color)
         for span in view.board.spans.get(robot.name, ()):
-            left, right = x_of(span.start_ns), x_of(span.end_ns if span.end_ns is not None else now_ns)
-            if right > LEFT:
+            end_ns = span.end_ns if span.end_ns is not None else now_ns
+            if x_of(end_ns) > LEFT:
+                ended = "done" if span.state is TaskState.DONE else "failed"
+                kind = "running" if span.end_ns is None else ended
                 title = f"{span.kind} {span.task}: {span.state.value}"
-                bars.append(Bar(row, left, max(1.5, right - left), _span_style(span, color), title))
+                bars.append(bar(row, span.start_ns, end_ns, kind, color, title))
         for entry in expected[robot.name]:
-            left, right = x_of(entry.start_ns), x_of(entry.end_ns)
-            style = _foreseen_style(entry, color)
-            bars.append(Bar(row, left, max(1.5, right - left), style, entry.title, entry.is_charge))
+            bars.append(bar(row, entry.start_ns, entry.end_ns, entry.kind, color, entry.title))
     return render(
         "tasks",
         "gantt",
@@ -126,7 +130,7 @@ def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
         and not state.task.state.ended
     ):
         free_ns = max(now_ns, state.stamp_ns + round(state.task.remaining_s * 1e9))
-        found.append(Foreseen(now_ns, free_ns, f"{state.task.id}: the rest of it", is_held=True))
+        found.append(Foreseen(now_ns, free_ns, f"{state.task.id}: the rest of it", "held"))
     planned = view.board.planned().get(robot.name, [])
     held = state.next_task.id if state is not None and state.next_task is not None else ""
     if held:
@@ -134,30 +138,15 @@ def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
         length_ns = round(PLANNED_S * 1e9) if known is None or known.end_ns is None else known.end_ns - known.start_ns
         event = view.tasks.get(held)
         kind = event.task.kind if event is not None else "task"
-        found.append(Foreseen(free_ns, free_ns + length_ns, f"{kind} {held}: held ready", is_held=True))
+        found.append(Foreseen(free_ns, free_ns + length_ns, f"{kind} {held}: held ready", "held"))
     found += [
-        Foreseen(span.start_ns, span.end_ns, f"{span.kind} {span.task}: planned")
+        Foreseen(span.start_ns, span.end_ns, f"{span.kind} {span.task}: planned", "planned")
         for span in planned
         if span.task != held and span.end_ns is not None and span.end_ns > now_ns
     ]
     found += [
-        Foreseen(max(charge.from_ns, now_ns), charge.until_ns, f"charging to {100 * charge.to_soc:.0f} %", False, True)
+        Foreseen(max(charge.from_ns, now_ns), charge.until_ns, f"charging to {100 * charge.to_soc:.0f} %", "charge")
         for charge in view.charges
         if charge.robot == robot.name and charge.until_ns > now_ns
     ]
     return found
-
-
-def _span_style(span: Span, color: str) -> dict[str, str]:
-    if span.end_ns is None:
-        return {"fill": color}
-    if span.state is TaskState.DONE:
-        return {"fill": color, "fill-opacity": "0.65"}
-    return {"fill": color, "fill-opacity": "0.3", "stroke": "#c85a1e"}
-
-
-def _foreseen_style(entry: Foreseen, color: str) -> dict[str, str]:
-    if entry.is_charge:
-        return {"fill": css(CHARGER_PLATE), "stroke": color}
-    fill = {"fill": color, "fill-opacity": "0.25"} if entry.is_held else {"fill": "none"}
-    return {**fill, "stroke": color, "stroke-dasharray": "3 2"}

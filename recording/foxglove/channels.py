@@ -67,8 +67,12 @@ TRAIL_POINTS = 200
 BATTERY_SCHEMA = "robrain.Battery"
 LINES_MAX = 1000
 """Log lines between two calls of `due`."""
-LINE_TOPICS = {topic.name for topic in (ROBOT_LOG, TASK_EVENT, HALT)}
+LATEST = (ROBOT_STATE, ARENA_SCAN, ROBOT_PATH, MOTE_READING)
+"""Topics of which the latest message of each key is drawn."""
+LINES = (ROBOT_LOG, TASK_EVENT, HALT)
 """Topics of which each message becomes a log line."""
+DRAWN = (*LATEST, *LINES, ROBOT_MAP)
+LINE_NAMES = {topic.name for topic in LINES}
 
 
 ROBOT_HEIGHT_M = 0.25
@@ -229,9 +233,7 @@ class FoxgloveChannels:
     """Derives the visual channels of one run. Messages that do not decode are left out."""
 
     def __init__(self) -> None:
-        self._latest: dict[str, dict[str, bytes]] = {
-            topic.name: {} for topic in (ROBOT_STATE, ARENA_SCAN, ROBOT_PATH, MOTE_READING)
-        }
+        self._latest: dict[str, dict[str, bytes]] = {topic.name: {} for topic in LATEST}
         """The latest payloads that were not drawn yet, by topic and key."""
         self._decoded: dict[str, RobotState] = {}
         self._indices: dict[str, int] = {}
@@ -252,7 +254,7 @@ class FoxgloveChannels:
             latest[key] = payload
         elif topic is ROBOT_MAP:
             self.known_map.handle(payload)
-        elif topic.name in LINE_TOPICS and len(self._lines) < LINES_MAX:
+        elif topic.name in LINE_NAMES and len(self._lines) < LINES_MAX:
             self._lines.append((topic, payload))
 
     def restart(self) -> None:

@@ -6,21 +6,10 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import WireError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import (
-    ARENA_SCAN,
-    HALT,
-    MOTE_READING,
-    ROBOT_LOG,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    TASK_EVENT,
-)
+from robrain.protocol.table.topics import ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.recording.foxglove.channels import FoxgloveChannels, VisualMessage
+from robrain.recording.foxglove.channels import DRAWN, FoxgloveChannels, VisualMessage
 
-DRAWN = (ROBOT_STATE, ROBOT_MAP, ROBOT_PATH, ROBOT_LOG, MOTE_READING, TASK_EVENT, ARENA_SCAN, HALT)
 AGAIN_NS = to_ns(5.0)
 """Period at which all channels are published again, for viewers that have come meanwhile."""
 INBOX_CAPACITY = 16384

@@ -221,7 +221,6 @@ class Recorder:
         self._digest = RunDigest()
         self._listener: OnRecorded | None = None
         self._summary: RecordingSummary | None = None
-        self._path = path
         self._visual: FoxgloveChannels | None = None
         self._known_map = KnownMap()
         self._files = self._open(path, provenance, split, visual=visual) if path is not None else None

@@ -42,9 +42,9 @@ def charge(robot: str, from_s: int, until_s: int) -> PlannedCharge:
 
 def test_planned_tasks_stand_where_the_plan_has_them() -> None:
     view, robot = view_of()
-    assert [(one.start_ns // S, one.end_ns // S, one.is_held) for one in foreseen(view, robot, NOW_NS)] == [
-        (120, 145, False),
-        (150, 175, False),
+    assert [(one.start_ns // S, one.end_ns // S, one.kind) for one in foreseen(view, robot, NOW_NS)] == [
+        (120, 145, "planned"),
+        (150, 175, "planned"),
     ]
 
 
@@ -52,10 +52,10 @@ def test_task_that_is_held_ready_follows_the_one_that_the_robot_is_at() -> None:
     task = TaskStatus(id="a", epoch=1, state=TaskState.RUNNING, remaining_s=12.0)
     view, robot = view_of(task=task, next_task=TaskStatus(id="b", epoch=2, state=TaskState.OFFERED))
     found = foreseen(view, robot, NOW_NS)
-    assert [(one.start_ns // S, one.end_ns // S, one.is_held) for one in found] == [
-        (100, 112, True),
-        (112, 137, True),
-        (150, 175, False),
+    assert [(one.start_ns // S, one.end_ns // S, one.kind) for one in found] == [
+        (100, 112, "held"),
+        (112, 137, "held"),
+        (150, 175, "planned"),
     ]
     assert "visit b: held ready" in gantt_html(view)
 
@@ -65,7 +65,7 @@ def test_charging_is_drawn_from_when_to_when_and_forgotten_once_it_is_past() -> 
     schedule = ChargeSchedule(charges=(charge("r1", 90, 300), charge("r2", 90, 300), charge("r1", 10, 20)))
     key = COORDINATOR_CHARGES.key("default")
     view.apply(Received(COORDINATOR_CHARGES, key, {}, schedule), 0.0)
-    (charging,) = [one for one in foreseen(view, robot, NOW_NS) if one.is_charge]
+    (charging,) = [one for one in foreseen(view, robot, NOW_NS) if one.kind == "charge"]
     assert (charging.start_ns, charging.end_ns) == (NOW_NS, 300 * S)
     html = gantt_html(view)
     assert "charging to 90 %" in html
