@@ -104,14 +104,14 @@ def most_read(view: ShownTeam) -> str | None:
 
 
 def readings_of(view: ShownTeam, quantity: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places (N, 2), metres, arena frame, and the last values (N,) of one quantity, finite ones only."""
+    """Places (N, 2), metres, arena frame, and the last values (N,) of one quantity."""
     readings = [
         (mote.place.x_m, mote.place.y_m, mote.readings[quantity].value)
         for mote in view.motes.values()
         if mote.place is not None and quantity in mote.readings
     ]
     table = np.array(readings, np.float64).reshape(-1, 3)
-    return table[:, :2], np.nan_to_num(table[:, 2], nan=0.0, posinf=0.0, neginf=0.0)
+    return table[:, :2], table[:, 2]
 
 
 def heat_picture(

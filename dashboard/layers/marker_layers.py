@@ -90,7 +90,7 @@ class FrontierLayer(MeshLayer):
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
         frontiers = view.team.frontiers if view.team is not None else []
-        sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, max(frontier.length_m, 0.0) ** 0.5)) for frontier in frontiers]
+        sizes_m = [FRONTIER_SIZE_M * min(2.0, max(0.8, frontier.length_m**0.5)) for frontier in frontiers]
         places = rows([(frontier.place.x_m, frontier.place.y_m, 0.0) for frontier in frontiers])
         return {palette.FRONTIER: copies(diamond(1.0, 1.6), places, rows([(size_m,) * 3 for size_m in sizes_m]))}
 

@@ -106,8 +106,7 @@ class Inquiries:
     def _handle_planning(self, planning: PlanningStatus | None, error: str) -> None:
         self.planning = planning  # None: the coordinator does not plan
         if planning is not None:
-            places = planning.chargers
-            self._view.chargers = tuple(place for place in places if abs(place.x_m) < 1e6 and abs(place.y_m) < 1e6)
+            self._view.chargers = tuple(planning.chargers)
 
 
 @dataclass

@@ -1,6 +1,5 @@
 """The known state of the team: messages update it, drawings and tables read it. No browser, no I/O."""
 
-import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -20,21 +19,19 @@ from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, Planne
 from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
 from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.table import topics
 from robrain.protocol.table.topic import Topic
 from robrain.protocol.wire.presence import Change
-from robrain.recording.drawing.drawn_map import FAR_M, ComposedMap, DrawnFloor, checked_geometry
+from robrain.recording.drawing.drawn_map import ComposedMap, DrawnFloor, checked_geometry
 
 HISTORY_POINTS = 400
 HISTORY_STEP_S = 1.0
 LOG_LINES = 100
 LINKS = 200
 RECORDERS = 20
-FAR_MM = round(FAR_M * 1000)
-FULL_TURN_RAD = 2 * math.pi
 Names = Mapping[str, str]
 PLAN_S = 5.0
 """Time for which a run's floor plan is drawn if no map comes, in seconds of the run."""
@@ -244,7 +241,6 @@ class ShownTeam:
         return robot.path[-1] if robot.path else None
 
     def _handle_state(self, state: RobotState, names: Names, now_s: float) -> None:
-        _check_place(state.pose)
         self._robot(names["robot"]).handle_state(state, now_s)
 
     def _handle_patch(self, patch: MapPatch, names: Names, now_s: float) -> None:
@@ -252,22 +248,15 @@ class ShownTeam:
         self._plan = None
 
     def _handle_path(self, path: PlannedPath, names: Names, now_s: float) -> None:
-        for point in path.points:
-            _check_place(point)
         self._robot(names["robot"]).path = path.points
 
     def _handle_links(self, links: RobotLinks, names: Names, now_s: float) -> None:
         self._robot(names["robot"]).links = links.links[:LINKS]
 
     def _handle_scan(self, scan: Scan, names: Names, now_s: float) -> None:
-        if not (abs(scan.angle_min_rad) <= FULL_TURN_RAD and abs(scan.angle_increment_rad) <= FULL_TURN_RAD):
-            raise ValueError(f"expected angles of a turn, got {scan.angle_min_rad} and {scan.angle_increment_rad}")
-        if scan.ranges_mm and not (min(scan.ranges_mm) >= 0 and max(scan.ranges_mm) <= FAR_MM):
-            raise ValueError(f"expected ranges from 0 to {FAR_MM} mm")
         self._robot(names["robot"]).scan = scan
 
     def _handle_reading(self, reading: MoteReading, names: Names, now_s: float) -> None:
-        _check_place(reading.place)
         mote = self._mote(names["mote"])
         mote.receive(reading)
         if not self._sieve.is_new(reading):
@@ -277,7 +266,6 @@ class ShownTeam:
             mote.readings[reading.quantity] = reading
 
     def _handle_task(self, event: TaskEvent, names: Names, now_s: float) -> None:
-        _check_place(event.task.place)
         self.board.handle(event)
 
     def _handle_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
@@ -290,8 +278,6 @@ class ShownTeam:
         self.log.append(record)
 
     def _handle_team(self, team: TeamState, names: Names, now_s: float) -> None:
-        for frontier in team.frontiers:
-            _check_place(frontier.place)
         self.team, self.team_seen_s = team, now_s
         listed = {summary.name for summary in team.robots}
         for name in [name for name, view in self.robots.items() if name not in listed and view.has_gone]:
@@ -300,13 +286,9 @@ class ShownTeam:
             self._robot(summary.name).summary = summary
 
     def _handle_charges(self, schedule: ChargeSchedule, names: Names, now_s: float) -> None:
-        for charge in schedule.charges:
-            _check_place(charge.charger)
         self.charges = schedule.charges
 
     def _handle_left(self, left: ExplorationLeft, names: Names, now_s: float) -> None:
-        for region in left.regions:
-            _check_place(region.place)
         self.left = left
 
     def _handle_recorder(self, state: RecorderState, names: Names, now_s: float) -> None:
@@ -323,14 +305,6 @@ class ShownTeam:
         self._set_time(clock.sim_time_s, now_s)
 
     def _handle_truth(self, truth: ArenaTruth, names: Names, now_s: float) -> None:
-        for robot in truth.robots:
-            _check_place(robot.pose)
-        for mote in truth.motes:
-            _check_place(mote.place)
-        for body in truth.bodies or ():
-            _check_place(body.pose)
-            if max(body.length_m, body.width_m) > FAR_M:
-                raise ValueError(f"expected a body of at most {FAR_M:g} m, got {body.length_m} by {body.width_m}")
         self._set_time(truth.sim_time_s, now_s)
         self.truth = truth
         for robot in truth.robots:
@@ -348,9 +322,6 @@ class ShownTeam:
         if self.sim_time_s is not None:
             return
         truth = preparation.truth
-        places: list[Point2D | Pose2D] = [robot.pose for robot in truth.robots]
-        for place in places + [mote.place for mote in truth.motes]:
-            _check_place(place)
         if self._plan is None:
             self._plan = _plan_of(preparation.floor)
         self.preparation = preparation
@@ -406,8 +377,3 @@ def _plan_of(patch: MapPatch) -> DrawnFloor:
     if cells.shape != geometry.shape:
         raise ValueError(f"expected a plan of {geometry.shape} cells, got {cells.shape}")
     return DrawnFloor(geometry, cells)
-
-
-def _check_place(place: Point2D | Pose2D | None) -> None:
-    if place is not None and not (abs(place.x_m) <= FAR_M and abs(place.y_m) <= FAR_M):
-        raise ValueError(f"expected a place within {FAR_M:g} m, got {place}")

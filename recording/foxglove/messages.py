@@ -109,9 +109,8 @@ def laser_scan(scan: Scan, stamp_ns: int) -> LaserScan:
 def scan_points(scan: Scan, stamp_ns: int) -> PointCloud:
     """The hits of a scan as points in the robot's frame, for viewers that do not draw scans."""
     ranges_m = np.array(scan.ranges_mm, np.float32) / 1000
-    with np.errstate(over="ignore", invalid="ignore"):  # an invalid lidar is not drawn
-        angles_rad = scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(ranges_m), dtype=np.float32)
-    hits = (ranges_m > 0) & np.isfinite(angles_rad)
+    angles_rad = scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(ranges_m), dtype=np.float32)
+    hits = ranges_m > 0
     points = np.full((int(hits.sum()), 3), 0.1, np.float32)
     points[:, 0] = ranges_m[hits] * np.cos(angles_rad[hits])
     points[:, 1] = ranges_m[hits] * np.sin(angles_rad[hits])

@@ -3,7 +3,6 @@
 from typing import Any
 
 import msgspec
-import pytest
 
 from robrain.dashboard.html.team_html import field_html, left_html, motes_html, rules_html
 from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
@@ -12,11 +11,10 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.messages.motes.mote_messages import ForwarderCount, GatewayCount, MoteFieldState, MoteReading
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
-from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, BodyKind, BodyTruth
+from robrain.protocol.messages.team.arena_messages import ArenaClock
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.table.topics import ARENA_CLOCK, ARENA_TRUTH, COORDINATOR_LEFT, MOTE_READING
-from robrain.recording.drawing.drawn_map import FAR_M
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.table.topics import ARENA_CLOCK, COORDINATOR_LEFT, MOTE_READING
 from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page
 from tests.dashboard.test_shown_team import tell
 
@@ -101,19 +99,6 @@ def test_a_reading_that_was_passed_on_shows_no_radio_link_to_who_told_it() -> No
     assert "+1" in motes_html(view)
 
 
-def body(name: str, kind: BodyKind, x_m: float, **more: Any) -> BodyTruth:
-    return BodyTruth(body=name, kind=kind, pose=Pose2D(x_m, 1.0, 0.5), **({"length_m": 0.5, "width_m": 0.5} | more))
-
-
-@pytest.mark.parametrize("wrong", [{"pose": Pose2D(2 * FAR_M, 0.0, 0.0)}, {"length_m": 2 * FAR_M}])
-def test_bodies_with_impossible_places_or_sizes_are_left_out(wrong: dict[str, Any]) -> None:
-    view = ShownTeam()
-    far = msgspec.structs.replace(body("person1", BodyKind.PERSON, 1.0), **wrong)
-    tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=1.0, robots=[], bodies=[far]))
-    assert view.rejected == 1
-    assert view.truth is None
-
-
 # -- what exploration has left -----------------------------------------------------------------------------------
 
 
@@ -140,13 +125,9 @@ def test_before_exploration_has_ended_nothing_is_shown_and_then_that_nothing_is_
     assert "Nothing is left" in left_html(view)
 
 
-def test_another_run_and_impossible_places_leave_no_regions() -> None:
+def test_another_run_forgets_the_regions() -> None:
     view = ShownTeam()
-    far = msgspec.structs.replace(REGION, place=Point2D(2 * FAR_M, 0.0))
-    for region in (REGION, far):
-        tell(view, COORDINATOR_LEFT, ExplorationLeft(regions=[region]))
-    assert view.rejected == 1
-    assert view.left == ExplorationLeft(regions=[REGION])
+    tell(view, COORDINATOR_LEFT, ExplorationLeft(regions=[REGION]))
     for sim_time_s in (100.0, 1.0):
         tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=sim_time_s))
     assert view.left is None
