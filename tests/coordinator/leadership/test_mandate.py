@@ -26,7 +26,7 @@ from robrain.protocol.table.topics import COORDINATOR_LEAD, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from tests.lab.soak.elected_team import OTHER, ElectedRun
+from tests.coordinator.leadership.elected_team import OTHER, ElectedRun
 from tests.plain_reason import Plain
 
 ROBOTS = ("r1", "r2", "r3")

@@ -10,7 +10,7 @@ from robrain.lab.soak.judge import Broken, Judge, TeamRule
 from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.soak_run import quiet
 from robrain.sim.faults.fault_spec import FaultKind
-from tests.lab.soak.elected_team import ElectedRun, faults_of_sites
+from tests.coordinator.leadership.elected_team import ElectedRun, faults_of_sites
 
 pytestmark = pytest.mark.slow
 
