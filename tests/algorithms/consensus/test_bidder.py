@@ -38,17 +38,6 @@ def test_every_connected_team_agrees_within_tasks_times_diameter(seed: int, robo
 
 
 @pytest.mark.slow
-@given(SEEDS)
-@settings(max_examples=20, deadline=None)
-def test_the_result_is_the_same_if_every_fifth_message_is_lost(seed: int) -> None:
-    team, rng = drawn_team(seed, robots=5, tasks=8), random.Random(seed)
-    bidders = bidders_of(team)
-    settle(team, bidders, lambda: rng.random() < 0.2, quiet=25)
-    assert agree(bidders)
-    assert paths_of(bidders) == greedy(team)
-
-
-@pytest.mark.slow
 @given(SEEDS, SEEDS)
 @settings(max_examples=20, deadline=None)
 def test_the_result_is_the_same_whatever_the_order_of_late_and_repeated_messages(seed: int, order: int) -> None:

@@ -223,34 +223,3 @@ def test_no_count_leaves_the_pack(current_a, soc):
     one = somewhere()
     one.count(current_a, 3600.0)
     assert one.snapshot()[0][0] == soc
-
-
-@pytest.mark.parametrize(
-    ("off_v", "index", "limit"),
-    [(-50.0, 0, 0.0), (50.0, 0, 1.02), (50.0, 3, 0.2 * PACK.resistance_ohm), (-50.0, 4, 0.3), (50.0, 4, 1.3)],
-)
-def test_no_voltage_takes_a_state_beyond_its_limits(off_v, index, limit):
-    one = somewhere()
-    state, _ = one.snapshot()
-    covariance = 1e-9 * np.eye(5)
-    covariance[0, 0] = 0.1**2
-    covariance[index, index] = 0.1**2
-    covariance[0, index] = covariance[index, 0] = 0.09**2 if index else 0.1**2
-    one.restore((state, covariance))
-    one.fuse(one.expected_v(1.0) + off_v, 1.0)
-    assert one.snapshot()[0][index] == pytest.approx(limit)
-
-
-@pytest.mark.parametrize(
-    ("reported", "index", "limit"),
-    [(-1.0, 0, 0.0), (2.0, 0, 1.02), (-5.0, 3, 0.2 * PACK.resistance_ohm), (-5.0, 4, 0.3), (5.0, 4, 1.3)],
-)
-def test_no_reported_charge_takes_a_state_beyond_its_limits(reported, index, limit):
-    one = somewhere()
-    state, _ = one.snapshot()
-    covariance = 1e-9 * np.eye(5)
-    covariance[0, 0] = covariance[index, index] = 0.1**2
-    covariance[0, index] = covariance[index, 0] = 0.09**2 if index else 0.1**2
-    one.restore((state, covariance))
-    one.fuse_soc(reported, 0.001, 60.0)
-    assert one.snapshot()[0][index] == pytest.approx(limit)

@@ -211,16 +211,6 @@ def test_a_place_is_worth_another_visit_when_more_is_seen_within_sixty_centimetr
     assert attempts.is_spent(place, floor.team_map.grid) is not is_seen
 
 
-@pytest.mark.parametrize("place", [Point2D(0.05, 0.05), Point2D(9.95, 5.95)])
-def test_at_the_edge_of_the_map_only_cells_of_the_map_count(place):
-    floor, attempts = Floor((2.0, 2.0, 2.1, 2.1)), Attempts()
-    attempts.record_visit(place, floor.team_map.grid)
-    assert attempts.is_spent(place, floor.team_map.grid)
-    x_m, y_m = round(place.x_m - 0.05, 1), round(place.y_m - 0.05, 1)
-    floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
-    assert not attempts.is_spent(place, floor.team_map.grid)
-
-
 def attempts_until_rest(attempt):
     """Frontiers to which a robot is sent within ten minutes, while the edge of the floor moves each time."""
     floor, sent = corridor(), []

@@ -8,37 +8,19 @@ from hypothesis import strategies as st
 from robrain.algorithms.localization import scan_match as kernels
 
 
-@settings(deadline=None, max_examples=80)
-@given(st.integers(0, 100_000), st.sampled_from([1.0, 1e-6, 1e6]), st.integers(1, 3))
-def test_eigenvalues_ascend_and_their_vectors_make_the_matrix(seed, scale, rank):
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 100_000), st.sampled_from([1.0, 1e-6, 1e6]), st.integers(1, 3), st.tuples(*[st.booleans()] * 6))
+def test_eigenvalues_ascend_and_their_vectors_make_the_matrix(seed, scale, rank, is_zero):
     root = np.random.default_rng(seed).normal(0.0, 1.0, (3, rank)) * (1.0, 0.1, 30.0)[:rank]
     matrix = scale * root @ root.T
+    for row, column, is_none in zip(*np.triu_indices(3), is_zero, strict=True):
+        if is_none:
+            matrix[row, column] = matrix[column, row] = 0.0
     values, vectors = np.zeros(3), np.zeros((3, 3))
     kernels.eigen(matrix.copy(), values, vectors)
     assert values == pytest.approx(np.linalg.eigvalsh(matrix), abs=1e-12 * np.abs(matrix).max())
     assert vectors @ vectors.T == pytest.approx(np.eye(3), abs=1e-12)
     assert vectors @ np.diag(values) @ vectors.T == pytest.approx(matrix, abs=1e-12 * np.abs(matrix).max())
-
-
-@pytest.mark.parametrize(
-    "matrix",
-    [
-        np.zeros((3, 3)),
-        np.diag((3.0, 1.0, 2.0)),
-        np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
-        np.array([[2.0, 0.0, 1.0], [0.0, 5.0, 0.0], [1.0, 0.0, 2.0]]),
-        np.array([[2.0, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 4.0]]),
-        np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 0.0]]),
-        np.array([[0.0, 3.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
-        np.array([[0.0, 0.0, -3.0], [0.0, 0.0, 0.0], [-3.0, 0.0, 1.0]]),
-    ],
-)
-def test_matrices_with_zeros_are_decomposed_too(matrix):
-    values, vectors = np.ones(3), np.ones((3, 3))
-    kernels.eigen(matrix.copy(), values, vectors)
-    assert values == pytest.approx(np.linalg.eigvalsh(matrix), abs=1e-12)
-    assert vectors @ np.diag(values) @ vectors.T == pytest.approx(matrix, abs=1e-12)
-    assert vectors.T @ vectors == pytest.approx(np.eye(3), abs=1e-12)
 
 
 def equations(rows, residuals, weights):

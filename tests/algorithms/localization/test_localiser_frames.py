@@ -139,14 +139,3 @@ def test_a_start_is_checked_from_where_the_sensor_was() -> None:
     T_robot_sensor = Pose2D(1.0, 0.0, -math.pi)
     assert localiser.check_start(others.log_odds, others.geometry, beams(10, 0), T_robot_sensor)
     assert localiser.lost == ""
-
-
-def test_a_robot_that_motes_have_placed_is_as_sure_as_they_are_and_no_walls_hold_it_yet() -> None:
-    localiser = located()
-    localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP, anchor=TRUE, variances=(0.5, 0.6, 0.1)))
-    covariance = np.diag((0.04, 0.09, 0.01))
-    localiser.place(ELSEWHERE, covariance)
-    assert localiser.pose.distance_m(ELSEWHERE) < 1e-9
-    assert localiser.covariance == pytest.approx(covariance)
-    assert localiser.sigma_m == pytest.approx(0.3)
-    assert (localiser.lost, localiser.beginnings, localiser.arena_fix) == ("", 1, None)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.localization.mote_relocalisation import Signals, better_elsewhere, find_robot
+from robrain.algorithms.localization.mote_relocalisation import Signals, find_robot
 from robrain.algorithms.localization.rssi_ranging import PathLoss
 from robrain.protocol.model.geometry import Pose2D
 
@@ -79,49 +79,3 @@ def test_the_answer_is_mean_and_covariance_of_the_posterior(true, seed, loss):
         assert 0.85 * spread[i, i] < covariance[i, i] < 1.4 * spread[i, i]
         for j in range(i):
             assert covariance[i, j] == pytest.approx(spread[i, j], abs=0.15 * sigmas[i] * sigmas[j])
-
-
-def grids(signals, here):
-    """The places that are compared: far and wide, and near; as the module says."""
-    low, high = signals.mote_places.min(axis=0) - 6.0, signals.mote_places.max(axis=0) + 6.0
-    cell_m = max(1.5, (high - low).max() / 20)
-    xs, ys = (np.arange(low[axis] + cell_m / 2, high[axis], cell_m) for axis in range(2))
-    turns = [math.remainder(-math.pi + math.tau * k / 12, math.tau) for k in range(12)]
-    wide = [Pose2D(x, y, here.yaw_rad + turn) for x in xs for y in ys for turn in turns]
-    near = [
-        Pose2D(here.x_m + x, here.y_m + y, here.yaw_rad + yaw)
-        for x in (-1.0, 0.0, 1.0)
-        for y in (-1.0, 0.0, 1.0)
-        for yaw in (-0.275, 0.0, 0.275)
-    ]
-    far = [
-        pose
-        for pose in wide
-        if pose.distance_m(here) > 2.0 or abs(math.remainder(pose.yaw_rad - here.yaw_rad, math.tau)) > 0.55
-    ]
-    return far, near + [pose for pose in wide if pose not in far]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("off_m", "off_rad", "is_elsewhere", "spread"),
-    [
-        (0.0, 0.0, False, 1.0),
-        (1.0, 0.2, False, 1.0),
-        (5.0, 0.0, True, 1.0),
-        (-4.0, 1.0, True, 1.0),
-        (0.0, 2.0, True, 1.0),
-        (0.0, 0.0, False, 4.0),
-        (5.0, 0.0, True, 4.0),
-    ],
-)
-def test_how_much_another_place_is_better_is_a_ratio_of_likelihoods(off_m, off_rad, is_elsewhere, spread):
-    motes, way = spread * MOTES, spread * WAY
-    true = Pose2D(12.0 * spread, 7.0 * spread, 1.3)
-    signals = heard(true, 1, motes, way)
-    here = Pose2D(true.x_m + off_m * spread, true.y_m + 0.5 * off_m, true.yaw_rad + off_rad)
-    far, near = grids(signals, here)
-    expected = log_likelihoods(far, signals, LOSS).max() - log_likelihoods(near, signals, LOSS).max()
-    odds = better_elsewhere(here, signals, LOSS)
-    assert odds == pytest.approx(expected, abs=1e-6)
-    assert (odds > 0.0) == is_elsewhere

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.grid_geometry import UNKNOWN, GridGeometry
 from tests.algorithms.mapping.grid_reference import GridReference
 
 GEOMETRY = GridGeometry(0.2, -1.0, 0.6, 24, 17)
@@ -144,19 +144,6 @@ def test_a_box_that_is_erased_is_as_if_never_seen():
     assert grid.dirty.any()
     assert grid.erase(4, 3, 9, 11) == 0
     assert grid.version == version + 1, "there was nothing left to erase"
-
-
-def test_what_was_erased_and_is_seen_again_is_seen_for_the_first_time():
-    grid = OccupancyGrid(GEOMETRY)
-    scan = (Pose2D(0.0, 2.0, 0.0), np.zeros(1), np.array([1.0]), RANGE_M, 5, NOBODY)
-    grid.integrate_scan(*scan)
-    grid.pop_patch()
-    grid.erase(0, 0, *GEOMETRY.shape)
-    assert grid.integrate_scan(*scan) == 6
-    assert grid.known_count == 6
-    patch = grid.pop_patch()
-    assert patch is not None
-    assert patch.cells.tolist() == [[FREE] * 5 + [OCCUPIED]]
 
 
 def test_after_all_is_forgotten_the_grid_is_new():

@@ -15,25 +15,6 @@ def test_a_place_that_can_be_stood_at_is_looked_at_from_itself() -> None:
     assert standpoint(FLOOR, FLOOR == FREE, (7, 9), 5) == (7, 9)
 
 
-def test_a_place_beside_a_wall_is_looked_at_from_its_own_side() -> None:
-    """The nearest cell to stand at is behind the wall."""
-    classes, traversable = FLOOR.copy(), np.zeros(FLOOR.shape, np.bool_)
-    classes[10] = OCCUPIED
-    traversable[12] = True  # two cells away, behind the wall
-    traversable[4] = True  # five away, before it
-    assert standpoint(classes, traversable, (9, 9), 8) == (4, 9)
-
-
-def test_a_place_within_a_shelf_is_seen_from_nowhere() -> None:
-    classes = FLOOR.copy()
-    classes[5:14, 5:14] = OCCUPIED
-    classes[8:11, 8:11] = UNKNOWN
-    classes[9, 9] = FREE
-    traversable = np.zeros(FLOOR.shape, np.bool_)
-    traversable[:3] = traversable[-3:] = True
-    assert standpoint(classes, traversable, (9, 9), 10) is None
-
-
 def test_what_is_unknown_hides_nothing() -> None:
     classes = FLOOR.copy()
     classes[6:9] = UNKNOWN

@@ -1,11 +1,10 @@
-import math
-
 import numpy as np
 import pytest
 
 from robrain.algorithms.slam.loop_closure import Contradiction, Lying, geometry_of, lay_on
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
+from tests.algorithms.slam.submap_walks import off
 
 SURE = 0.05, 0.02
 ELSEWHERE = Pose2D(6.8, 1.0, 2.2)
@@ -14,11 +13,6 @@ TRUE = Pose2D(2.3, 4.1, 0.8)
 
 def beside(pose, x_m, y_m, turn_rad):
     return Pose2D(pose.x_m + x_m, pose.y_m + y_m, pose.yaw_rad + turn_rad)
-
-
-def off(pose, other):
-    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
-    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
 
 
 @pytest.mark.parametrize("T_arena_local", [IDENTITY, Pose2D(3.0, -2.0, 0.7), Pose2D(-1.0, 0.5, -2.2)])

@@ -13,6 +13,7 @@ from robrain.algorithms.slam.map_overlap import COMMON_MIN, MapMatcher, Overlap,
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, NOBODY, RANGE_M, ROOM, ROOM_PLACES, LidarFloor
+from tests.algorithms.slam.submap_walks import off
 
 WIDE = GridGeometry(0.1, -12.0, -12.0, 240, 240)
 BOXES = ((0, 0, 8, 0.24), (0, 0, 0.24, 6), (7.76, 0, 8, 6), (0, 5.76, 8, 6))
@@ -32,11 +33,6 @@ def mapped(floor, places, T_own_floor=IDENTITY, geometry=WIDE):
 
 TEAM = mapped(ROOM, ROOM_PLACES)
 FEW = [Pose2D(1.0, 1.0, 0.0), Pose2D(2.1, 3.12, 0.0), Pose2D(4.5, 5.0, 0.0), Pose2D(4.5, 1.0, 0.0)]
-
-
-def off(pose, other):
-    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
-    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
 
 
 @settings(deadline=None, max_examples=12)
@@ -119,6 +115,17 @@ def test_walls_that_are_floor_on_the_other_map_contradict_it_where_they_are_conn
     clear, walled = grid_of(floor_with()), grid_of(floor_with(*walls))
     assert MapMatcher(walled, clear).overlap(IDENTITY)[:2] == (SIDE, contradicting)
     assert MapMatcher(clear, walled).overlap(IDENTITY)[:2] == (SIDE, contradicting), "whichever map has them"
+
+
+@pytest.mark.parametrize("away", [-3, -2, -1, 0, 1, 2, 3])
+@pytest.mark.parametrize("upright", [True, False])
+def test_walls_up_to_two_cells_apart_are_the_same_wall_on_whichever_side_they_lie(away, upright):
+    own, other = (
+        grid_of(floor_with(*[(18 + n, 18 + aside) if upright else (18 + aside, 18 + n) for n in range(4)]))
+        for aside in (0, away)
+    )
+    expected = (SIDE + 4, 0) if abs(away) <= 2 else (SIDE, 8)
+    assert MapMatcher(own, other).overlap(IDENTITY)[:2] == expected
 
 
 def test_what_either_map_does_not_know_says_nothing():

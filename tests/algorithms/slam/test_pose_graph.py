@@ -7,17 +7,13 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.slam.pose_graph import Edge, solve
 from robrain.protocol.model.geometry import Pose2D
+from tests.algorithms.slam.submap_walks import off
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 SIGMA_M, SIGMA_RAD = 0.05, 0.02
 EVEN = np.diag((SIGMA_M**-2, SIGMA_M**-2, SIGMA_RAD**-2))
 STEP = Pose2D(2.0, 0.0, 0.0)
 PLACE = st.builds(Pose2D, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.1, 3.1))
-
-
-def off(pose, other):
-    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
-    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
 
 
 def follows(one, other, step=STEP, information=EVEN, *, may_be_false=False):

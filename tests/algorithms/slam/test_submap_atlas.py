@@ -99,23 +99,6 @@ def test_the_map_is_what_the_rule_says_of_all_submaps_where_they_lie(history, ra
     assert atlas.grid.known_count == np.count_nonzero(atlas.grid.classes() != UNKNOWN)
 
 
-@pytest.mark.slow
-@settings(deadline=None, max_examples=20)
-@given(histories(), st.dictionaries(st.tuples(st.sampled_from(ROBOTS), st.integers(0, 2)), PLACE, max_size=6))
-def test_submaps_that_are_moved_together_lie_as_if_moved_one_by_one(history, places):
-    order = [robot for robot in ROBOTS for _ in history[robot]]
-    together, singly = told(history, order), told(history, order)
-    together.move_all(places)
-    for key, place in places.items():
-        singly.move(key, place)
-    assert np.array_equal(together.grid.classes(), singly.grid.classes())
-    assert np.array_equal(together.grid.stamp_ms, singly.grid.stamp_ms)
-    assert together.grid.known_count == singly.grid.known_count
-    assert {key: submap.T_arena_local for key, submap in together.submaps.items()} == {
-        key: submap.T_arena_local for key, submap in singly.submaps.items()
-    }
-
-
 def test_no_more_submaps_are_held_than_fit(monkeypatch):
     monkeypatch.setattr(submap_atlas, "SUBMAPS_MAX", 2)
     atlas = SubmapAtlas(GEOMETRY)

@@ -1,45 +1,25 @@
-import math
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.mapping.local_map import NONE
 from robrain.algorithms.numeric.small_linear_algebra import symmetric
-from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
+from robrain.algorithms.slam.submap_graph import GraphSpec
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
+from tests.algorithms.slam.submap_walks import graph_of, no_doubt, nowhere, off
 
 MATE = ("r2", 7)
 PRIOR = np.diag((0.01, 0.01, 0.0004))
 STEP = np.diag((0.0025, 0.0025, 0.0001))
+walked = partial(graph_of, PRIOR, STEP)
 SURE = np.diag((1e4, 1e4, 1e6))
 PLACE = st.builds(Pose2D, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.1, 3.1))
 
 
-def nowhere(_key, _frame):
-    return None
-
-
 def at(place):
     return lambda key, _frame: place if key == MATE else None
-
-
-def no_doubt(_key):
-    return NONE
-
-
-def off(pose, other):
-    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
-    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
-
-
-def walked(*anchors, spec=None, trajectory=0):
-    """A graph of submaps 10, 11 … that begin at these places of the frame `local`."""
-    graph = SubmapGraph("r1", spec or GraphSpec())
-    for number, anchor in enumerate(anchors, 10):
-        graph.begin(number, anchor, IDENTITY, trajectory, PRIOR if number == 10 else STEP)
-    return graph
 
 
 ROW = [Pose2D(1.0, 2.0, 0.3), Pose2D(5.0, 2.0, -0.4), Pose2D(9.0, 3.0, 1.0)]

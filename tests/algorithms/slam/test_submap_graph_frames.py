@@ -1,45 +1,26 @@
 """Own submaps whose map frame changes: a whole frame joins another one, or a trajectory leaves its frame."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.mapping.local_map import NONE
 from robrain.algorithms.slam.submap_graph import BEGINNING, GraphSpec, SubmapGraph
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
+from tests.algorithms.slam.submap_walks import graph_of, no_doubt, nowhere, off
 
 MATE, THIRD = ("r2", 7), ("r3", 1)
 OWN = MapFrame(10, "r1")
 STEP = np.diag((0.0025, 0.0016, 0.0001))
+walked = partial(graph_of, BEGINNING, STEP, frame=OWN)
 SURE = np.diag((1e4, 1e4, 1e6))
 JOINED = np.diag((0.01, 0.01, 0.0004))
 ROW = [Pose2D(0.0, 0.0, 0.0), Pose2D(4.0, 0.0, 0.5), Pose2D(8.0, 1.0, -0.4), Pose2D(12.0, 0.0, 0.0)]
 POSES = st.builds(Pose2D, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-3.1, 3.1))
-
-
-def nowhere(_key, _frame):
-    return None
-
-
-def no_doubt(_key):
-    return NONE
-
-
-def walked(*anchors, frame=OWN):
-    """Submaps 10, 11 … of one trajectory."""
-    graph = SubmapGraph("r1", GraphSpec())
-    for number, anchor in enumerate(anchors, 10):
-        graph.begin(number, anchor, IDENTITY, 0, BEGINNING if number == 10 else STEP, frame)
-    return graph
-
-
-def off(pose, other):
-    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
-    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
 
 
 NOWHERE_OFF = pytest.approx((0.0, 0.0, 0.0), abs=1e-4)

@@ -1,47 +1,28 @@
 """Submaps that freeze or are withdrawn, closures that are judged, and how sure all of it makes a robot."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.mapping.local_map import NONE
 from robrain.algorithms.numeric.small_linear_algebra import symmetric
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph, is_information
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
+from tests.algorithms.slam.submap_walks import graph_of, no_doubt, nowhere, off
 
 MATE, THIRD = ("r2", 7), ("r3", 1)
 PRIOR = np.diag((0.01, 0.02, 0.0004))
 STEP = np.diag((0.0025, 0.0016, 0.0001))
+walked = partial(graph_of, PRIOR, STEP)
 SURE = np.diag((1e4, 1e4, 1e6))
 ROW = [Pose2D(0.0, 0.0, 0.0), Pose2D(4.0, 0.0, 0.5), Pose2D(8.0, 1.0, -0.4), Pose2D(12.0, 0.0, 0.0)]
 
 
-def nowhere(_key, _frame):
-    return None
-
-
 def at_home(_key, _frame):
     return IDENTITY
-
-
-def no_doubt(_key):
-    return NONE
-
-
-def walked(*anchors, spec=None):
-    """A graph of submaps 10, 11 … that begin at these places of the frame `local`."""
-    graph = SubmapGraph("r1", spec or GraphSpec())
-    for number, anchor in enumerate(anchors, 10):
-        graph.begin(number, anchor, IDENTITY, 0, PRIOR if number == 10 else STEP)
-    return graph
-
-
-def off(pose, other):
-    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
-    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
 
 
 def asked_of(graph):
