@@ -134,7 +134,6 @@ class _Search:
 
     def _of_seen(self, region: Cells) -> RegionLeft:
         evidence = self.evidence
-        needed_m = round(least_gap_m(evidence.radius_m), 3)
         tries = max((tries for place, tries in evidence.failures if self._is_near(region, place)), default=0)
         gaps = [gap for gap in evidence.gaps if self._leads_to(region, gap.place)]
         gap_m = gap_at = None
@@ -150,15 +149,7 @@ class _Search:
             kind, gap_m = LeftKind.TOO_NARROW, round(width_m, 3)
         else:
             kind = LeftKind.UNREACHABLE
-        return self._region(
-            region,
-            kind,
-            self.geometry.center_of(*_middle(region)),
-            gap_m=gap_m,
-            gap_at=gap_at,
-            needed_m=needed_m if kind is LeftKind.TOO_NARROW else None,
-            tries=tries,
-        )
+        return self._region(region, kind, self.geometry.center_of(*_middle(region)), gap_m, gap_at, tries)
 
     def _leads_to(self, region: Cells, place: Point2D) -> bool:
         """Whether the path into a region passes the gap in front of which a robot stopped.
@@ -192,12 +183,8 @@ class _Search:
             longest = max(edge, key=lambda found: (found.cells, -found.row, -found.column))
             place = self.geometry.center_of(longest.row, longest.column)
             places = [self.geometry.center_of(found.row, found.column) for found in edge]
-            failures = [
-                tries
-                for failed, tries in self.evidence.failures
-                if any(failed.distance_m(one) < NEAR_M for one in places)
-            ]
-            tries = max(failures, default=0)
+            near = [tries for failed, tries in self.evidence.failures if min(map(failed.distance_m, places)) < NEAR_M]
+            tries = max(near, default=0)
             gap_m = gap_at = None
             if (gap := self._gap_before(edge)) is not None:
                 kind, gap_m, gap_at = LeftKind.TOO_NARROW, round(gap.gap_m, 3), gap.place
@@ -205,10 +192,7 @@ class _Search:
                 kind = LeftKind.TRIED
             else:
                 kind, gap_m = LeftKind.UNSEEN, self._narrowest_m(edge)
-            needed_m = None if gap_m is None else round(least_gap_m(self.evidence.radius_m), 3)
-            regions.append(
-                self._region(labels == label, kind, place, gap_m=gap_m, gap_at=gap_at, needed_m=needed_m, tries=tries)
-            )
+            regions.append(self._region(labels == label, kind, place, gap_m, gap_at, tries))
         return regions
 
     def _is_open(self, found: Frontier) -> bool:
@@ -246,15 +230,7 @@ class _Search:
         return None if width_m is None else round(width_m, 3)
 
     def _region(
-        self,
-        region: Cells,
-        kind: LeftKind,
-        place: Point2D,
-        *,
-        gap_m: float | None = None,
-        gap_at: Point2D | None = None,
-        needed_m: float | None = None,
-        tries: int = 0,
+        self, region: Cells, kind: LeftKind, place: Point2D, gap_m: float | None, gap_at: Point2D | None, tries: int
     ) -> RegionLeft:
         rows, columns = _box_of(region, 0)
         geometry, half_m = self.geometry, 0.5 * self.geometry.resolution_m
@@ -268,7 +244,7 @@ class _Search:
             high=_rounded(Point2D(high.x_m + half_m, high.y_m + half_m)),
             gap_m=gap_m,
             gap_at=None if gap_at is None else _rounded(gap_at),
-            needed_m=needed_m,
+            needed_m=None if gap_m is None else round(least_gap_m(self.evidence.radius_m), 3),
             tries=tries,
         )
 

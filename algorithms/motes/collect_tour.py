@@ -23,7 +23,7 @@ def stops_for(places: Sequence[Point2D], motes: Sequence[int], reach_m: float) -
 
     Greedy: the place with the most motes that have no stop yet comes first, of several that of the first mote.
     """
-    near = {mote: {other for other in motes if _distance_m(places[mote], places[other]) <= reach_m} for mote in motes}
+    near = {mote: {other for other in motes if places[mote].distance_m(places[other]) <= reach_m} for mote in motes}
     left, stops = set(motes), []
     while left:
         best = max(motes, key=lambda mote: (len(near[mote] & left), -mote))
@@ -39,7 +39,7 @@ def shortest_order(start: Point2D, places: Sequence[Point2D]) -> list[int]:
     """
     left, order, here = set(range(len(places))), [], start
     while left:
-        following = min(left, key=lambda index: (_distance_m(here, places[index]), index))
+        following = min(left, key=lambda index: (here.distance_m(places[index]), index))
         left.remove(following)
         order.append(following)
         here = places[following]
@@ -50,8 +50,8 @@ def shortest_order(start: Point2D, places: Sequence[Point2D]) -> list[int]:
             for last in range(first + 1, len(order)):
                 before = places[order[first - 1]] if first else start
                 after = places[order[last + 1]] if last + 1 < len(order) else start
-                old_m = _distance_m(before, places[order[first]]) + _distance_m(places[order[last]], after)
-                new_m = _distance_m(before, places[order[last]]) + _distance_m(places[order[first]], after)
+                old_m = before.distance_m(places[order[first]]) + places[order[last]].distance_m(after)
+                new_m = before.distance_m(places[order[last]]) + places[order[first]].distance_m(after)
                 if new_m < old_m - LEAST_GAIN_M:
                     order[first : last + 1] = reversed(order[first : last + 1])
                     improved = True
@@ -61,7 +61,7 @@ def shortest_order(start: Point2D, places: Sequence[Point2D]) -> list[int]:
 def tour_m(start: Point2D, places: Sequence[Point2D]) -> float:
     """Length of the round trip over places in this order."""
     corners = [start, *places, start]
-    return sum(_distance_m(one, other) for one, other in pairwise(corners))
+    return sum(one.distance_m(other) for one, other in pairwise(corners))
 
 
 def visit_weight(age_s: float, age_wanted_s: float, left_s: float = math.inf) -> float:
@@ -77,7 +77,3 @@ def visit_weight(age_s: float, age_wanted_s: float, left_s: float = math.inf) ->
     """
     weight = (age_s / age_wanted_s) ** 2
     return 2.0 * weight if left_s < age_wanted_s else weight
-
-
-def _distance_m(one: Point2D, other: Point2D) -> float:
-    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)

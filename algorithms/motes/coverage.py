@@ -26,11 +26,7 @@ class CoverageMap:
     def __init__(self, places: Sequence[Point2D], points: Sequence[Point2D], radius_m: float) -> None:
         self.points = len(points)
         self.covered: list[Spots] = [
-            sum(
-                1 << index
-                for index, point in enumerate(points)
-                if math.hypot(point.x_m - place.x_m, point.y_m - place.y_m) <= radius_m
-            )
+            sum(1 << index for index, point in enumerate(points) if point.distance_m(place) <= radius_m)
             for place in places
         ]
         """Of each mote."""

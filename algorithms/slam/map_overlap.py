@@ -425,12 +425,11 @@ class MapMatcher:
         other = self._other
         T_own_place = Pose2D(at.x_m, at.y_m, 0.0)
         places = search_places(other.log_odds, other.geometry, some_points(about, SEARCH_WALLS), PLACES)
-        seen: list[Pose2D] = []
-        for _, guess in places:
-            if len(seen) < TRIED and not any(is_same_place(guess, each) for each in seen):
-                seen.append(guess)
         some = some_points(about, TRY_WALLS)
-        tried = [self._laid(matched_place(self._other, guess, some, REACHES_M[:1]), T_own_place) for guess in seen]
+        tried = [
+            self._laid(matched_place(other, guess, some, REACHES_M[:1]), T_own_place)
+            for guess in distinct([guess for _, guess in places], TRIED)
+        ]
         tried.sort(key=lambda each: each.overlap.contradicting - each.overlap.agreeing)
         found: list[MapOverlap] = []
         for each in tried[:REFINED]:
@@ -467,11 +466,8 @@ class MapMatcher:
         T_own_place = Pose2D(at.x_m, at.y_m, 0.0)
         home, walls = T_other_own.compose(T_own_place), self._walls - (at.x_m, at.y_m)
         other, some = self._other, some_points(self._walls, SEARCH_WALLS) - (at.x_m, at.y_m)
-        places = [home]
-        for _, guess in search_places(other.log_odds, other.geometry, some, PLACES, REPEATED_NEARLY):
-            if len(places) <= TRIED and not any(is_same_place(guess, each) for each in places):
-                places.append(guess)
-        for guess in places[1:]:
+        places = search_places(other.log_odds, other.geometry, some, PLACES, REPEATED_NEARLY)
+        for guess in distinct([home, *(guess for _, guess in places)], TRIED + 1)[1:]:
             place = matched_place(other, guess, some_points(walls, TRY_WALLS), REACHES_M)
             overlap = self._laid(place, T_own_place).overlap
             is_repeated = overlap.agreeing >= REPEATED_MIN * len(walls) and overlap.share >= AGREES_MIN
@@ -513,9 +509,7 @@ class MapMatcher:
 
     def _leave_out_bodies(self, marks: NDArray[np.uint8], T_other_own: Pose2D) -> None:
         rows, columns = np.nonzero(marks == CONTRADICTS)
-        geometry = self._own.geometry
-        x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
-        y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+        x_m, y_m = middles_m(self._own.geometry, rows, columns)
         T_own_other = T_other_own.inverse()
         others = [(T_own_other.compose(Pose2D(x, y, 0.0)), radius_m) for x, y, radius_m in self._other_bodies.tolist()]
         bodies = [*self._own_bodies.tolist(), *((at.x_m, at.y_m, radius_m) for at, radius_m in others)]
@@ -530,20 +524,15 @@ class MapMatcher:
     def _settled(self, found: MapOverlap, T_own_place: Pose2D) -> MapOverlap:
         """Refined by all walls of the own map, if that is better."""
         walls = some_points(self._walls, WHOLE_WALLS) - (T_own_place.x_m, T_own_place.y_m)
-        place = matched_place(
-            self._other, found.T_other_own.compose(T_own_place), walls, (WHOLE_REACH_M, WHOLE_REACH_M)
-        )
-        T_other_own = place.compose(T_own_place.inverse())
-        overlap = self.overlap(T_other_own)
-        return MapOverlap(T_other_own, overlap) if overlap.weight > found.overlap.weight else found
+        guess = found.T_other_own.compose(T_own_place)
+        better = self._laid(matched_place(self._other, guess, walls, (WHOLE_REACH_M, WHOLE_REACH_M)), T_own_place)
+        return better if better.overlap.weight > found.overlap.weight else found
 
 
 def cells_outside(own: OccupancyGrid, T_other_own: Pose2D, other: GridGeometry) -> int:
     """Number of floor cells of a map that lie outside another map's grid."""
     rows, columns = np.nonzero(own.log_odds < 0)
-    geometry = own.geometry
-    x_m = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
-    y_m = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+    x_m, y_m = middles_m(own.geometry, rows, columns)
     cos, sin = math.cos(T_other_own.yaw_rad), math.sin(T_other_own.yaw_rad)
     column = (T_other_own.x_m + cos * x_m - sin * y_m - other.origin_x_m) / other.resolution_m
     row = (T_other_own.y_m + sin * x_m + cos * y_m - other.origin_y_m) / other.resolution_m
@@ -557,12 +546,14 @@ APART_M, APART_RAD = 0.5, 0.2
 
 def wall_points(grid: OccupancyGrid) -> Floats:
     """(K, 2) the middles of the occupied cells, metres."""
-    geometry = grid.geometry
-    rows, columns = np.nonzero(grid.log_odds > 0)
-    points = np.empty((len(rows), 2))
-    points[:, 0] = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
-    points[:, 1] = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
-    return points
+    return np.column_stack(middles_m(grid.geometry, *np.nonzero(grid.log_odds > 0)))
+
+
+def middles_m(geometry: GridGeometry, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """X and y of the middles of cells."""
+    x_m: Floats = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
+    y_m: Floats = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+    return x_m, y_m
 
 
 def distances_to_walls(grid: OccupancyGrid) -> NDArray[np.float32]:
@@ -579,6 +570,15 @@ def is_same_place(one: Pose2D, other: Pose2D) -> bool:
     """Whether two poses are one answer."""
     turn_rad = math.remainder(one.yaw_rad - other.yaw_rad, math.tau)
     return one.distance_m(other) < APART_M and abs(turn_rad) < APART_RAD
+
+
+def distinct(places: list[Pose2D], most: int) -> list[Pose2D]:
+    """The first of these poses that are no repeated answers, at most so many."""
+    seen: list[Pose2D] = []
+    for place in places:
+        if len(seen) < most and not any(is_same_place(place, each) for each in seen):
+            seen.append(place)
+    return seen
 
 
 def matched_place(grid: OccupancyGrid, guess: Pose2D, points: Floats, reaches_m: tuple[float, ...]) -> Pose2D:
