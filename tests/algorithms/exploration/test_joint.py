@@ -1,5 +1,3 @@
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -30,7 +28,6 @@ def floor(*walls):
 
 
 OPEN = floor()
-PARTED = floor((5.0, 0.0, 5.2, 6.0))
 
 
 def candidate(x_m, y_m, unknown_m2=1.0):
@@ -48,56 +45,6 @@ def assign_frontiers(navigation, candidates, seekers, taken):
 
 def goals(choices):
     return {choice.robot: (choice.place.x_m, choice.place.y_m) for choice in choices}
-
-
-def cost_matrix(navigation, candidates, seekers, taken):
-    """Cost of each pair alone, None where the robot may not or cannot go there."""
-    matrix = []
-    for one in seekers:
-        pairs = [assign_frontiers(navigation, [other], [one], taken) for other in candidates]
-        matrix.append([pair[0].cost_m if pair else None for pair in pairs])
-    return matrix
-
-
-def best_by_trying_all(matrix):
-    """Most pairs, and of those the least sum."""
-    rows, columns = len(matrix), len(matrix[0])
-    best = (0, 0.0)
-    for picked in itertools.product([None, *range(columns)], repeat=rows):
-        used = [column for column in picked if column is not None]
-        if len(used) != len(set(used)):
-            continue
-        costs = [matrix[row][column] for row, column in enumerate(picked) if column is not None]
-        if None in costs:
-            continue
-        key = (-len(costs), sum(costs))
-        best = min(best, key)
-    return -best[0], best[1]
-
-
-PLACES = st.tuples(st.floats(0.5, 9.5), st.floats(0.5, 5.5))
-
-
-@settings(max_examples=40, deadline=None)
-@given(
-    navigation=st.sampled_from([OPEN, PARTED, floor((3.0, 0.0, 3.2, 4.5), (6.5, 1.5, 6.7, 6.0))]),
-    starts=st.lists(PLACES, min_size=1, max_size=4),
-    ends=st.lists(st.tuples(PLACES, st.floats(0.4, 5.0)), min_size=1, max_size=6),
-    taken=st.lists(PLACES, max_size=2),
-    avoided=st.lists(PLACES, max_size=2),
-)
-def test_the_sum_of_costs_is_the_least_that_there_is(navigation, starts, ends, taken, avoided):
-    seekers = [
-        Seeker(f"r{number}", Point2D(*place), tuple(Point2D(*away) for away in avoided if number == 0))
-        for number, place in enumerate(starts)
-    ]
-    candidates = [FrontierCandidate(Point2D(*place), 1.0, unknown_m2) for place, unknown_m2 in ends]
-    busy = [Point2D(*place) for place in taken]
-    choices = assign_frontiers(navigation, candidates, seekers, busy)
-    pairs, least_m = best_by_trying_all(cost_matrix(navigation, candidates, seekers, busy))
-    assert len(choices) == pairs
-    assert sum(choice.cost_m for choice in choices) == pytest.approx(least_m, abs=1e-4)
-    assert len({choice.robot for choice in choices}) == len(choices)
 
 
 def test_the_cost_on_open_floor_is_the_way_less_the_unknown_floor_beyond():

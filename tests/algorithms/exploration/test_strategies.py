@@ -40,13 +40,6 @@ R1, R2 = Seeker("r1", Point2D(0.0, 0.0)), Seeker("r2", Point2D(2.0, 0.0))
 WAYS_M = np.array([[1.0, 5.0, 9.0], [1.0, 3.0, math.inf]])
 STOCK = {AUTO: auto, NEAREST: nearest, MINPOS: minpos, BURGARD: burgard, JOINT: joint, TOURS: tours, ROOMS: rooms}
 
-GREEDY = """
-from robrain.algorithms.exploration.situation import Choice
-
-def last(situation):
-    return [Choice(situation.seekers[0].name, situation.candidates[-1].place, 0.0)] if situation.candidates else []
-"""
-
 
 def on_a_line(candidates, seekers, busy=(), ways_m=None) -> Situation:
     """Paths are along x, unless (robots, frontiers) path costs are given."""
@@ -135,19 +128,6 @@ def test_names_of_earlier_versions_are_still_read() -> None:
     assert msgspec.json.decode('{"exploration": "assignment"}', type=PlanningPolicy) == PlanningPolicy(
         exploration=JOINT
     )
-
-
-def test_a_strategy_of_another_distribution_is_used(install) -> None:
-    install("greedy", {"last": "greedy:last"}, {"greedy.py": GREEDY}, group="robrain.exploration_strategies")
-    STRATEGIES.__init__(STRATEGIES.what, STRATEGIES.group, _stock(), has_files=True)  # type: ignore[misc]
-    try:
-        told: list[tuple[str, str]] = []
-        strategy = strategy_of("last", lambda name, why: told.append((name, why)))
-        assert goals(strategy(on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M))) == {"r1": C.place}
-        assert told == []
-        assert PlanningPolicy(exploration="last").exploration == "last"
-    finally:
-        STRATEGIES.__init__(STRATEGIES.what, STRATEGIES.group, _stock(), has_files=True)  # type: ignore[misc]
 
 
 def test_the_strategy_of_the_how_to_sends_robots_where_most_is_unknown(install) -> None:

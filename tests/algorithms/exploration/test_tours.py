@@ -59,11 +59,6 @@ def test_two_robots_at_one_spot_share_out_two_branches():
     assert sorted(place.x_m for place in made.values()) == [-4.0, 4.0]
 
 
-def test_robots_whose_frontiers_others_have_all_taken_get_none():
-    made = tours(straight([candidate(1.0)], [seeker("r1"), seeker("r2", 5.0)]))
-    assert goals(made) == {"r1": Point2D(1.0, 0.0)}
-
-
 def test_frontier_beside_the_goal_of_a_busy_robot_waits():
     near, far = candidate(3.0), candidate(-5.0)
     assert goals(tours(straight([near, far], [seeker("r1")]))) == {"r1": near.place}
