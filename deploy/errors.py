@@ -1,12 +1,4 @@
-"""Errors of the command line.
-
-RobrainError
-├── UsageError                the command line is wrong
-├── ChildFailed               a process of the team did not start; carries its output
-├── LogError                  a lidar log or a file of relations cannot be read, or is invalid
-├── SweepError                the folder of a sweep cannot be used, or holds another sweep
-└── InstanceError             a public routing instance cannot be read, or does not fit the allocators' model
-"""
+"""Errors of the command line."""
 
 from robrain.protocol.errors import RobrainError
 

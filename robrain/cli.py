@@ -14,7 +14,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import (
     CONNECT,
-    LOOK_BACK,
+    RECORDINGS,
     SIMULATE,
     START,
     CommandGroup,
@@ -258,7 +258,7 @@ def dashboard(
         dashboard_command(connect, check_name("team", team), port)
 
 
-@app.command(rich_help_panel=LOOK_BACK)
+@app.command(rich_help_panel=RECORDINGS)
 def replay(
     recording: Annotated[Path, typer.Argument(help="An MCAP file that robrain recorded.")],
     speed: Annotated[float, typer.Option(help="Factor of the recorded speed.")] = 1.0,

@@ -64,7 +64,7 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     from robrain.deploy.assistant.assistant import Assistant, Confirmations
     from robrain.deploy.assistant.audit_log import AuditLog
     from robrain.deploy.assistant.mcp_server import HOST, McpServer
-    from robrain.deploy.command_line.output import print_note
+    from robrain.deploy.command_line.output import print_message
     from robrain.protocol.access.identity import member_on
 
     who = f"{PREFIX}:{check_name('assistant', by or os.environ.get('USER', '') or 'unknown')}"
@@ -84,11 +84,11 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
                 new_id=lambda: secrets.token_hex(ID_BYTES),
                 now=lambda: datetime.now(UTC),
                 elapsed_s=time.monotonic,
-                warn=print_note,
+                warn=print_message,
             )
         )
         where = "stdin and stdout" if listening is None else f"http://{HOST}:{listening.getsockname()[1]}/mcp"
-        print_note(f"assistant: of team {team} as {client.by}, on {where}; log {audit.path}")
+        print_message(f"assistant: of team {team} as {client.by}, on {where}; log {audit.path}")
         if listening is None:
             anyio.run(served.on_stdio)
         else:

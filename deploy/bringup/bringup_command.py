@@ -17,7 +17,7 @@ from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_r
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
 from robrain.deploy.bringup.findings import CheckFinding, Operator, TerminalOperator
-from robrain.deploy.command_line.output import print_json, print_note
+from robrain.deploy.command_line.output import print_json, print_message
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.agent_process import endpoints_of
@@ -119,10 +119,10 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
     with ExitStack() as stack:
         session = stack.enter_context(closing(_open(robot_file, robot.parent, connect)))
         claim = stack.enter_context(claim_robot(session, robot_file.robot.team, robot_file.robot.name))
-        claim.acquire(lambda text: print_note(f"bringup: {text}"), lambda: False)
+        claim.acquire(lambda text: print_message(f"bringup: {text}"), lambda: False)
         bench = LiveBench(session, robot.parent)
         stack.callback(bench.close)
-        print_text = print_note if as_json else print_line
+        print_text = print_message if as_json else print_line
 
         def show(finding: CheckFinding) -> None:
             print_text(f"{MARKS[finding.ok]:<8}{finding.step.value}: {finding.sentence}")
@@ -151,7 +151,7 @@ def _open(robot_file: RobotFile, base: Path, connect: str | None) -> zenoh.Sessi
             f"nobody answers at {', '.join(where) or 'any endpoint'}, and the base is reached over it: "
             "start `robrain arena`, or set interface in [parameters.mocdevice]"
         )
-    print_note("bringup: no team answers; going on without one. See that the robot's agent does not run")
+    print_message("bringup: no team answers; going on without one. See that the robot's agent does not run")
     return open_lockstep_session()
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.deploy.command_line.output import print_note
+from robrain.deploy.command_line.output import print_message
 
 
 class Operator:
@@ -43,14 +43,14 @@ class TerminalOperator(Operator):
 
     def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
         """As Operator."""
-        print_note(question)
+        print_message(question)
         for key, meaning in choices.items():
-            print_note(f"  {key:<3} {meaning}{'  (Enter)' if key == default else ''}")
+            print_message(f"  {key:<3} {meaning}{'  (Enter)' if key == default else ''}")
         while True:
             answer = self._read("> ").strip().lower() or default
             if answer in choices:
                 return answer
-            print_note(f"expected one of {', '.join(choices)}")
+            print_message(f"expected one of {', '.join(choices)}")
 
     def number(self, question: str) -> float:
         """As Operator."""
@@ -62,7 +62,7 @@ class TerminalOperator(Operator):
                 value = math.nan
             if math.isfinite(value):
                 return value
-            print_note("expected a number, such as -0.015")
+            print_message("expected a number, such as -0.015")
 
     def _read(self, prompt: str) -> str:
         sys.stderr.write(prompt)

@@ -49,7 +49,7 @@ class NoSight(MotionFailed):
         super().__init__(NO_SIGHT)
 
 
-class ScanView(NamedTuple):
+class PosedScan(NamedTuple):
     """Points that the lidar sees from where it stands."""
 
     points: Floats
@@ -69,15 +69,15 @@ class Moved(NamedTuple):
     odometry_yaw_rad: float
 
 
-def scan_around(bench: Bench) -> tuple[ScanView, Record]:
+def scan_around(bench: Bench) -> tuple[PosedScan, Record]:
     """Stand for a while, and return the lidar's measurements."""
     record = bench.perform(Rest(STILL_S))
     scans = [(scan.angles_rad, scan.ranges_m) for scan in record.scans]
     points = still_points(scans, record.scans[-1].range_max_m) if scans else np.empty((0, 2))
-    return ScanView(points, record.samples[-1].pose), record
+    return PosedScan(points, record.samples[-1].pose), record
 
 
-def seen_motion(before: ScanView, scans: Sequence[LaserScan], after: ScanView) -> tuple[Pose2D, float]:
+def seen_motion(before: PosedScan, scans: Sequence[LaserScan], after: PosedScan) -> tuple[Pose2D, float]:
     """How the lidar moved, by the scans on the way: T_before_after and the yaw, not wrapped (NoSight)."""
     seen = followed(before.points, map(points_of, scans), after.points)
     if seen is None:
@@ -85,7 +85,7 @@ def seen_motion(before: ScanView, scans: Sequence[LaserScan], after: ScanView) -
     return seen
 
 
-def move(bench: Bench, before: ScanView, motion: Straight | TurnOnSpot) -> tuple[Moved, ScanView]:
+def move(bench: Bench, before: PosedScan, motion: Straight | TurnOnSpot) -> tuple[Moved, PosedScan]:
     """Execute a motion and scan again (NoSight)."""
     record = bench.perform(motion)
     after, _ = scan_around(bench)
@@ -267,7 +267,7 @@ def _direction_rad(moved: Pose2D, *, is_mirrored: bool) -> float:
     return math.remainder(0.5 * sign * moved.yaw_rad - math.atan2(sign * moved.y_m, moved.x_m), math.tau)
 
 
-def _room_m(view: ScanView, radius_m: float) -> float:
+def _room_m(view: PosedScan, radius_m: float) -> float:
     """Distance that the robot can drive: ahead, or negative for back if there is more room; 0 if nowhere."""
     points = view.points[np.hypot(view.points[:, 0], view.points[:, 1]) > radius_m]
     aside = points[np.abs(points[:, 1]) < radius_m + 0.1]
@@ -314,7 +314,7 @@ SQUARE_TRACK_TOLERANCE, RATIO_TOLERANCE = 0.006, 0.004
 """Precision of one square of 1 m in each direction, with the ends measured to 5 mm and 0.2°."""
 
 
-def side_m(view: ScanView, radius_m: float) -> float:
+def side_m(view: PosedScan, radius_m: float) -> float:
     """Side of the largest square, to the left and to the right of the robot, that is free; 0 if none is."""
     x_m, y_m = view.points[:, 0], view.points[:, 1]
     is_other = x_m * x_m + y_m * y_m > radius_m * radius_m
@@ -357,8 +357,8 @@ def check_square(bench: Bench, operator: Operator, *, rounds: int, measured: boo
 
 
 def _drive_square(
-    bench: Bench, before: ScanView, side: float, corner_rad: float, operator: Operator | None
-) -> tuple[SquareEnd, ScanView]:
+    bench: Bench, before: PosedScan, side: float, corner_rad: float, operator: Operator | None
+) -> tuple[SquareEnd, PosedScan]:
     """One square; where it really ended less where it did by odometry, in the frame of its start (NoSight)."""
     scans: list[LaserScan] = []
     for _ in range(CORNERS):

@@ -17,8 +17,8 @@ from robrain.protocol.extras import missing_package
 ENTRY_POINTS = "robrain.commands"
 """Group of entry points: each names a `typer.Typer`. The extra with all that its commands need is in brackets."""
 SIMULATE, START, OPERATE = "Simulate", "Start a team", "Operate a team"
-LOOK_BACK, SET_UP, CONNECT = "Record and look back", "Set up", "Connect other programs"
-HEADINGS = (SIMULATE, START, OPERATE, LOOK_BACK, SET_UP, CONNECT)
+RECORDINGS, SET_UP, CONNECT = "Record and look back", "Set up", "Connect other programs"
+HEADINGS = (SIMULATE, START, OPERATE, RECORDINGS, SET_UP, CONNECT)
 """Of `robrain --help`: a command is below its `rich_help_panel`, or that of its app, and else at the end."""
 OTHERS = "Other commands"
 

@@ -12,7 +12,7 @@ def print_result(text: str) -> None:
     sys.stdout.flush()
 
 
-def print_note(text: str) -> None:
+def print_message(text: str) -> None:
     """Print a line about progress on stderr; the lines of a longer text are indented."""
     from robrain.protocol.safe_text import safe_lines
 

@@ -33,7 +33,7 @@ console = new_console(stderr=True)
 NAME = "robrain"
 
 
-def say(text: str) -> None:
+def print_progress(text: str) -> None:
     """Print a line on stderr; control characters in it are made harmless."""
     console.print(safe_lines(text), soft_wrap=True)
 

@@ -53,20 +53,20 @@ def call_command(
     with Team.connect(connect, team=team) as client, client.action_ends(robot, plugin) as ends:
         if given is None:
             result: Any = client.command(robot, text)
-            said = result
+            text = result
         else:
             check_name("function", function)
             named = given if isinstance(given, dict) else None
             result = client.call(robot, plugin, function, *([] if named is not None else given), named=named)
-            said = "" if result is None else print_value(result)
+            text = "" if result is None else print_value(result)
         if not isinstance(result, str) or not _starts_action(client, robot, plugin, function):
             if as_json:
                 print_json(result)
-            elif said:
-                print_line(said)
+            elif text:
+                print_line(text)
             return 0
         if not as_json:
-            print_line(said)
+            print_line(text)
         end = ends.end_of(result)
     if as_json:
         print_json(end)

@@ -169,7 +169,7 @@ def _end(report: "HaltReport", team: str | None) -> None:
     """Print which robots have obeyed and which have not, and end the command."""
     done = "halted" if report.halted else "resumed"
     lines = dict.fromkeys(report.confirmed, done)
-    lines |= {name: f"NOT {done}: {why}" for name, why in report.unconfirmed.items()}
+    lines |= {name: f"NOT {done}: {reason}" for name, reason in report.unconfirmed.items()}
     for name, text in sorted(lines.items()):
         print_result(f"{name}: {text}")
     if team is not None:

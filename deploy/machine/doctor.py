@@ -32,7 +32,7 @@ from robrain.deploy.processes.live_process import live_endpoint
 from robrain.deploy.supervision.credentials import OPERATOR, Credentials
 from robrain.deploy.supervision.part import ARENA, HUB
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, is_team_file, read_team_file
-from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, reasons_of, status_by
+from robrain.deploy.supervision.team_status import RobotCondition, RobotStatus, reasons_of, status_by
 from robrain.protocol.access.identity import TLS_VARIABLE, read_identity, tls_folder
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.clock import NS_PER_S, LiveClock
@@ -133,7 +133,7 @@ def check_key_space(endpoints: Sequence[str], team: str, robot: str) -> Check:
     )
 
 
-def check_robot(robot: RobotStanding) -> Check:
+def check_robot(robot: RobotStatus) -> Check:
     """Whether a robot of a team is well, by its state."""
     name = robot.robot
     if robot.condition is RobotCondition.GONE:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import zenoh
 
-from robrain.deploy.command_line.output import print_note, print_result
+from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.pki.issuing import MEMBERS_FILE, PkiError, read_members
 from robrain.deploy.processes.live_process import LiveStop, steps
 from robrain.protocol.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
@@ -19,7 +19,7 @@ DEFAULT_LISTEN = "tls/127.0.0.1:7447"
 ROUTER_READY = "router: at "
 RETRY = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
 """Another router may come later than this one, or go and come back."""
-LOOK_S = 0.2
+CHECK_S = 0.2
 WATCHED = (MEMBERS_FILE, CERTIFICATE)
 """Files of its folder; if one changes, the router opens its session again."""
 
@@ -55,7 +55,7 @@ class SecuredRouter:
         """Its endpoints."""
         return next(filter(is_secured, listening_at(self.session)))
 
-    def look(self) -> str:
+    def update(self) -> str:
         """Open the session again if the folder's files have changed; members then connect again by themselves.
 
         Returns: The event, in words; empty if there is none.
@@ -131,20 +131,20 @@ def router_command(folder: Path | None, listen: str | None, connect: Sequence[st
         raise PkiError("give the router's folder: `robrain --tls pki/members/router.NAME router`")
     should_stop = LiveStop()
     router = SecuredRouter(folder, listen or DEFAULT_LISTEN, connect)
-    said = ""
+    reported = ""
     try:
         if listen and not is_loopback(listen):
-            print_note(f"router: other machines can reach {listen}; they need a certificate of this CA")
+            print_message(f"router: other machines can reach {listen}; they need a certificate of this CA")
         others = f"joined to {', '.join(connect)}, " if connect else ""
         print_result(f"{ROUTER_READY}{router.endpoint}, {others}{router.members} members may connect; Ctrl-C ends it")
         should_stop.ready()
-        for _ in steps(should_stop, LOOK_S):
-            said = _log_once(said, router.look(), print_note)
+        for _ in steps(should_stop, CHECK_S):
+            reported = _log_once(reported, router.update(), print_message)
     finally:
         router.close()
 
 
-def _log_once(before: str, text: str, say: Callable[[str], None]) -> str:
+def _log_once(before: str, text: str, print_text: Callable[[str], None]) -> str:
     if text and text != before:
-        say(f"router: {text}")
+        print_text(f"router: {text}")
     return text

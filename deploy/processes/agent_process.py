@@ -17,7 +17,7 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import TlsTable, ZenohTable, folder_of, read_robot_file
 from robrain.agent.host.robot_log import plugin_here
 from robrain.agent.lifecycle.registry import plugin_faults
-from robrain.deploy.command_line.output import print_note, print_result
+from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.processes.live_process import (
     LiveStop,
     check_certificate,
@@ -105,16 +105,16 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
     where = endpoints_of(settings, connect)
     if isinstance(settings.tls, TlsTable):  # for plugins in separate processes as well
         os.environ[TLS_VARIABLE] = str(folder_of(robot.parent, settings.tls.folder).resolve())
-    warn_of_listening("agent", settings.listen, print_note)
-    identity = check_certificate("agent", print_note, where, table.team, MemberRole.ROBOT, table.name)
+    warn_of_listening("agent", settings.listen, print_message)
+    identity = check_certificate("agent", print_message, where, table.team, MemberRole.ROBOT, table.name)
     should_stop = LiveStop()
     session = open_when_there("agent", where, should_stop, mode=settings.mode, listen=settings.listen)
     if session is None:
         return
     if identity is not None:
-        check_rights("agent", print_note, session, where, identity)
+        check_rights("agent", print_message, session, where, identity)
     with closing(session), claim_robot(session, table.team, table.name) as claim:
-        if not claim.acquire(lambda text: print_note(f"agent: {text}"), should_stop):
+        if not claim.acquire(lambda text: print_message(f"agent: {text}"), should_stop):
             return
         # Plugins in separate processes connect to the robot's endpoint, or to the robot itself if it has none.
         zenoh = msgspec.structs.replace(settings, connect=where or listening_at(session))

@@ -14,7 +14,7 @@ import zenoh
 from robrain.agent.host.robot_file import RobotFile
 from robrain.deploy.command_line.options import make_folder
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.command_line.terminal import own_command, say
+from robrain.deploy.command_line.terminal import own_command, print_progress
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import forwarder_line
 from robrain.deploy.processes.kernels import prepare_kernels
@@ -230,7 +230,7 @@ def arena_command(
                 loadable=loadable_from_here(where),
                 lines=lines,
             ):
-                say(own_command("agent", path))
+                print_progress(own_command("agent", path))
         arena = Arena(world, wire)
         try:
             names = ", ".join(robot.name for robot in world.robots)
@@ -246,9 +246,9 @@ def arena_command(
 def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
     if place.connect:
         return open_when_there("arena", place.connect, should_stop)
-    session, taken = open_hub(place.listen[0] if place.listen else None)
-    if taken:
-        say(f"arena: {taken} is taken, listening elsewhere: other commands need --connect")
+    session, other = open_hub(place.listen[0] if place.listen else None)
+    if other:
+        print_progress(f"arena: {other} is taken, listening elsewhere: other commands need --connect")
     return session
 
 

@@ -16,7 +16,7 @@ from robrain.coordinator.leadership.election import Elected, Election, Lost
 from robrain.coordinator.live import run_coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
-from robrain.deploy.command_line.output import print_note, print_result
+from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import (
     LiveStop,
@@ -198,7 +198,9 @@ def coordinator_command(
         policy = msgspec.structs.replace(policy, objective=objective)
     should_stop = LiveStop()
     where = place.connect or team_endpoints()
-    identity = check_certificate("coordinator", print_note, [] if place.listen else where, team, MemberRole.COORDINATOR)
+    identity = check_certificate(
+        "coordinator", print_message, [] if place.listen else where, team, MemberRole.COORDINATOR
+    )
     if place.listen:
         session: zenoh.Session | None = open_hub(place.listen[0])[0]
     else:
@@ -206,7 +208,7 @@ def coordinator_command(
     if session is None:
         return
     if identity is not None:
-        check_rights("coordinator", print_note, session, where, identity)
+        check_rights("coordinator", print_message, session, where, identity)
 
     def ready() -> None:
         should_stop.ready()
@@ -223,4 +225,4 @@ def coordinator_command(
 
 
 def _print(text: str) -> None:
-    print_note(f"coordinator: {text}")
+    print_message(f"coordinator: {text}")

@@ -17,7 +17,7 @@ from robrain.algorithms import warm_up as model
 from robrain.algorithms.allocation.warm_up import warm_up as warm_up_allocation
 from robrain.algorithms.exploration.warm_up import warm_up as warm_up_exploration
 from robrain.algorithms.warm_up import KernelPart
-from robrain.deploy.command_line.terminal import console, say, text_column
+from robrain.deploy.command_line.terminal import console, print_progress, text_column
 from robrain.sim.warm_up import warm_up as warm_up_arena
 
 COMPILING = "numba:compile"
@@ -146,13 +146,13 @@ class _Notice(event.Listener):
     def end(self) -> None:
         """All kernels are ready."""
         if self._began_s and not self._quiet and self._progress is None:
-            say(f"compiled {len(self.compiled)} kernels in {time.monotonic() - self._began_s:.0f} s")
+            print_progress(f"compiled {len(self.compiled)} kernels in {time.monotonic() - self._began_s:.0f} s")
 
     def _begin(self) -> None:
         if self._quiet:
             return
         if not console.is_terminal:
-            say(f"{WORDS}: half a minute or so")
+            print_progress(f"{WORDS}: half a minute or so")
             return
         bar = (BarColumn(bar_width=30), MofNCompleteColumn(), TimeElapsedColumn())
         columns = (text_column("{task.description}"), *bar)

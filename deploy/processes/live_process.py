@@ -10,7 +10,7 @@ from typing import NamedTuple
 import zenoh
 
 from robrain.client.transport import open_client_session
-from robrain.deploy.command_line.output import print_note, print_result
+from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.errors import UsageError
 from robrain.protocol.access.identity import Identity
 from robrain.protocol.access.member import MemberRole
@@ -236,7 +236,7 @@ def open_hub(listen: str | None) -> tuple[zenoh.Session, str]:
         WireError: the endpoint is invalid, or cannot be listened on.
 
     """
-    warn_of_listening("hub", [listen or hub_endpoint()], print_note)
+    warn_of_listening("hub", [listen or hub_endpoint()], print_message)
     try:
         return open_session(mode="router", listen=[listen or hub_endpoint()]), ""
     except PortTaken:
@@ -279,11 +279,11 @@ def open_when_there(
             except NobodyThere as error:  # the hub may start later: try again
                 if any(map(is_secured, connect)) and not is_reported:
                     is_reported = True
-                    print_note(f"{who}: {error} Trying again until it answers")
+                    print_message(f"{who}: {error} Trying again until it answers")
         if not is_reported:
             is_reported = True
             where = ", ".join(connect)
-            print_note(f"{who}: nobody answers at {where} yet: waiting for `robrain up` or a router")
+            print_message(f"{who}: nobody answers at {where} yet: waiting for `robrain up` or a router")
         time.sleep(POLL_S)
     return None
 

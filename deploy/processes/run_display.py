@@ -13,8 +13,8 @@ from robrain.deploy.command_line.terminal import (
     new_table,
     own_command,
     print_line,
+    print_progress,
     results,
-    say,
     text_column,
 )
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
@@ -76,7 +76,7 @@ def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDi
 
 def show_result(result: RunResult) -> None:
     """Print the summary of a run."""
-    why = {
+    reasons = {
         "explored": "target reached",
         "nothing_left": "nothing left that a robot could reach",
         "tasks_ended": "all tasks have ended",
@@ -92,7 +92,7 @@ def show_result(result: RunResult) -> None:
     console = results()
     console.print(table)
     console.print(
-        f"{result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)} ({why[result.ended]}), "
+        f"{result.explored_fraction:.1%} explored in {clock_of(result.sim_time_s)} ({reasons[result.ended]}), "
         f"{result.real_time_factor:.1f} × real time, {result.messages} messages, "
         f"{result.mote_readings} readings of {result.motes} motes",
         soft_wrap=True,
@@ -167,14 +167,14 @@ def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccur
             f"map: {of_map.share_off:.1%} of its {of_map.occupied_cells} wall cells are where no wall is, "
             f"{of_map.doubled_walls_m:.1f} m of wall are in it twice"
         )
-    told = {name: each for name, each in positions.items() if each is not None}
-    if told:
-        rmse_m = {name: each.rmse_m for name, each in told.items() if each.rmse_m is not None}
-        error_m = {name: each.max_error_m for name, each in told.items() if each.max_error_m is not None}
+    known = {name: each for name, each in positions.items() if each is not None}
+    if known:
+        rmse_m = {name: each.rmse_m for name, each in known.items() if each.rmse_m is not None}
+        error_m = {name: each.max_error_m for name, each in known.items() if each.max_error_m is not None}
         silent = [
-            f"{name} {each.silent_divergence_s:.1f} s" for name, each in told.items() if each.silent_divergence_s > 0
+            f"{name} {each.silent_divergence_s:.1f} s" for name, each in known.items() if each.silent_divergence_s > 0
         ]
-        lost = [f"{name} {each.lost_s:.1f} s" for name, each in told.items() if each.lost_s > 0]
+        lost = [f"{name} {each.lost_s:.1f} s" for name, each in known.items() if each.lost_s > 0]
         parts = []
         if rmse_m and error_m:
             worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
@@ -191,4 +191,4 @@ def print_recorded(recording: str | None) -> None:
     """Print a recording's path and the command that replays it."""
     if recording is not None:
         print_line(f"recorded in {recording}")
-        say(f"replay it: {own_command('replay', recording)}")
+        print_progress(f"replay it: {own_command('replay', recording)}")

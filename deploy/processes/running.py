@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress
 
 from robrain.algorithms.warm_up import KernelPart
 from robrain.deploy.command_line.options import above_zero, until_explored
-from robrain.deploy.command_line.terminal import both_at_a_terminal, console, say, text_column
+from robrain.deploy.command_line.terminal import both_at_a_terminal, console, print_progress, text_column
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import Child, Children, continue_with_recording
 from robrain.deploy.processes.kernels import PARTS, are_cached, load_kernels, prepare_kernels
@@ -146,7 +146,7 @@ class Preparing:
             self._began_s = time.monotonic()
             self._compile(PARTS)
             if not self._quiet and not console.is_terminal:
-                say(f"{WORDS}: half a minute or so")
+                print_progress(f"{WORDS}: half a minute or so")
 
     def wait(self, _run: LockstepRun) -> None:
         """Show the places of all bodies until the run can begin.
@@ -209,9 +209,9 @@ class Preparing:
         if self._quiet:
             return
         if compiler.failure:
-            say(f"{compiler.failure}: compiling the rest in this one")
+            print_progress(f"{compiler.failure}: compiling the rest in this one")
         else:
-            say(f"the navigation is compiled after {time.monotonic() - self._began_s:.0f} s; the run begins")
+            print_progress(f"the navigation is compiled after {time.monotonic() - self._began_s:.0f} s; the run begins")
 
 
 @contextmanager
@@ -262,7 +262,7 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
     page = watched.page if watched is not None else None
     with Preparing(watched, quiet=options.quiet) as preparing:
         if not options.quiet:
-            say(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
+            print_progress(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
         with run_display(target, quiet=options.quiet) as display:
 
             def show(progress: RunProgress) -> None:
@@ -284,6 +284,6 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
     if options.stay and page is not None and options.record is not None and result.ended != "interrupted":
         continue_with_recording(children, page.url, options.record)
         should_stop = LiveStop()  # before the line that mentions Ctrl-C: the default handler ends with another status
-        say(f"{page.url} now shows the recording: Ctrl-C ends it")
+        print_progress(f"{page.url} now shows the recording: Ctrl-C ends it")
         should_stop.wait()
     return result

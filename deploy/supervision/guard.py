@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 
 GRACE_S = 3.0
-LOOK_S = 0.05
+CHECK_S = 0.05
 
 
 def groups_left(lines: Iterable[str]) -> set[int]:
@@ -49,7 +49,7 @@ def end_groups(groups: set[int], grace_s: float = GRACE_S) -> None:
     until_s = time.monotonic() + grace_s
     while groups and time.monotonic() < until_s:
         groups = {group for group in groups if is_there(group)}
-        time.sleep(LOOK_S)
+        time.sleep(CHECK_S)
     for group in groups:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(group, signal.SIGKILL)

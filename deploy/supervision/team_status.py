@@ -56,7 +56,7 @@ class RobotCondition(StrEnum):
     UP = "up"
 
 
-class RobotStanding(msgspec.Struct, frozen=True, kw_only=True):
+class RobotStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Status of one robot."""
 
     robot: str
@@ -84,7 +84,7 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     coordinator: bool
     robots: list[str]
     """Names of present members, sorted."""
-    standing: list[RobotStanding] = []
+    standing: list[RobotStatus] = []
     """Status of each robot, by name; also of robots that have gone and were not removed."""
     refused: dict[str, list[Refusal]] = {}
     """Refusals of the coordinator and the robots, by `coordinator` and the robots' names; absent if there are none."""
@@ -126,19 +126,19 @@ def status_by(wire: Endpoint) -> TeamStatus:
     refused = {name: state.refused or [] for name, state in sorted(states.items())}
     if summary is not None:
         refused = {COORDINATOR: summary.refused or [], **refused}
-    standing = {name: robot_status(name, states.get(name)) for name in found.robots}
-    standing |= {
-        robot.name: RobotStanding(
+    statuses = {name: robot_status(name, states.get(name)) for name in found.robots}
+    statuses |= {
+        robot.name: RobotStatus(
             robot=robot.name, condition=RobotCondition.GONE, task=robot.task, soc=robot.soc, silent_s=robot.age_s
         )
         for robot in (() if summary is None else summary.robots)
-        if isinstance(robot.out, Gone) and robot.name not in standing
+        if isinstance(robot.out, Gone) and robot.name not in statuses
     }
     return TeamStatus(
         team=found.team,
         coordinator=found.coordinator,
         robots=found.robots,
-        standing=[standing[name] for name in sorted(standing, key=natural_key)],
+        standing=[statuses[name] for name in sorted(statuses, key=natural_key)],
         refused={name: each for name, each in refused.items() if each},
         mote_field=None if summary is None else summary.mote_field or None,
         stand_by=None if summary is None else summary.stand_by or None,
@@ -172,7 +172,7 @@ def show_status(found: TeamStatus) -> None:
             print_line(f"{name} refused {one.words}")
 
 
-def _cells(robot: RobotStanding) -> list[str]:
+def _cells(robot: RobotStatus) -> list[str]:
     out = sum(map(len, robot.plugins_out.values()))
     gone = "" if robot.silent_s is None else f" {span_text(robot.silent_s)}"
     return [
@@ -185,7 +185,7 @@ def _cells(robot: RobotStanding) -> list[str]:
     ]
 
 
-def reasons_of(robot: RobotStanding) -> Iterator[str]:
+def reasons_of(robot: RobotStatus) -> Iterator[str]:
     """Faults of a robot, in words."""
     if robot.why:
         yield robot.why
@@ -194,27 +194,27 @@ def reasons_of(robot: RobotStanding) -> Iterator[str]:
         yield f"{', '.join(plugins)} {verb} not run: {reason}"
 
 
-def robot_status(robot: str, state: RobotState | None) -> RobotStanding:
+def robot_status(robot: str, state: RobotState | None) -> RobotStatus:
     """Status of a present robot, by its last state."""
     if state is None:
-        why = f"no state published for {STATE_S:g} s"
-        return RobotStanding(robot=robot, condition=RobotCondition.SILENT, why=why)
-    condition, why = RobotCondition.UP, ""
+        reason = f"no state published for {STATE_S:g} s"
+        return RobotStatus(robot=robot, condition=RobotCondition.SILENT, why=reason)
+    condition, reason = RobotCondition.UP, ""
     if state.halted:
-        condition, why = RobotCondition.HALTED, f"halted by {', '.join(state.halted_by) or 'the team'}"
+        condition, reason = RobotCondition.HALTED, f"halted by {', '.join(state.halted_by) or 'the team'}"
         if state.not_halted:
-            why += f"; not stopped: {', '.join(state.not_halted)}"
+            reason += f"; not stopped: {', '.join(state.not_halted)}"
     elif state.faulted:
         condition = RobotCondition.FAULTED
     elif state.lost:
-        condition, why = RobotCondition.LOST, f"lost: {state.lost}"
+        condition, reason = RobotCondition.LOST, f"lost: {state.lost}"
     plugins_out: dict[str, list[str]] = {}
     for fault in state.faulted:
         plugins_out.setdefault(fault.why.strip().rpartition("\n")[2], []).extend([fault.plugin, *fault.dependants])
-    return RobotStanding(
+    return RobotStatus(
         robot=robot,
         condition=condition,
-        why=why,
+        why=reason,
         soc=None if state.battery is None else state.battery.soc,
         place=None if state.pose is None or state.lost else Point2D(state.pose.x_m, state.pose.y_m),
         task="" if state.task is None or state.task.state.ended else state.task.id,
@@ -349,9 +349,9 @@ class TeamMonitor:
         if robot is None:
             return RobotSeen(name, "starting", is_up=False)
         if robot.is_up(now_ns):
-            standing = robot_status(name, robot.state)
-            behavior = standing.behavior if standing.condition is RobotCondition.UP else ""
-            return RobotSeen(name, behavior or standing.condition, is_up=True)
+            status = robot_status(name, robot.state)
+            behavior = status.behavior if status.condition is RobotCondition.UP else ""
+            return RobotSeen(name, behavior or status.condition, is_up=True)
         return RobotSeen(name, told(robot.down_reason(now_ns)), is_up=False)
 
     def _record_truth(self, truth: ArenaTruth) -> None:

@@ -17,8 +17,8 @@ from rich.console import Group
 from rich.live import Live
 
 from robrain.deploy.command_line.options import new_recording, next_file
-from robrain.deploy.command_line.output import print_json, print_note
-from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, say
+from robrain.deploy.command_line.output import print_json, print_message
+from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, print_progress
 from robrain.deploy.errors import ChildFailed, UsageError
 from robrain.deploy.pki.router import ROUTER_READY
 from robrain.deploy.processes.children import DASHBOARD_READY, forwarder_line, read_addresses
@@ -361,7 +361,7 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
                 return _result(plan, "interrupted", None, supervisor, printed)
             endpoint = printed.endpoint
             if other:
-                say(f"{other} is in use: the hub of this team is at {endpoint}")
+                print_progress(f"{other} is in use: the hub of this team is at {endpoint}")
             display.event(HubEvent(endpoint, str(credentials.operator) if credentials else ""))
         if plan.own_journal is not None:
             display.event(JournalEvent(str(plan.own_journal)))
@@ -372,7 +372,7 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
         wire = closing.enter_context(live_endpoint(session, plan.team))
         team = TeamMonitor(wire, plan.robots)
         if plan.first_task:
-            say(f"a first task, once the robots are up: {plan.first_task}")
+            print_progress(f"a first task, once the robots are up: {plan.first_task}")
         parts = parts_of(plan, Site(folder, endpoint, plan.team, team, printed))
         if credentials is not None:
             parts = [credentials.shown_by(part) for part in parts]
@@ -389,7 +389,7 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) ->
                 try:
                     credentials.renew(plan.parts, now_utc())
                 except (RobrainError, OSError) as error:  # the team continues with its current certificates
-                    print_note(f"up: certificates are not renewed: {error}")
+                    print_message(f"up: certificates are not renewed: {error}")
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
                 supervisor.add(waiting)
                 waiting = []
@@ -522,7 +522,7 @@ class PlainLines:
                 self._print(forwarder_line(robot, address))
             case PartEvent():
                 if event.is_news:
-                    say(event.words)
+                    print_progress(event.words)
             case UpResult():
                 print_result_of(event)
 
@@ -534,7 +534,7 @@ class PlainLines:
             seen = "up" if text not in ("starting", "halted", "gone") and "lost" not in text else text
             if self._before.get(name) != seen:
                 self._before[name] = seen
-                say(f"{name}: {seen}")
+                print_progress(f"{name}: {seen}")
 
     def _print_hub(self, hub: HubEvent) -> None:
         """Print where the hub listens, and how other commands find it."""
@@ -551,7 +551,7 @@ class DrawnTable(PlainLines):
 
     def __init__(self, team: str, live: Live) -> None:
         # Above the table rich would break long lines, which then could not be copied.
-        super().__init__(team, say if both_at_a_terminal() else print_line)
+        super().__init__(team, print_progress if both_at_a_terminal() else print_line)
         self._live = live
 
     def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
@@ -661,7 +661,7 @@ def new_journal(team: str) -> Path | None:
     try:
         return next_file(Path("runs"), team, ".journal")
     except OSError as error:
-        print_note(f"up: {error}: the journal and its backups end with the team; --journal FILE keeps them")
+        print_message(f"up: {error}: the journal and its backups end with the team; --journal FILE keeps them")
         return None
 
 

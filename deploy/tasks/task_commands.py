@@ -335,8 +335,8 @@ def watch(
         raise typer.Exit(EXIT_NOT_DONE)
 
 
-@task_app.command()
-def why(
+@task_app.command("why")
+def explain(
     task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
 ) -> None:
     """Explain the state of a task: its conditions, its cost for each robot, and its history so far."""

@@ -15,7 +15,7 @@ from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.algorithms.navigation.path_planning import distance_field
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.deploy.command_line.terminal import new_console, print_line, say
+from robrain.deploy.command_line.terminal import new_console, print_line, print_progress
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, at_most, deterministic, show_figures, write_json
@@ -324,7 +324,7 @@ def run_bench(plan: ExplorationPlan, json_file: Path | None = None) -> None:
     """
     write_json(json_file, "exploration", [], [])
     for name in plan.absent:
-        say(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
+        print_progress(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
     prepare_kernels()
     runs: list[ExplorationRun] = []
     for run in all_runs(run_case, plan.cases, plan.jobs):

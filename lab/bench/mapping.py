@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.deploy.command_line.terminal import new_console, print_line, say
+from robrain.deploy.command_line.terminal import new_console, print_line, print_progress
 from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import (
     WIDTH,
@@ -103,7 +103,7 @@ def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
     """
     write_json(json_file, "mapping", [], [])
     for name in plan.absent:
-        say(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
+        print_progress(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
     prepare_kernels()
     print_line(HEADINGS)
     runs: list[MappedRun] = []

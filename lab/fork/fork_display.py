@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from rich.progress import BarColumn, Progress
 
-from robrain.deploy.command_line.terminal import clock_of, console, own_command, print_line, say, text_column
+from robrain.deploy.command_line.terminal import clock_of, console, own_command, print_line, print_progress, text_column
 from robrain.deploy.recordings.recording_display import show_two_runs, where_different
 from robrain.lab.fork.fork_result import ForkResult
 from robrain.recording.reader.two_runs import TwoRuns
@@ -58,9 +58,9 @@ def fork_display(at_s: float, *, quiet: bool = False) -> Iterator[ForkDisplay]:
 def show_fork(result: ForkResult, runs: TwoRuns | None) -> None:
     """Print how a fork went."""
     for words in result.other_versions:
-        say(f"warning: made with {words}; the part before may differ for that")
+        print_progress(f"warning: made with {words}; the part before may differ for that")
     for time_s, key in result.not_repeated[:5]:
-        say(f"warning: what came from another process at {time_s:.2f} s on {key} cannot be repeated")
+        print_progress(f"warning: what came from another process at {time_s:.2f} s on {key} cannot be repeated")
     before = f"before {result.at_s:g} s: "
     if result.same_before:
         print_line(f"{before}equal, {result.messages_before} messages, digest {result.digest_before[:DIGITS]}")
@@ -84,4 +84,4 @@ def show_fork(result: ForkResult, runs: TwoRuns | None) -> None:
     if runs is not None:
         show_two_runs(runs)
     print_line(f"recorded in {result.recording}")
-    say(f"replay it: {own_command('replay', result.recording)}")
+    print_progress(f"replay it: {own_command('replay', result.recording)}")

@@ -6,7 +6,14 @@ from contextlib import contextmanager
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robrain.deploy.command_line.terminal import both_at_a_terminal, console, print_line, results, say, text_column
+from robrain.deploy.command_line.terminal import (
+    both_at_a_terminal,
+    console,
+    print_line,
+    print_progress,
+    results,
+    text_column,
+)
 from robrain.lab.report.mean_interval import FEW, MeanInterval
 from robrain.lab.sweep.plan import SweepPlan
 from robrain.lab.sweep.run_outcome import RunState
@@ -46,7 +53,7 @@ def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[
 
         def show(now: SweepProgress) -> None:
             if now.last is None and not quiet:
-                say(_beginning(plan, now))
+                print_progress(_beginning(plan, now))
             failed = f"{now.failed} failed" if now.failed else ""
             bars.update(bar, completed=now.ended, failed=failed)
 
@@ -77,7 +84,7 @@ def show_sweep(result: SweepResult) -> None:
         print_line(f"… and {len(result.errors) - ERRORS_MAX} more, in the column error of the table")
     print_line(f"written to {result.folder}: {', '.join(_names(result))}")
     if result.interrupted:
-        say("interrupted: the same command continues")
+        print_progress("interrupted: the same command continues")
 
 
 def shown_columns(summary: SweepSummary) -> list[str]:

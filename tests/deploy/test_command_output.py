@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from robrain import cli
 from robrain.client.team import Team
-from robrain.deploy.command_line.output import print_note, print_result
-from robrain.deploy.command_line.terminal import new_console, results, say, text_column
+from robrain.deploy.command_line.output import print_message, print_result
+from robrain.deploy.command_line.terminal import new_console, print_progress, results, text_column
 from robrain.deploy.processes.process_setup import SafeLines
 from robrain.deploy.processes.run_display import accuracy_lines, links_line, print_exploration_left, print_recorded
 from robrain.protocol.errors import CallError, ErrorCode
@@ -105,7 +105,7 @@ def test_names_are_printed_literally(capsys: pytest.CaptureFixture[str], shown: 
 
 
 def test_messages_and_progress_are_printed_literally(capsys: pytest.CaptureFixture[str]) -> None:
-    say(NAME)
+    print_progress(NAME)
     with Progress(text_column("{task.description}"), console=new_console(stderr=True)) as bars:
         bars.add_task(NAME)
     assert capsys.readouterr().err.count(NAME) == 2
@@ -137,7 +137,7 @@ def log(text: str) -> None:
     sys.stdout.write(SafeLines("%(message)s").format(record) + "\n")
 
 
-@pytest.mark.parametrize("show", [print_result, print_note, log])
+@pytest.mark.parametrize("show", [print_result, print_message, log])
 def test_lines_after_the_first_are_indented_and_steer_nothing(capsys: pytest.CaptureFixture[str], show) -> None:
     show(REASON)
     assert "".join(capsys.readouterr()) == SHOWN

@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from robrain import cli
-from robrain.deploy.command_line.output import print_note, print_result
+from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes import process_setup
 from robrain.deploy.processes.process_setup import FORMAT_VARIABLE, JsonLines, LogContext, guarded_streams, set_up_logs
@@ -95,7 +95,7 @@ def test_messages_that_cannot_be_written_do_not_end_a_command(monkeypatch: pytes
     os.dup2(os.open("/dev/full", os.O_WRONLY), 2)
     try:
         with guarded_streams():
-            print_note("a message")
+            print_message("a message")
     finally:
         os.dup2(kept, 2)
         os.close(kept)

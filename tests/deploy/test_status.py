@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.deploy.machine.doctor import check_robot
-from robrain.deploy.supervision.team_status import RobotCondition, RobotStanding, TeamStatus, robot_status, show_status
+from robrain.deploy.supervision.team_status import RobotCondition, RobotStatus, TeamStatus, robot_status, show_status
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.robots.witness_messages import Lead
@@ -16,7 +16,7 @@ BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.
 FAULTS = [PluginFault(plugin=name, why="Traceback:\nOSError: no bus") for name in ("mocdevice", "driver")]
 
 
-def _shown(capsys: pytest.CaptureFixture[str], *standing: RobotStanding) -> list[str]:
+def _shown(capsys: pytest.CaptureFixture[str], *standing: RobotStatus) -> list[str]:
     show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=list(standing)))
     return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
 
@@ -24,9 +24,9 @@ def _shown(capsys: pytest.CaptureFixture[str], *standing: RobotStanding) -> list
 def test_robot_has_one_line_with_battery_place_and_task(capsys: pytest.CaptureFixture[str]) -> None:
     task = TaskStatus(id="visit-3", epoch=1, state=TaskState.RUNNING)
     state = RobotState(robot="r1", battery=BATTERY, pose=Pose2D(3.24, -4.0, 0.0), task=task)
-    standing = robot_status("r1", state)
-    assert (standing.soc, standing.place, standing.task) == (0.87, Point2D(3.24, -4.0), "visit-3")
-    assert _shown(capsys, standing) == [
+    status = robot_status("r1", state)
+    assert (status.soc, status.place, status.task) == (0.87, Point2D(3.24, -4.0), "visit-3")
+    assert _shown(capsys, status) == [
         "team default: coordinator up",
         "robot state battery place task plugins out",
         "r1 up 87% (3.2, -4.0) visit-3 –",
@@ -35,8 +35,8 @@ def test_robot_has_one_line_with_battery_place_and_task(capsys: pytest.CaptureFi
 
 def test_ended_task_is_not_shown_and_a_lost_robot_has_no_place() -> None:
     task = TaskStatus(id="visit-3", epoch=1, state=TaskState.DONE)
-    standing = robot_status("r1", RobotState(robot="r1", pose=Pose2D(1.0, 1.0, 0.0), lost="bumped", task=task))
-    assert (standing.task, standing.place) == ("", None)
+    status = robot_status("r1", RobotState(robot="r1", pose=Pose2D(1.0, 1.0, 0.0), lost="bumped", task=task))
+    assert (status.task, status.place) == ("", None)
 
 
 def test_one_reason_is_printed_once_for_all_robots_and_plugins(capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,7 +50,7 @@ def test_one_reason_is_printed_once_for_all_robots_and_plugins(capsys: pytest.Ca
 
 
 def test_robot_that_has_gone_is_shown_with_its_last_task(capsys: pytest.CaptureFixture[str]) -> None:
-    gone = RobotStanding(robot="r2", condition=RobotCondition.GONE, task="visit-3", silent_s=400.0)
+    gone = RobotStatus(robot="r2", condition=RobotCondition.GONE, task="visit-3", silent_s=400.0)
     assert "r2 gone 7 min – – visit-3 –" in _shown(capsys, *UP, gone)
 
 
@@ -77,8 +77,8 @@ def test_state_of_the_field_is_a_line_of_its_own(capsys) -> None:
     ],
 )
 def test_each_robot_is_shown_as_it_is(state: RobotState | None, condition: RobotCondition, why: str) -> None:
-    standing = robot_status("r1", state)
-    assert (standing.condition, standing.why) == (condition, why)
+    status = robot_status("r1", state)
+    assert (status.condition, status.why) == (condition, why)
 
 
 def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

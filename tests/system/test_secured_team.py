@@ -118,10 +118,10 @@ def router(pki: Path) -> Iterator[SecuredRouter]:
 def test_router_cuts_nobody_off_when_only_a_certificate_was_renewed(router: SecuredRouter, pki: Path) -> None:
     before = router.session
     renew(pki, ROBOT, datetime.now(UTC))
-    assert router.look() == ""
+    assert router.update() == ""
     assert router.session is before
     revoke(pki, ANN)
-    assert "2 may connect" in router.look()
+    assert "2 may connect" in router.update()
     assert router.session is not before
 
 
@@ -161,15 +161,15 @@ def test_new_and_revoked_members_are_heeded_without_a_restart_of_anybody(pki: Pa
     hq, ann = _wire(pki, router, HQ), _wire(pki, router, ANN)
     hq.answer(COORDINATOR_HALT, lambda _: None)
     until(lambda: _answers(ann))
-    assert router.look() == ""
+    assert router.update() == ""
     bob = member("operator", TEAM, "bob")
     issue(pki, bob, datetime.now(UTC))
-    assert "4 may connect" in router.look()
+    assert "4 may connect" in router.update()
     new = _wire(pki, router, bob)
     until(lambda: _answers(new))
     until(lambda: _answers(ann))
     revoke(pki, bob)
-    assert "3 may connect" in router.look()
+    assert "3 may connect" in router.update()
     until(lambda: _answers(ann))
     assert not _answers(new)
     _close(hq, ann, new)
@@ -177,13 +177,13 @@ def test_new_and_revoked_members_are_heeded_without_a_restart_of_anybody(pki: Pa
 
 def test_router_goes_on_with_what_it_has_when_its_files_are_no_good(pki: Path, router: SecuredRouter) -> None:
     (folder_of(pki, ROUTER) / "members.json").write_text("{")
-    assert "members.json" in router.look()
+    assert "members.json" in router.update()
     _close(_wire(pki, router, ANN))
 
 
 def test_member_that_the_router_does_not_know_is_told_so(pki: Path, router: SecuredRouter) -> None:
     revoke(pki, ROBOT)
-    router.look()
+    router.update()
     robot = _wire(pki, router, ROBOT)
     identity = read_identity(folder_of(pki, ROBOT))
     with pytest.raises(
@@ -198,7 +198,7 @@ def test_revoked_operator_is_told_that_the_certificate_is_revoked(pki: Path, rou
     ann = _wire(pki, router, ANN)
     assert "revoked" not in str(wrong_team("nobody is there", ann))
     revoke(pki, ANN)
-    router.look()
+    router.update()
     again = _wire(pki, router, ANN)
     says = "lets operator:ann do nothing: the certificate is revoked, or the router's members.json is older than it"
     assert says in str(wrong_team("nobody is there", again))
@@ -210,7 +210,7 @@ def test_rules_that_lack_a_row_are_told_and_do_not_keep_a_robot_out(
 ) -> None:
     monkeypatch.setattr(rules, "ROWS", tuple(row for row in rules.ROWS if row is not ROBOT_LOG))
     issue(pki, member("robot", TEAM, "r2"), datetime.now(UTC))
-    router.look()
+    router.update()
     robot, said = _wire(pki, router, ROBOT), []
     check_rights("agent", said.append, robot.session, [router.endpoint], read_identity(folder_of(pki, ROBOT)))
     assert "does not let robot:blue:r1 publish: its rules are not those of this version" in said[0]
