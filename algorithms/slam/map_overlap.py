@@ -551,8 +551,8 @@ def wall_points(grid: OccupancyGrid) -> Floats:
 
 def middles_m(geometry: GridGeometry, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> tuple[Floats, Floats]:
     """X and y of the middles of cells."""
-    x_m: Floats = geometry.origin_x_m + (columns + 0.5) * geometry.resolution_m
-    y_m: Floats = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
+    x_m: Floats = geometry.origin_x_m + (columns.astype(np.float64) + 0.5) * geometry.resolution_m
+    y_m: Floats = geometry.origin_y_m + (rows.astype(np.float64) + 0.5) * geometry.resolution_m
     return x_m, y_m
 
 
