@@ -35,7 +35,7 @@ WORDS = {
 }
 
 
-class _Asked(NamedTuple):
+class _PendingVote(NamedTuple):
     since_ns: int
     reply: Later[WitnessReply]
 
@@ -65,7 +65,7 @@ class Poll:
         """Journals of the coordinators that they had elected before this one."""
         self._elections: dict[str, int] = {}
         self._wire, self._witnesses, self._voters = wire, witnesses, voters
-        self._waiting: dict[str, _Asked] = {}
+        self._waiting: dict[str, _PendingVote] = {}
         self._ask()
 
     @property
@@ -131,7 +131,7 @@ class Poll:
             is_open = self.refusals.get(name) in (None, *TEMPORARY)
             if is_open and name not in self.granted_ns and name not in self._waiting:
                 reply = self._wire.ask_later(ROBOT_WITNESS, self.request, timeout_s=ASK_TIMEOUT_S, robot=name)
-                self._waiting[name] = _Asked(self._ask_ns, reply)
+                self._waiting[name] = _PendingVote(self._ask_ns, reply)
 
 
 class Won(NamedTuple):

@@ -60,7 +60,7 @@ OnKept = Callable[[], None]
 OnLost = Callable[[str], None]
 
 
-class _Waiting(NamedTuple):
+class _PendingAnswer(NamedTuple):
     number: int
     """Of the change that is waited for."""
     since_ns: int
@@ -96,7 +96,7 @@ class JournalFeed:
         self._joins_at: int | None = None
         """The number with which the process is in step; answers wait for it already."""
         self._pause_ns = self._clock.now_ns()
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: deque[_PendingAnswer] = deque()
         journal.on_written = self._written
         wire.answer(COORDINATOR_COPY, self._page, serve=Serve.IN_STEP)
 
@@ -139,7 +139,7 @@ class JournalFeed:
         `on_lost` is called instead, with a reason, if the witnesses do not learn in time that no candidate is in step.
         Another coordinator may then lead, with a journal that lacks the changes.
         """
-        self._waiting.append(_Waiting(self._last, self._clock.now_ns(), on_kept, on_lost))
+        self._waiting.append(_PendingAnswer(self._last, self._clock.now_ns(), on_kept, on_lost))
         self._end_waiting()
 
     def step(self, now_ns: int) -> None:

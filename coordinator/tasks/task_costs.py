@@ -33,7 +33,7 @@ class _Key(NamedTuple):
     parameters: bytes
 
 
-class _Question(NamedTuple):
+class _CostQuery(NamedTuple):
     robot: str
     task: str
     """The task that was sent on behalf of all with this key."""
@@ -61,7 +61,7 @@ class TaskCosts:
         self._inbox = Inbox()
         self._costs: dict[_Key, Work | None] = {}
         """None if a robot cannot estimate it."""
-        self._questions: dict[_Key, _Question] = {}
+        self._questions: dict[_Key, _CostQuery] = {}
         """The last query without an answer."""
         self._attempts: dict[_Key, int] = {}
         self._version = -1
@@ -140,7 +140,7 @@ class TaskCosts:
         attempt = self._attempts.get(key, 0)
         self._attempts[key] = attempt + 1
         robot = able[attempt % len(able)]
-        self._questions[key] = _Question(robot, task.id, now_ns)
+        self._questions[key] = _CostQuery(robot, task.id, now_ns)
         return robot
 
     def _handle_cost(self, robot: str, cost: TaskCost) -> None:

@@ -9,6 +9,7 @@ idle robots, and withdraws tasks from robots that should not do them.
 
 import logging
 from contextlib import AbstractContextManager
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import msgspec
@@ -67,7 +68,7 @@ class Answered(NamedTuple):
     """False if no queryable answered: a robot that reconnects may send states before it can be queried."""
 
 
-class _Asked(NamedTuple):
+class _PendingOffer(NamedTuple):
     record: TaskRecord
     after: str
     reply: Later[Any]
@@ -91,7 +92,7 @@ class Offers:
     def __init__(self, wire: Endpoint, lease_s: float) -> None:
         self._wire = wire
         self._lease_s = lease_s
-        self._asked: list[_Asked] = []
+        self._asked: list[_PendingOffer] = []
         self._withdrawn: list[_Withdrawn] = []
 
     def offer(self, record: TaskRecord, after: str) -> None:
@@ -99,7 +100,7 @@ class Offers:
         offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=self._lease_s, after=after)
         trace = self._wire.traces.of(record.task.id)
         reply = self._wire.ask_later(ROBOT_OFFER, offer, robot=record.robot, timeout_s=ASK_TIMEOUT_S, trace=trace)
-        self._asked.append(_Asked(record, after, reply))
+        self._asked.append(_PendingOffer(record, after, reply))
 
     def withdraw(self, robot: str, withdrawal: TaskWithdrawal) -> None:
         """Ask a robot to withdraw from a task; its state reports the result."""
@@ -208,7 +209,7 @@ class TaskLifecycle:
             with self.as_far_as_written(now_ns):
                 refused |= self._handle_answer(answered, now_ns)
 
-        self._guard.records(self._offers.answered(), handle, _task_of, "answer")
+        self._guard.records(self._offers.answered(), handle, attrgetter("record.task.id"), "answer")
         return refused
 
     def _handle_answer(self, answered: Answered, now_ns: int) -> bool:
@@ -313,7 +314,7 @@ class TaskLifecycle:
         if self._unheard:
             self._pause_lost_robots(now_ns)
         with self.as_far_as_written(now_ns):
-            self._guard.records(self.book.open, settle, _task_id, "task")
+            self._guard.records(self.book.open, settle, attrgetter("task.id"), "task")
         return freed
 
     def _record_loss(self, record: TaskRecord, robot: Robot | None) -> RobotOut | None:
@@ -465,11 +466,3 @@ class _AsFarAsWritten(AbstractContextManager[None]):
         if self._complained_ns is None or now_ns - self._complained_ns > COMPLAIN_AGAIN_NS:
             self._complained_ns = now_ns
             logger.error("%s; no task changes until it can be", error)
-
-
-def _task_id(record: TaskRecord) -> str:
-    return record.task.id
-
-
-def _task_of(answered: Answered) -> str:
-    return answered.record.task.id
