@@ -6,17 +6,17 @@ from typing import TypeVar
 
 from msgspec import UNSET
 
-from robrain.coordinator.backups import Backups
-from robrain.coordinator.charging import Charging
-from robrain.coordinator.core import CoordinatorPart, Core, PartFactory
-from robrain.coordinator.exploration import Exploration
+from robrain.coordinator.core.core import CoordinatorPart, Core, PartFactory
+from robrain.coordinator.core.robot_reports import RobotReports
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.leadership.leadership import ElectedLeadership, Leadership
 from robrain.coordinator.motes.mote_field import FieldKeeper
 from robrain.coordinator.motes.mote_members import MoteMembers
+from robrain.coordinator.parts.backups import Backups
+from robrain.coordinator.parts.charging import Charging
+from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.robot_reports import RobotReports
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import to_ns

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.leadership.mandate import Mandate

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from robrain.algorithms.motes.collect_tour import stops_for, visit_weight
 from robrain.algorithms.motes.coverage import CellTrend, CoverageMap, duty_set
 from robrain.algorithms.motes.mote_energy import FLAT_V, FRESH_V
-from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.motes.mote_members import MOTES_MAX, PERIODS, SILENT_S, USUAL_PERIOD_S
 from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.border.border import Received

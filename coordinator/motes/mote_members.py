@@ -26,7 +26,7 @@ from robrain.algorithms.motes.mote_energy import (
     SENSE_A,
     SENSE_S,
 )
-from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import measured_at_ns

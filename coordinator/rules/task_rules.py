@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, Values, check_rules, fill
 from robrain.coordinator.rules.rule_state import RuleState, TrackTable

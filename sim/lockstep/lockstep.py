@@ -18,7 +18,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.plugin import PluginState
 from robrain.coordinator.coordinator import Coordinator
-from robrain.coordinator.exploration import Exploration
+from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules

@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import median
 from threading import Event
 
-from robrain.coordinator.core import Parts
+from robrain.coordinator.core.core import Parts
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle

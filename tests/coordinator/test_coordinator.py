@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
-from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns

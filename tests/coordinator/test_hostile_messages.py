@@ -6,10 +6,10 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.coordinator.charging import Charging
-from robrain.coordinator.exploration import Exploration
 from robrain.coordinator.leadership.leadership import Leadership
 from robrain.coordinator.motes.mote_members import MoteMembers
+from robrain.coordinator.parts.charging import Charging
+from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer

@@ -13,7 +13,7 @@ import pytest
 from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.robot_tasks import RobotTasks
 from robrain.client.team import Team
-from robrain.coordinator import exploration
+from robrain.coordinator.parts import exploration
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.surroundings import surroundings_of

@@ -14,8 +14,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-import robrain.coordinator.backups
-from robrain.coordinator.backups import KEPT, Backups
+import robrain.coordinator.parts.backups
 from robrain.coordinator.journal import backup as backup_module
 from robrain.coordinator.journal.backup import (
     PART,
@@ -28,6 +27,7 @@ from robrain.coordinator.journal.backup import (
 )
 from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
+from robrain.coordinator.parts.backups import KEPT, Backups
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
@@ -357,7 +357,7 @@ def test_second_backup_at_the_same_time_is_refused(journal, endpoint, monkeypatc
         may_go_on.wait(10)
         raise JournalError(None, "the disk has gone")
 
-    monkeypatch.setattr(robrain.coordinator.backups, "write_backup", stand_still)
+    monkeypatch.setattr(robrain.coordinator.parts.backups, "write_backup", stand_still)
     desk = backups(endpoint, journal)
     first = endpoint.ask_later(COORDINATOR_BACKUP, None, timeout_s=20.0)
     assert has_begun.wait(10)

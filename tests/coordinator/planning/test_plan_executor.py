@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.coordinator.core import Parts
+from robrain.coordinator.core.core import Parts
 from robrain.coordinator.planning.plan_executor import CHECK_NS, OFFERS_MAX, PlanExecutor
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy

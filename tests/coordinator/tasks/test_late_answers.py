@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from robrain.coordinator.core import Parts
+from robrain.coordinator.core.core import Parts
 from robrain.coordinator.tasks.eligibility import REFUSALS_MAX
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import WITHDRAW_AGAIN_NS, Answered, TaskLifecycle

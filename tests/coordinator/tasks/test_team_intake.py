@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.coordinator.robot_reports import record_ballot
+from robrain.coordinator.core.robot_reports import record_ballot
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TaskDone, TaskDropped, TaskHeld, TeamBallot

@@ -8,7 +8,7 @@ import pytest
 
 from robrain import Scenario
 from robrain.client.team import Team
-from robrain.coordinator.exploration import Exploration
+from robrain.coordinator.parts.exploration import Exploration
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
 from robrain.protocol.model.geometry import Point2D

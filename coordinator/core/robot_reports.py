@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from robrain.coordinator.core import Core
+from robrain.coordinator.core.core import Core
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import clock_difference_ns

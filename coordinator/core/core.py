@@ -14,7 +14,7 @@ from robrain.coordinator.planning.plan_executor import PlanExecutor
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.task_explanation import TaskExplanation
-from robrain.coordinator.task_requests import TaskRequests
+from robrain.coordinator.planning.task_requests import TaskRequests
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities

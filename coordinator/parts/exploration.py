@@ -10,7 +10,7 @@ from robrain.algorithms.exploration import reach
 from robrain.algorithms.exploration.explorer import Explorer, Scout
 from robrain.algorithms.exploration.situation import Busy, Choice
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION, Strategy, strategy_of
-from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns

@@ -5,8 +5,8 @@ import math
 import msgspec
 import pytest
 
-from robrain.coordinator.charge_schedule import schedule_charges
-from robrain.coordinator.charging import MOVED_NS, MOVED_SHARE, TO_SOC, Charging, _is_same_schedule
+from robrain.coordinator.parts.charge_schedule import schedule_charges
+from robrain.coordinator.parts.charging import MOVED_NS, MOVED_SHARE, TO_SOC, Charging, _is_same_schedule
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.lab.recorded_plans import plan_again
@@ -241,7 +241,7 @@ def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team
         seen.extend((one.name, one.is_whole) for one in seekers if one.bound_for is None)
         return tuple(turn._replace(to_soc=to_soc) for turn in schedule_charges(seekers, demand, power))
 
-    monkeypatch.setattr("robrain.coordinator.charging.schedule_charges", schedule)
+    monkeypatch.setattr("robrain.coordinator.parts.charging.schedule_charges", schedule)
     (worker,) = staff(team, (0.2,))
     assert run(team, [worker], 60.0, until=lambda: charges_of(worker))
     assert to_soc_of(charges_of(worker)[0]) == to_soc

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robrain.algorithms.exploration.reach import PLENTY_M, STEP_M
-from robrain.coordinator.exploration import Exploration, reach_m
+from robrain.coordinator.parts.exploration import Exploration, reach_m
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.energy_model import Work, estimate

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from msgspec.structs import replace
 
-from robrain.coordinator.core import GROUP, CoordinatorPart, Core
+from robrain.coordinator.core.core import GROUP, CoordinatorPart, Core
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.team.team_messages import TeamState
@@ -61,7 +61,7 @@ def team(monkeypatch: pytest.MonkeyPatch) -> Iterator[Team]:
         SimpleNamespace(name="broken", load=lambda: broken),
     ]
     monkeypatch.setattr(
-        "robrain.coordinator.core.metadata",
+        "robrain.coordinator.core.core.metadata",
         SimpleNamespace(entry_points=lambda *, group: points if group == GROUP else []),
     )
     with open_lockstep_session() as session:

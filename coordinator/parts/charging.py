@@ -8,7 +8,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from robrain.coordinator.charge_schedule import (
+from robrain.coordinator.core.core import CoordinatorPart, Core
+from robrain.coordinator.parts.charge_schedule import (
     ChargerPath,
     ChargerSlot,
     ChargeSeeker,
@@ -16,7 +17,6 @@ from robrain.coordinator.charge_schedule import (
     is_same_charger,
     schedule_charges,
 )
-from robrain.coordinator.core import CoordinatorPart, Core
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR, SOC_LEAST, capacity_j, profile_of
 from robrain.coordinator.planning.planning import Planning

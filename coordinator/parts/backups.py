@@ -5,7 +5,7 @@ import socket
 import threading
 from datetime import UTC, datetime
 
-from robrain.coordinator.core import CoordinatorPart, Core
+from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.backup import ENDING, backup_folder, prune_backups, write_backup
 from robrain.coordinator.journal.errors import JournalError
 from robrain.protocol.clock import to_seconds

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.charge_schedule import (
+from robrain.coordinator.parts.charge_schedule import (
     CLEAR_S,
     TURN_GAIN,
     ChargerPath,
@@ -13,7 +13,7 @@ from robrain.coordinator.charge_schedule import (
     is_same_charger,
     schedule_charges,
 )
-from robrain.coordinator.charging import LEAST_W, USUAL_W, ChargePower
+from robrain.coordinator.parts.charging import LEAST_W, USUAL_W, ChargePower
 from robrain.coordinator.planning.energy_budget import DOCK_S
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState

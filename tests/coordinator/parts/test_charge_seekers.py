@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.coordinator.charging import STILL_M, TO_SOC, ChargeSeekers
+from robrain.coordinator.parts.charging import STILL_M, TO_SOC, ChargeSeekers
 from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR
 from robrain.coordinator.planning.policy import PlanningPolicy

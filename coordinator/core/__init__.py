@@ -1,0 +1,1 @@
+"""Base of all parts of a coordinator: the team, its tasks and plans, and the parts themselves."""

@@ -1,0 +1,1 @@
+"""Parts of a coordinator in one file each: charging, exploration, backups."""
