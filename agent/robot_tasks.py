@@ -24,7 +24,7 @@ from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied, OfferRefusal, PlainReason, plain, told
+from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied, OfferRefusal, PlainReason, plain, sentence_of
 
 FIRST_SUMMARIES = 2
 """Those of the first second of a coordinator."""
@@ -234,7 +234,7 @@ class RobotTasks:
         """Work of a task at its place, by the behavior of its kind; `why` if that is unknown."""
         executor = self._executors.get(task.kind)
         if executor is None:
-            return TaskCost(id=task.id, why=told(_no_behavior(task.kind)))
+            return TaskCost(id=task.id, why=sentence_of(_no_behavior(task.kind)))
         try:
             work = executor.work(task)
             fields = {name: getattr(work, name) for name in ("path_m", "turn_rad", "wait_s", "radio_packets")}

@@ -5,7 +5,7 @@ import msgspec
 from robrain.client.members import no_robot
 from robrain.client.transport import Transport
 from robrain.protocol.access.permissions import AccessAction
-from robrain.protocol.access.signing import why_not
+from robrain.protocol.access.signing import refusal_of
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
@@ -46,7 +46,7 @@ def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
 
     """
     query = HOST_HALT if wanted.halted else HOST_RESUME
-    if wire.member is not None and (refusal := why_not(AccessAction.ASK, query, wire.member)):
+    if wire.member is not None and (refusal := refusal_of(AccessAction.ASK, query, wire.member)):
         raise CallError(ErrorCode.FORBIDDEN, refusal)
     reason = _ask(wire, robot, wanted)
     if reason is None:

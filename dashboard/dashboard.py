@@ -51,7 +51,7 @@ class Dashboard:
         forks: of a recording: runs it otherwise from the time shown; the dashboard closes it.
 
     Raises:
-        PortTaken: another process listens on `port`.
+        PortInUse: another process listens on `port`.
         WireError: `host` is not an address of this computer.
     """
 
@@ -197,7 +197,7 @@ def run_dashboard(
         forks: of a recording: runs it otherwise from the time shown; closed at the end.
 
     Raises:
-        PortTaken: another process listens on `port`.
+        PortInUse: another process listens on `port`.
         WireError: `host` is not an address of this computer.
     """
     dashboard = Dashboard(team, host=host, port=port, forks=forks)

@@ -5,8 +5,8 @@ RobrainError                  everything that robrain raises on purpose
 ├── BadToml                   a text that is not TOML, too large or nested too deep
 ├── WireError                 the session could not be opened or used
 │   ├── NobodyThere           nothing answers at that endpoint, or nobody of that team is there
-│   ├── NameTaken             another process already runs that robot or the coordinator
-│   └── PortTaken             another process listens on that port
+│   ├── NameInUse             another process already runs that robot or the coordinator
+│   └── PortInUse             another process listens on that port
 └── CallError                 a query was answered with an error; carries `.code`
 """
 
@@ -71,11 +71,11 @@ class NobodyThere(WireError):
     """Nothing answers at an endpoint, or no participant of a team is there."""
 
 
-class NameTaken(WireError):
+class NameInUse(WireError):
     """Another process already runs that robot, or the team's coordinator."""
 
 
-class PortTaken(WireError):
+class PortInUse(WireError):
     """Another process listens on a port that was asked for."""
 
 

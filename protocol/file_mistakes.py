@@ -86,9 +86,9 @@ def _unknown_in_union(value: Any, members: Sequence[Any], path: str, root: Struc
             known = [str(one) for one in tags]
             yield f"{path}.{key}: unknown value '{tag}'{nearest(tag, known)}; it may be {listed(known, 'or')}"
         return
-    told = [next(_unknown(value, member, path, root), "") for member in members if _may_be(value, member)]
-    if told and all(told):
-        yield told[0]
+    mistakes = [next(_unknown(value, member, path, root), "") for member in members if _may_be(value, member)]
+    if mistakes and all(mistakes):
+        yield mistakes[0]
 
 
 def _may_be(value: Any, hint: Any) -> bool:

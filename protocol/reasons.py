@@ -59,12 +59,12 @@ def plain(kind: str, text: str, /, **values: Value) -> PlainReason:
     return PlainReason(cut(text, TEXT_MAX), kind, values)
 
 
-def said(text: str) -> PlainReason | None:
-    """The text as a reason, cut to `WHY_MAX` characters; None if it is empty."""
+def reason_from(text: str) -> PlainReason | None:
+    """The text as a reason, cut to `REASON_TEXT_MAX` characters; None if it is empty."""
     return PlainReason(cut(text)) if text else None
 
 
-def told(reason: Reason | None) -> str:
+def sentence_of(reason: Reason | None) -> str:
     """The reason's sentence as messages carry it; empty for None."""
     return "" if reason is None else cut(str(reason), TEXT_MAX)
 

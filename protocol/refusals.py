@@ -14,10 +14,10 @@ from robrain.protocol.safe_text import safe_text
 
 logger = logging.getLogger(__name__)
 
-TELL_NS = to_ns(60.0)
+LOG_EVERY_NS = to_ns(60.0)
 KINDS_MAX = 256
 """Combinations of topic, sender and reason counted singly; the senders of all others are counted as `OTHERS`."""
-TOLD_MAX = 5
+LOGGED_MAX = 5
 """Combinations named in one line of the log."""
 KEY_LENGTH = 120
 WHY_LENGTH = 200
@@ -89,12 +89,12 @@ class Refusals:
         """The first failure of code, in words; a lockstep run ends with it."""
         self._clock = clock
         self._found: dict[tuple[str, str, str], Refusal] = {}
-        self._told: dict[tuple[str, str, str], int] = {}
+        self._logged: dict[tuple[str, str, str], int] = {}
         """Counts at the time of the last log line."""
         self._reported_ns: int | None = None
         self._counting = threading.Lock()
 
-    def note(self, topic: str, key: str, code: RefusalCode, why: str, count: int = 1) -> None:
+    def record(self, topic: str, key: str, code: RefusalCode, why: str, count: int = 1) -> None:
         """Count a refused message, or several, and log if a line is due.
 
         Args:
@@ -133,7 +133,7 @@ class Refusals:
 
         """
         self.defect = self.defect or f"{what.replace('_', ' ')} {name} failed: {why}"
-        self.note(what, name, RefusalCode.FAILED, why)
+        self.record(what, name, RefusalCode.FAILED, why)
 
     def counts(self, most: int | None = None) -> list[Refusal]:
         """All refusals up to now, or the `most` frequent ones, largest count first."""
@@ -144,18 +144,18 @@ class Refusals:
 
     def _due(self, now_ns: int) -> str:
         """The line to log now; empty within a minute of the last one."""
-        if self._reported_ns is not None and 0 <= now_ns - self._reported_ns < TELL_NS:
+        if self._reported_ns is not None and 0 <= now_ns - self._reported_ns < LOG_EVERY_NS:
             return ""
         self._reported_ns = now_ns
         fresh = [
-            (one.count - self._told.get(kind, 0), one)
+            (one.count - self._logged.get(kind, 0), one)
             for kind, one in self._found.items()
-            if one.count > self._told.get(kind, 0)
+            if one.count > self._logged.get(kind, 0)
         ]
-        self._told = {kind: one.count for kind, one in self._found.items()}
+        self._logged = {kind: one.count for kind, one in self._found.items()}
         fresh.sort(key=lambda pair: -pair[0])
-        named = [f"{count} of {one.topic} ({one.key}), {one.code}: {one.why}" for count, one in fresh[:TOLD_MAX]]
-        more = f"; and of {len(fresh) - TOLD_MAX} other kinds" if len(fresh) > TOLD_MAX else ""
+        named = [f"{count} of {one.topic} ({one.key}), {one.code}: {one.why}" for count, one in fresh[:LOGGED_MAX]]
+        more = f"; and of {len(fresh) - LOGGED_MAX} other kinds" if len(fresh) > LOGGED_MAX else ""
         return f"refused or lost messages: {'; '.join(named)}{more}"
 
 

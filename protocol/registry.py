@@ -65,7 +65,7 @@ class Registry(Generic[T]):
     @property
     def names(self) -> list[str]:
         """All names, sorted."""
-        self._look()
+        self._find_entry_points()
         return sorted(self._points.keys() | self._loaded.keys())
 
     def __contains__(self, name: str) -> bool:
@@ -105,7 +105,7 @@ class Registry(Generic[T]):
             why = f"expected {self.what} to be one of {', '.join(self.names)}{or_file}; got {name}{meant}"
             raise UnknownEntry(self.what, name, why)
 
-    def _look(self) -> None:
+    def _find_entry_points(self) -> None:
         if self._has_checked:
             return
         self._has_checked = True

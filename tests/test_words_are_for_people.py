@@ -12,7 +12,7 @@ SHOWS = ("dashboard", "recording")
 
 SENTENCES = {"why", "refusal"}
 """Fields that hold the words of a reason."""
-SPEAK = {"told", "words"}
+SPEAK = {"sentence_of", "words"}
 """Functions that make them."""
 SEARCHES = {
     "startswith", "endswith", "find", "rfind", "index", "rindex", "count", "split", "rsplit", "splitlines", "partition",
@@ -53,10 +53,10 @@ def searched(tree: ast.AST) -> Iterator[int]:
     [
         ("if 'reserve' in left.why: pass", True),
         ("if record.why == other.why: pass", True),
-        ("if told(reason) != record.text: pass", True),
+        ("if sentence_of(reason) != record.text: pass", True),
         ("record.why.startswith('waits')", True),
         ("FOR_ENERGY.search(left.why)", True),
-        ("NUMBER.sub('', told(reason))", True),
+        ("NUMBER.sub('', sentence_of(reason))", True),
         ("match bid.refusal:\n    case 'x': pass", True),
         ("if record.why: say(record.why)", False),
         ("if reply.refusal is not None: pass", False),

@@ -25,18 +25,18 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.messages.tasks.consensus_messages import (
     ABSENT_MAX,
-    ENDED_TOLD,
-    DropTaken,
+    ENDED_REPORTED,
+    CancelAcceptance,
+    TaskAcceptance,
     TaskDone,
     TaskHeld,
     TaskHeldBy,
-    TaskTaken,
     TeamBallot,
 )
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.model.ballot import Heard
+from robrain.protocol.model.ballot import SeenBallot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -76,7 +76,7 @@ class TaskClaim:
         if self.task:
             self._numbers = [*self._numbers[1 - NUMBERS_MAX :], number]
 
-    def record_echo(self, teammate: str, echoes: Iterable[Heard]) -> None:
+    def record_echo(self, teammate: str, echoes: Iterable[SeenBallot]) -> None:
         """A teammate reports whose ballots it has received last."""
         if any(one.robot == self._robot and one.number in self._numbers for one in echoes):
             self._echoed_by.add(teammate)
@@ -236,7 +236,7 @@ class Consensus(HostExtension):
         wire.answer(ROBOT_SUBMIT, lambda query: self.submit(query.asked, now_ns()), serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_CANCEL, lambda query: self.cancel(query.asked, now_ns()), serve=Serve.IN_STEP, robot=robot)
 
-    def submit(self, asked: TaskSubmission, now_ns: int) -> TaskTaken:
+    def submit(self, asked: TaskSubmission, now_ns: int) -> TaskAcceptance:
         """Accept a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.task.id not in self.known.asked:
             reason = self._query_refusal("submit")
@@ -244,7 +244,7 @@ class Consensus(HostExtension):
         self._due_ns = now_ns  # the others must know at once
         return self._intake.accept(asked, now_ns, self._published_known(), len(self._everyone()))
 
-    def cancel(self, asked: TaskRequest, now_ns: int) -> DropTaken:
+    def cancel(self, asked: TaskRequest, now_ns: int) -> CancelAcceptance:
         """Accept the cancellation of a task without a coordinator (CallError if it is refused, in words)."""
         if not self.is_leaderless and asked.id not in self.known.dropped:
             reason = self._query_refusal("cancel")
@@ -478,7 +478,7 @@ class Consensus(HostExtension):
         wanted = {bid.task for one in reports for bid in one.ballot.bids} | {
             held.id for one in reports for held in one.held
         }
-        return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_TOLD]
+        return sorted(task for task in wanted if self.known.has_ended(task))[:ENDED_REPORTED]
 
     def _absent_tasks_to_publish(self, now_ns: int) -> list[TaskHeldBy]:
         """Tasks of silent robots, by their last ballots and the coordinator's last offers."""
@@ -509,7 +509,9 @@ class Consensus(HostExtension):
             dropped=list(self.known.dropped.values()),
             ended=self._ended_tasks_to_publish(),
             wants=self._claim.task,
-            receives=tuple(Heard(robot=name, number=teammate.report.ballot.number) for name, teammate in teammates),
+            receives=tuple(
+                SeenBallot(robot=name, number=teammate.report.ballot.number) for name, teammate in teammates
+            ),
             absent=self._absent_tasks_to_publish(now_ns),
         )
         self._claim.record_sent(report.ballot.number)
@@ -542,10 +544,10 @@ class NoConsensus(HostExtension):
         wire.answer(ROBOT_SUBMIT, self._refuse_task, serve=Serve.IN_STEP, robot=robot)
         wire.answer(ROBOT_CANCEL, self._refuse_cancel, serve=Serve.IN_STEP, robot=robot)
 
-    def _refuse_task(self, request: Request[TaskSubmission]) -> TaskTaken:
+    def _refuse_task(self, request: Request[TaskSubmission]) -> TaskAcceptance:
         task = request.asked.task.id
         raise CallError(ErrorCode.REFUSED, f"task {task} is refused: {self._reason}", self._reason)
 
-    def _refuse_cancel(self, request: Request[TaskRequest]) -> DropTaken:
+    def _refuse_cancel(self, request: Request[TaskRequest]) -> CancelAcceptance:
         task = request.asked.id
         raise CallError(ErrorCode.REFUSED, f"task {task} is not cancelled: {self._reason}", self._reason)

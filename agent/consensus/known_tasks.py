@@ -225,7 +225,7 @@ class TaskSync:
             wanted = TaskFilter(states=OPEN, limit=TASKS_MAX)
             self._asked = self._wire.ask_later(TASK_LIST, wanted, timeout_s=TIMEOUT_S)
         try:
-            records = self._asked.take()
+            records = self._asked.poll()
         except (CallError, NobodyThere):
             self._asked = None
             return

@@ -15,14 +15,14 @@ from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.tasks.consensus_messages import (
     ASKED_BYTES_MAX,
-    ASKED_TOLD,
+    ASKED_REPORTED,
     CANCELLED_MAX,
     CANCELLED_TEXT_MAX,
-    DropTaken,
+    CancelAcceptance,
+    TaskAcceptance,
     TaskAsked,
     TaskDropped,
     TaskKnown,
-    TaskTaken,
 )
 from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
@@ -51,7 +51,7 @@ class TaskIntake:
         self._robot, self._known, self._desk = robot, known, desk
         self._reported = 0
 
-    def accept(self, asked: TaskSubmission, now_ns: int, teammates: Known, team: int) -> TaskTaken:
+    def accept(self, asked: TaskSubmission, now_ns: int, teammates: Known, team: int) -> TaskAcceptance:
         """Accept a task, and report which robots have it.
 
         Args:
@@ -77,9 +77,9 @@ class TaskIntake:
         name = TaskKnown(id=task_id, at_ns=before.at_ns)
         known_to = sorted([self._robot, *(teammate for teammate, known in teammates.items() if name in known)])
         task = before.submission.task_at(before.at_ns)
-        return TaskTaken(task=task, known_to=known_to, is_kept=2 * len(known_to) > team)
+        return TaskAcceptance(task=task, known_to=known_to, is_kept=2 * len(known_to) > team)
 
-    def drop(self, asked: TaskRequest, teammates: Dropped, team: int, holder: str = "") -> DropTaken:
+    def drop(self, asked: TaskRequest, teammates: Dropped, team: int, holder: str = "") -> CancelAcceptance:
         """Accept a cancellation, and report which robots know of it.
 
         Args:
@@ -106,7 +106,7 @@ class TaskIntake:
             known.drop([TaskDropped(id=asked.id, by=by, why=reason)])
         known_to = sorted([self._robot, *(teammate for teammate, dropped in teammates.items() if asked.id in dropped)])
         is_kept = 2 * len(known_to) > team and (holder not in teammates or holder in known_to)
-        return DropTaken(task=found.task, known_to=known_to, is_kept=is_kept)
+        return CancelAcceptance(task=found.task, known_to=known_to, is_kept=is_kept)
 
     def to_report(self, teammates: Known, *, everything: bool) -> list[TaskAsked]:
         """The tasks to report in full in the next ballot: those that some robot has not, or all, some at a time."""
@@ -120,8 +120,8 @@ class TaskIntake:
             if everything or not all((task_id, one.at_ns) in known for known in there)
         ]
         begin = self._reported % len(missing) if missing else 0
-        self._reported = begin + ASKED_TOLD
-        return [*missing[begin:], *missing[:begin]][:ASKED_TOLD]
+        self._reported = begin + ASKED_REPORTED
+        return [*missing[begin:], *missing[:begin]][:ASKED_REPORTED]
 
     def _check(self, asked: TaskSubmission, now_ns: int) -> None:
         task_id = asked.task.id

@@ -153,7 +153,7 @@ class Witness(HostExtension):
         if asked.election == self._received.election:
             return WitnessRefusal.OUTVOTED
         if now_ns - self._received_ns <= SILENT_NS and self._obeyed != asked.journal:
-            return WitnessRefusal.LEADER_HEARD
+            return WitnessRefusal.LEADER_SEEN
         if asked.forced:
             return None
         lacks = asked.journal not in kept.holders if kept.holders else asked.is_copy

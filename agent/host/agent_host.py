@@ -450,7 +450,7 @@ class AgentHost:
         if now_ns < self._awake_ns or now_ns - self._stepped_ns > PAUSED_NS:
             # The coordinator may have given the offer up, or have ended.
             return TaskAnswer.refused(StoodStill())
-        self.wire.traces.note(request.asked.task.id, request.trace)
+        self.wire.traces.record(request.asked.task.id, request.trace)
         for extension in self.extensions.values():
             if reason := extension.offer_refusal(request.asked.task.id, now_ns):
                 return TaskAnswer.refused(reason)

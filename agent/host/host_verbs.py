@@ -79,7 +79,7 @@ def answer_verb(host: VerbHost, wire: Endpoint, request: Request[bytes]) -> byte
     try:
         HOST_VERBS.check(name)
     except UnknownEntry as error:
-        wire.refusals.note(rows.HOST_VERB.name, key, RefusalCode.MALFORMED, str(error))
+        wire.refusals.record(rows.HOST_VERB.name, key, RefusalCode.MALFORMED, str(error))
         raise CallError(ErrorCode.UNKNOWN_FUNCTION, str(error)) from error
     verb = _imported(name)
     asked = wire.read_request(verb.query, key, request.asked)

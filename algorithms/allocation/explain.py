@@ -32,7 +32,7 @@ from robrain.protocol.reasons import (
     after_undone,
     lacks_plugins,
     plain,
-    told,
+    sentence_of,
 )
 
 
@@ -91,7 +91,7 @@ def explain(
                 plan=number,
                 robots=robots,
                 start_in_s=round(done_by[0][1].start_s, 2) if done_by else None,
-                why=told(reason),
+                why=sentence_of(reason),
                 reason=reason,
                 bids=tuple(_published(bid, robots, pauses.get((name, bid.robot))) for bid in bids),
             )

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from typing import NamedTuple, Protocol
 
-from robrain.protocol.model.ballot import TASKS_MAX, Ballot, Bid, Heard
+from robrain.protocol.model.ballot import TASKS_MAX, Ballot, Bid, SeenBallot
 
 IsNewer = Callable[[str], bool]
 """Whether the sender knows a later ballot of a robot than the receiver does."""
@@ -222,7 +222,7 @@ class Bidder:
         """The present ballot for the other robots."""
         self.number += 1
         bids = tuple(self.winning[task] for task in sorted(self.winning))
-        received = tuple(Heard(robot=robot, number=self.received[robot]) for robot in sorted(self.received))
+        received = tuple(SeenBallot(robot=robot, number=self.received[robot]) for robot in sorted(self.received))
         return Ballot(robot=self.robot, number=self.number, bids=bids, received=received)
 
     def receive(self, ballot: Ballot) -> bool:

@@ -28,7 +28,7 @@ import msgspec
 
 from robrain.algorithms.consensus.bidder import Bidder, Scorer
 from robrain.algorithms.consensus.chance import chance
-from robrain.protocol.model.ballot import TASKS_MAX, Ballot, Standing
+from robrain.protocol.model.ballot import TASKS_MAX, Ballot, BidProgress
 
 RELEASED_MIN, RELEASED_MAX = 10, 40
 """Tasks released around a place in a round (measured, as the values below: `robrain bench consensus`)."""
@@ -94,7 +94,7 @@ class Negotiation:
         """The last allocation agreed and the best: a round may start from one that is a little worse."""
         self._published: dict[int, _Agreed] = {}
         """Allocations of this round that the robot has published, by digest."""
-        self._standings: dict[str, Standing] = {}
+        self._standings: dict[str, BidProgress] = {}
 
     def open(self, term: int, team: Iterable[str], tasks: Iterable[str], apart: Apart) -> None:
         """Begin a new negotiation.
@@ -182,7 +182,7 @@ class Negotiation:
             self.bidder.receive(ballot)
         return True
 
-    def _record_standings(self, standings: Iterable[Standing]) -> None:
+    def _record_standings(self, standings: Iterable[BidProgress]) -> None:
         for one in standings:
             known = self._standings.get(one.robot)
             if one.robot != self.bidder.robot and (known is None or one.number > known.number):
@@ -194,7 +194,7 @@ class Negotiation:
         kept = self._kept()
         digest = digest_of(self.term, self.round, {**kept, **winners})
         self._published[digest] = _Agreed({**kept, **winners}, list(bidder.path), digest)
-        self._standings[bidder.robot] = Standing(
+        self._standings[bidder.robot] = BidProgress(
             robot=bidder.robot,
             number=bidder.number + 1,
             round=self.round,

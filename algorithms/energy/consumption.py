@@ -12,7 +12,7 @@ import numpy as np
 
 from robrain.algorithms.numeric.small_linear_algebra import dot, inverse_form, times_vector
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.energy_model import STANDING_BELOW, TERMS, EnergyModel, Work, estimate
+from robrain.protocol.model.energy_model import STILL_BELOW, TERMS, EnergyModel, Work, estimate
 from robrain.protocol.model.ranges import Positive
 
 BATCH_S = 20.0
@@ -102,9 +102,9 @@ class PowerLearner:
     def pass_by(self, speed_m_s: float, yaw_rate_rad_s: float, duration_s: float) -> None:
         """Learn from the pace of some time of motion."""
         share = min(1.0, duration_s / PACE_OVER_S)
-        if speed_m_s > STANDING_BELOW:
+        if speed_m_s > STILL_BELOW:
             self.pace_m_s += share * (speed_m_s - self.pace_m_s)
-        elif yaw_rate_rad_s > STANDING_BELOW:
+        elif yaw_rate_rad_s > STILL_BELOW:
             self.turn_rate_rad_s += share * (yaw_rate_rad_s - self.turn_rate_rad_s)
 
     def _collect(self, error_j: float, duration_s: float) -> None:
@@ -169,7 +169,7 @@ class MotionTerms:
             return 0.0
         duration_s, moving_s, path_m, turned_rad, started = self._sums[-1]
         mean_m_s, mean_rad_s = 0.5 * (before_m_s + speed_m_s), 0.5 * (before_rad_s + yaw_rate_rad_s)
-        is_moving = mean_m_s > STANDING_BELOW or mean_rad_s > STANDING_BELOW
+        is_moving = mean_m_s > STILL_BELOW or mean_rad_s > STILL_BELOW
         gained = 0.5 * (speed_m_s * speed_m_s - before_m_s * before_m_s)
         self._stamps.append(stamp_ns)
         self._sums.append(

@@ -54,7 +54,7 @@ class RobotReports:
         """Merge the patches held back while the map's kernels were loading; hold none from now on."""
         for robot, rejection in self._core.team_map.release():
             key = ROBOT_MAP.key(self._wire.team, robot=robot)
-            self._refusals.note(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, rejection)
+            self._refusals.record(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, rejection)
 
     def _follow_presence(self, now_ns: int) -> None:
         gone = []
@@ -76,7 +76,7 @@ class RobotReports:
             return
         sender: str = received.message.robot
         if rejection := self._core.roster.rejection(sender, self._now_ns):
-            self._refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, rejection)
+            self._refusals.record(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, rejection)
         elif received.topic is ROBOT_BALLOT:
             self._handle_ballot(received.message, received.key)
         else:
@@ -85,9 +85,9 @@ class RobotReports:
     def _handle_patch(self, patch: MapPatch, key: str) -> None:
         known = self._core.roster.robots.get(patch.robot)
         if known is None or not known.was_there:  # once its token appears, its whole map is queried
-            self._refusals.note(ROBOT_MAP.name, key, RefusalCode.UNKNOWN_SENDER, f"{patch.robot} is not there")
+            self._refusals.record(ROBOT_MAP.name, key, RefusalCode.UNKNOWN_SENDER, f"{patch.robot} is not there")
         elif rejection := self._core.team_map.merge(patch, self._now_ns):
-            self._refusals.note(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, rejection)
+            self._refusals.record(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, rejection)
 
     def _handle_ballot(self, ballot: TeamBallot, key: str) -> None:
         core, now_ns = self._core, self._now_ns
@@ -95,7 +95,7 @@ class RobotReports:
         epochs = [one.epoch for one in ballot.held] + [one.epoch for one in ballot.done]
         if not all(map(core.tasks.is_possible, epochs)):
             text = "it reports an epoch that no coordinator gives out"
-            self._refusals.note(ROBOT_BALLOT.name, key, RefusalCode.NOT_PLAUSIBLE, text)
+            self._refusals.record(ROBOT_BALLOT.name, key, RefusalCode.NOT_PLAUSIBLE, text)
         core.lifecycle.eligibility.held_elsewhere.receive(ballot, now_ns)
         is_secured, impossibility = self._wire.member is not None, core.requests.impossibility
         ahead_ns = clock_difference_ns(ballot.stamp_ns, now_ns)

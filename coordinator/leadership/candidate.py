@@ -222,7 +222,7 @@ class Candidate:
                 COORDINATOR_COPY, CopyRequest(after=self._after), timeout_s=ASK_TIMEOUT_S
             )
         try:
-            page = self._asked.take()
+            page = self._asked.poll()
         except (CallError, NobodyThere):
             self._asked = None
             return

@@ -19,7 +19,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 ASK_TIMEOUT_S = 0.5
 ASK_AGAIN_NS = to_ns(0.3)
 """Interval at which witnesses without a final answer are asked again."""
-TEMPORARY = (WitnessRefusal.LEADER_HEARD, WitnessRefusal.UNWRITABLE)
+TEMPORARY = (WitnessRefusal.LEADER_SEEN, WitnessRefusal.UNWRITABLE)
 """Refusals that may not last."""
 POLL_NS = to_ns(1.5)
 """Time limit of one election (chosen)."""
@@ -28,7 +28,7 @@ PAUSES = 24
 """Pauses between elections are 1 to 24 times 0.1 s, drawn from the journal's name and the election's number. Longer
 pauses than the 2 s for which a witness is bound to its vote keep two candidates from blocking each other (chosen)."""
 WORDS = {
-    WitnessRefusal.LEADER_HEARD: "has just heard or elected another coordinator",
+    WitnessRefusal.LEADER_SEEN: "has just heard or elected another coordinator",
     WitnessRefusal.OUTVOTED: "has taken part in a later election",
     WitnessRefusal.LACKS_CHANGES: "this journal may lack what another coordinator has acknowledged (robrain lead)",
     WitnessRefusal.UNWRITABLE: "cannot store its vote",
@@ -106,7 +106,7 @@ class Poll:
         """Read the answers, and ask again."""
         for name, asked in list(self._waiting.items()):
             try:
-                reply = asked.reply.take()
+                reply = asked.reply.poll()
             except (CallError, NobodyThere):
                 del self._waiting[name]
                 continue

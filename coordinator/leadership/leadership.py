@@ -26,7 +26,7 @@ from robrain.protocol.messages.team.standing_messages import (
     StandByState,
 )
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
-from robrain.protocol.reasons import MinorityHeard, TaskReason, told
+from robrain.protocol.reasons import MinorityHeard, TaskReason, sentence_of
 from robrain.protocol.table.topics import (
     COORDINATOR_COPY,
     COORDINATOR_JOURNAL,
@@ -358,7 +358,7 @@ class ElectedLeadership(Leadership):
         now_ns = self._clock.now_ns()
         if self.mandate.leads(now_ns):
             return ""
-        return told(self.mandate.not_leading_reason(now_ns))
+        return sentence_of(self.mandate.not_leading_reason(now_ns))
 
     def when_kept(self, on_kept: OnKept, on_lost: OnLost) -> None:
         """Call `on_kept` once all changes are in each journal from which another may lead; see JournalFeed."""

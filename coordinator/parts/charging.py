@@ -42,7 +42,7 @@ from robrain.protocol.reasons import (
     PlanReason,
     WaitsForCharge,
     plain,
-    told,
+    sentence_of,
 )
 from robrain.protocol.table.topics import COORDINATOR_CHARGES
 
@@ -263,7 +263,7 @@ def _planned(turn: ChargerSlot, one: ChargeSeeker, has_set_out: bool, now_ns: in
         behind=turn.behind,
         has_set_out=has_set_out,
         is_there=one.is_there,
-        why=told(reason),
+        why=sentence_of(reason),
         reason=reason,
     )
 

@@ -39,7 +39,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain, told
+from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain, sentence_of
 from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
@@ -540,7 +540,7 @@ def own_decision(
         reason = plain("to_charge", f"it is to charge to {to_soc:.0%}", to_soc=to_soc)
     else:
         reason = plain("nothing_else", "it has nothing else to do")
-    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=told(reason),
+    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=sentence_of(reason),
                         reason=reason, bids=(bid,))  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from robrain.protocol.reasons import (
     lacks_plugins,
     plain,
     position_unknown,
-    told,
+    sentence_of,
 )
 
 KEPT_VERDICTS = 1000
@@ -127,7 +127,7 @@ class TaskExplanation:
         waiting = [one for one in self._book.open if not one.own and one.state is TaskState.QUEUED]
         return TaskDryRun(
             task=task,
-            waits=cut(told(reason), TEXT_MAX),
+            waits=cut(sentence_of(reason), TEXT_MAX),
             reason=reason,
             robots=robots,
             ahead=sum(one.task.priority >= task.priority for one in waiting),
@@ -180,7 +180,7 @@ class TaskExplanation:
             return f"next at {record.robot}{f' after {reason.after}' if isinstance(reason, IsNext) else ''}"
         if record.state is TaskState.QUEUED:
             is_same = record.reason in (reason, reason.because if isinstance(reason, PlanLeavesOut) else None)
-            return f"queued: {told(reason)}{f' ({record.why})' if record.why and not is_same else ''}"
+            return f"queued: {sentence_of(reason)}{f' ({record.why})' if record.why and not is_same else ''}"
         preposition = "by" if record.state is TaskState.DONE else "at"
         robot = f" {preposition} {record.robot}" if record.robot else ""
         return f"{record.state.replace('_', ' ')}{robot}{f': {record.why}' if record.why else ''}"

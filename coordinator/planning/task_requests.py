@@ -93,7 +93,7 @@ class TaskRequests:
             raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {refusal}", refusal)
         known = self._book.find(asked.task.id)
         if known is None:
-            self._traces.note(asked.task.id, request.trace)
+            self._traces.record(asked.task.id, request.trace)
         if known is not None:
             if (text := self._another(asked, known)) is not None:
                 raise CallError(ErrorCode.REFUSED, *text)

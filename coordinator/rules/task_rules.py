@@ -241,7 +241,7 @@ class TaskRules(CoordinatorPart):
         except (CallError, ValueError) as error:
             refusal = error.message if isinstance(error, CallError) else str(error)
             watch.refused(refusal, now_ns)
-            self._wire.refusals.note("rule", rule.name, RefusalCode.FAILED, refusal)
+            self._wire.refusals.record("rule", rule.name, RefusalCode.FAILED, refusal)
             return
         watch.made(record.task.id, alarm)
 

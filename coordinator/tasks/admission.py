@@ -26,7 +26,15 @@ from robrain.protocol.model.tasks.stock_kinds import (
     check_parameters,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
-from robrain.protocol.reasons import AfterEnded, DeadlinePassed, DirectReason, PlainReason, plain, said, told
+from robrain.protocol.reasons import (
+    AfterEnded,
+    DeadlinePassed,
+    DirectReason,
+    PlainReason,
+    plain,
+    reason_from,
+    sentence_of,
+)
 from robrain.protocol.schema.announced_parameters import check_announced
 from robrain.protocol.tinyos.payloads import Quantity
 
@@ -69,7 +77,7 @@ def impossibility(
         or _kind_refusal(task, plugins, schemas)
         or _parameters_refusal(task, schemas)
         or _place_refusal(task, grid)
-        or told(capability_refusal(task, plugins) or dependency_refusal(task, others))
+        or sentence_of(capability_refusal(task, plugins) or dependency_refusal(task, others))
         or _cycle_refusal(task, others)
     )
 
@@ -143,13 +151,13 @@ def dependency_refusal(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnd
         other = others.get(name)
         if other is not None and other.state.ended and other.state is not TaskState.DONE:
             because = other.reason.because if isinstance(other.reason, AfterEnded) else other.reason
-            return AfterEnded(name, other.state, because or said(other.why))
+            return AfterEnded(name, other.state, because or reason_from(other.why))
     return None
 
 
 def reason_of(record: TaskRecord) -> DirectReason | None:
     """A record's reason, or its words if it has only these; None if it has none, or one about another task."""
-    return said(record.why) if isinstance(record.reason, AfterEnded | DeadlinePassed | None) else record.reason
+    return reason_from(record.why) if isinstance(record.reason, AfterEnded | DeadlinePassed | None) else record.reason
 
 
 def _name_refusal(task_id: str) -> str:

@@ -18,7 +18,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import Refused, RobotOut, TaskReason, plain, said, told
+from robrain.protocol.reasons import Refused, RobotOut, TaskReason, plain, reason_from, sentence_of
 
 ATTEMPTS = 3
 """Robots that must fail at a submitted task before it counts as failed (chosen)."""
@@ -153,7 +153,7 @@ class TaskBook:
         record = TaskRecord(
             task=task,
             state=TaskState.QUEUED,
-            why=told(reason),
+            why=sentence_of(reason),
             changed_ns=now_ns,
             submitted_ns=now_ns,
             by=by,
@@ -211,7 +211,7 @@ class TaskBook:
             out = (
                 reason
                 if isinstance(reason, RobotOut)
-                else RobotOut(record.robot, plain("failed", f"failed: {cut(told(reason))}"))
+                else RobotOut(record.robot, plain("failed", f"failed: {cut(sentence_of(reason))}"))
             )
             reason = msgspec.structs.replace(out, attempt=attempts, attempts=ATTEMPTS)
         return self._change(record, TaskState.QUEUED, reason, attempts=attempts)
@@ -235,14 +235,14 @@ class TaskBook:
             reason = (
                 plain("done_before", f"{robot} had done it before it was given to another", robot=robot)
                 if record.robot
-                else said(status.why)
+                else reason_from(status.why)
             )
             self._change(record, TaskState.DONE, reason, robot=robot, epoch=status.epoch, result=status.result)
         elif status.state is TaskState.DONE:
-            self.move(status.id, TaskState.DONE, said(status.why), status.result)
+            self.move(status.id, TaskState.DONE, reason_from(status.why), status.result)
         else:
             refusal = None if status.reason is None else RobotOut(robot, Refused(status.reason))
-            self.give_back(status.id, refusal or said(status.why), failed=status.state is TaskState.FAILED)
+            self.give_back(status.id, refusal or reason_from(status.why), failed=status.state is TaskState.FAILED)
         return record
 
     def record_done_by_team(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
@@ -262,7 +262,7 @@ class TaskBook:
             raise ValueError(f"task {record.task.id}: {state} cannot follow {record.state}")
         fields = {"robot": "", **fields}  # no robot unless one is given
         changed = msgspec.structs.replace(
-            record, state=state, why=told(reason), reason=reason, changed_ns=self._clock.now_ns(), **fields
+            record, state=state, why=sentence_of(reason), reason=reason, changed_ns=self._clock.now_ns(), **fields
         )
         return self._keep_change(self.journal.change(changed))
 

@@ -119,7 +119,7 @@ class Offers:
         found = []
         for one in asked:
             try:
-                answer = one.reply.take()
+                answer = one.reply.poll()
                 if answer is None:
                     self._asked.append(one)
                     continue
@@ -136,7 +136,7 @@ class Offers:
 
 def _is_over(one: _Withdrawn) -> bool:
     try:
-        return one.reply.take() is not None
+        return one.reply.poll() is not None
     except (CallError, NobodyThere) as error:
         logger.debug("%s: task %s could not be withdrawn: %s", one.robot, one.task, error)
         return True
@@ -266,7 +266,7 @@ class TaskLifecycle:
             text = f"it reports epoch {epoch}, which no robot accepts"
         else:
             text = f"it accepted epoch {epoch} from another coordinator; if there is none, restart this one"
-        self._refusals.note(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, text)
+        self._refusals.record(ROBOT_OFFER.name, robot, RefusalCode.OLD_EPOCH, text)
         return outbids
 
     def _avoid_refuser(self, task_id: str, robot: str, refusal: OfferRefusal, now_ns: int) -> None:

@@ -15,7 +15,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.reasons import Gone, IdleReason, NotHeard, TopicStale, Unavailable, plain, told
+from robrain.protocol.reasons import Gone, IdleReason, NotHeard, TopicStale, Unavailable, plain, sentence_of
 from robrain.protocol.table.topics import ROBOT_STATE
 from robrain.protocol.wire.presence import Change
 
@@ -272,7 +272,9 @@ class Roster:
             age_s = round(min(robot.age_s(now_ns), 1e6), 3)
             if robot.before is not None and isinstance(out, Gone) and state is None:
                 if all_robots or now_ns >= self._found_ns:
-                    gone = replace(robot.before.summary, up=False, age_s=age_s, why=told(out), idle=None, out=out)
+                    gone = replace(
+                        robot.before.summary, up=False, age_s=age_s, why=sentence_of(out), idle=None, out=out
+                    )
                     summaries.append(gone)
                 continue
             summaries.append(
@@ -284,7 +286,7 @@ class Roster:
                     soc=state.battery.soc if state is not None and state.battery is not None else None,
                     behavior=state.behavior if state is not None else "",
                     task=state.task.id if state is not None and state.task and not state.task.state.ended else "",
-                    why=told(out or reason),
+                    why=sentence_of(out or reason),
                     idle=reason,
                     out=out,
                     faulted=state.faulted if state is not None else [],

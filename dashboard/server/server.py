@@ -21,7 +21,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
-from robrain.protocol.errors import PortTaken, WireError
+from robrain.protocol.errors import PortInUse, WireError
 
 ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 
@@ -159,7 +159,7 @@ def open_server(host: str, port: int, *, has_halt: bool = True) -> LocalServer:
     The page has an emergency halt button if `has_halt`.
 
     Raises:
-        PortTaken: another process listens on that port.
+        PortInUse: another process listens on that port.
         WireError: `host` is not an address of this computer, or this viser accepts no guard.
     """
     _check_free(host, port)
@@ -235,5 +235,5 @@ def _check_free(host: str, port: int) -> None:
         raise WireError(f"the dashboard cannot listen on port {port}: expected one from 0 to 65535") from error
 
 
-def _port_in_use(host: str, port: int) -> PortTaken:
-    return PortTaken(f"port taken: another process listens on {host}:{port}; give another, or port 0 for a free one")
+def _port_in_use(host: str, port: int) -> PortInUse:
+    return PortInUse(f"port taken: another process listens on {host}:{port}; give another, or port 0 for a free one")

@@ -101,10 +101,10 @@ def default_log() -> Path:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """A socket that listens at the port, or at a free one for 0 (PortTaken if another process does)."""
-    from robrain.protocol.errors import PortTaken
+    """A socket that listens at the port, or at a free one for 0 (PortInUse if another process does)."""
+    from robrain.protocol.errors import PortInUse
 
     try:
         return socket.create_server((host, port))
     except OSError as error:
-        raise PortTaken(f"port taken: another process listens on {host}:{port}; give another, or 0") from error
+        raise PortInUse(f"port taken: another process listens on {host}:{port}; give another, or 0") from error

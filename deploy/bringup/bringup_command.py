@@ -107,7 +107,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
         as_json: print a `Report`.
 
     Raises:
-        RobrainError: in one sentence; among others NameTaken if the robot's agent runs.
+        RobrainError: in one sentence; among others NameInUse if the robot's agent runs.
 
     """
     limit_zenoh_threads()

@@ -37,7 +37,7 @@ from robrain.protocol.access.identity import TLS_VARIABLE, read_identity, tls_fo
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.errors import NobodyThere, PortTaken, RobrainError, WireError
+from robrain.protocol.errors import NobodyThere, PortInUse, RobrainError, WireError
 from robrain.protocol.extras import missing_package
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.message import Message
@@ -317,7 +317,7 @@ def check_port(what: str, endpoint: str) -> Check:
     """
     try:
         check_port_free(endpoint)
-    except PortTaken:
+    except PortInUse:
         if check_router([endpoint]).ok:
             return good(CheckName.PORT, f"{what} is at {endpoint} already")
         return wrong(

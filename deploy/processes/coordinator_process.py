@@ -89,7 +89,7 @@ class LiveCoordination(NamedTuple):
     """Called each time that it begins to lead."""
 
     def lead_alone(self, should_stop: ShouldStop) -> None:
-        """Lead until `should_stop()` (NameTaken if another coordinator does)."""
+        """Lead until `should_stop()` (NameInUse if another coordinator does)."""
         with claim_coordinator(self.session, self.team) as claim:
             if not claim.acquire(_print, should_stop):
                 return  # before the journal is opened: only one process at a time may write it

@@ -15,7 +15,7 @@ from robrain.deploy.errors import UsageError
 from robrain.protocol.access.identity import Identity
 from robrain.protocol.access.member import MemberRole
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.errors import NobodyThere, PortTaken, WireError
+from robrain.protocol.errors import NobodyThere, PortInUse, WireError
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, missing_rights
 from robrain.protocol.wire.session import (
@@ -232,14 +232,14 @@ def open_hub(listen: str | None) -> tuple[zenoh.Session, str]:
         The hub, which the caller closes, and the endpoint of this machine's hub if another process has it, else "".
 
     Raises:
-        PortTaken: another process listens at `listen`.
+        PortInUse: another process listens at `listen`.
         WireError: the endpoint is invalid, or cannot be listened on.
 
     """
     warn_of_listening("hub", [listen or hub_endpoint()], print_message)
     try:
         return open_session(mode="router", listen=[listen or hub_endpoint()]), ""
-    except PortTaken:
+    except PortInUse:
         if listen is not None:
             raise
     return open_session(mode="router", listen=[ANY_PORT]), hub_endpoint()
@@ -350,7 +350,7 @@ def hub_command(listen: str | None) -> None:
         listen: endpoint; None uses this machine's hub endpoint, or a free port if that is taken.
 
     Raises:
-        PortTaken: another process listens at `listen`.
+        PortInUse: another process listens at `listen`.
         WireError: it cannot be listened on.
 
     """

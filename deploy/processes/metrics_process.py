@@ -15,7 +15,7 @@ from prometheus_client.registry import Collector
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, steps
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.errors import CallError, NobodyThere, PortTaken
+from robrain.protocol.errors import CallError, NobodyThere, PortInUse
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -239,7 +239,7 @@ def serve_metrics(wire: Endpoint, port: int, should_stop: Callable[[], bool], on
     """Serve metrics of the wire's team on loopback until `should_stop`.
 
     Raises:
-        PortTaken: another process listens there.
+        PortInUse: another process listens there.
 
     """
     metrics, registry = TeamMetrics(wire), CollectorRegistry()
@@ -247,7 +247,7 @@ def serve_metrics(wire: Endpoint, port: int, should_stop: Callable[[], bool], on
     try:
         server, thread = start_http_server(port, addr=HOST, registry=registry)
     except OSError as error:
-        raise PortTaken(f"port taken: another process listens on {HOST}:{port}; give another, or 0") from error
+        raise PortInUse(f"port taken: another process listens on {HOST}:{port}; give another, or 0") from error
     try:
         on_ready(f"http://{HOST}:{server.server_address[1]}/metrics")
         ask_s = time.monotonic() + FIRST_ASK_S

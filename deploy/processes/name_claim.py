@@ -22,7 +22,7 @@ import zenoh
 
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.errors import NameTaken
+from robrain.protocol.errors import NameInUse
 from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.table.topic import Query, Token
 from robrain.protocol.table.topics import (
@@ -106,7 +106,7 @@ class NameClaim:
             should_stop: asked every 20 ms.
 
         Raises:
-            NameTaken: another process has it; the text names it.
+            NameInUse: another process has it; the text names it.
 
         """
         is_waiting = False
@@ -156,11 +156,11 @@ class NameClaim:
         self._withdraw(HAS)
         self._read_tokens()  # its answer comes after all that was declared before it
 
-    def successor(self) -> NameTaken | None:
+    def successor(self) -> NameInUse | None:
         """An error that names the process that took this one's name while it hung, if there is one."""
         for info in self._who(SUCCESSOR_TIMEOUT_S):
             if info.zid != self.info.zid:
-                return NameTaken(f"this process hung, and {self._keys.what} is another one now: {info}")
+                return NameInUse(f"this process hung, and {self._keys.what} is another one now: {info}")
         return None
 
     def close(self) -> None:
@@ -206,8 +206,8 @@ class NameClaim:
                 except BadPayload:
                     continue  # not a robrain process; its token shows that a process is there
 
-    def _name_error(self, who: str) -> NameTaken:
-        return NameTaken(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
+    def _name_error(self, who: str) -> NameInUse:
+        return NameInUse(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
 
     def _reply_process(self, _request: Request[Any]) -> ProcessInfo:
         return self.info
@@ -234,7 +234,7 @@ class NameWatcher:
         self._monotonic_ns = monotonic_ns
         self._asked_ns = monotonic_ns()
         self._check_until_ns = self._check_ns = 0
-        self.lost: NameTaken | None = None
+        self.lost: NameInUse | None = None
         """The name is another's now."""
 
     def __call__(self) -> bool:
@@ -249,7 +249,7 @@ class NameWatcher:
         return self.lost is not None or self._should_stop()
 
     def check(self) -> None:
-        """Raise NameTaken if the name was lost."""
+        """Raise NameInUse if the name was lost."""
         if self.lost is not None:
             raise self.lost
 

@@ -455,7 +455,7 @@ class Gateway:
             self._waiting.append((orders.halt(), _reply(halt, TriggerResponse)))
         for asked in self._submissions.requests():
             self._waiting.append((orders.submit(asked.request.task), _reply(asked, SubmitTaskResponse)))
-        for received in self._texts.take():
+        for received in self._texts.read():
             self._waiting.append((orders.submit(received.message.data), self._reply_all))
         waiting, self._waiting = self._waiting, []
         for future, reply in waiting:

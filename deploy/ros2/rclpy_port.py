@@ -119,7 +119,7 @@ class RclpyReader(Generic[M]):
         """As Reader."""
         return self._subscription.dropped if self._subscription is not None else 0
 
-    def take(self) -> list[ReceivedMessage[M]]:
+    def read(self) -> list[ReceivedMessage[M]]:
         """As Reader."""
         received = []
         for arrived in self._subscription.drain() if self._subscription is not None else ():

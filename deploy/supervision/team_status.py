@@ -22,7 +22,7 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
-from robrain.protocol.reasons import Gone, told
+from robrain.protocol.reasons import Gone, sentence_of
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.safe_text import safe_lines
 from robrain.protocol.table.topics import (
@@ -352,7 +352,7 @@ class TeamMonitor:
             status = robot_status(name, robot.state)
             behavior = status.behavior if status.condition is RobotCondition.UP else ""
             return RobotSeen(name, behavior or status.condition, is_up=True)
-        return RobotSeen(name, told(robot.down_reason(now_ns)), is_up=False)
+        return RobotSeen(name, sentence_of(robot.down_reason(now_ns)), is_up=False)
 
     def _record_truth(self, truth: ArenaTruth) -> None:
         if truth.sim_time_s < self._sim_time_s:  # of another arena, which starts again

@@ -101,7 +101,7 @@ class Top:
             later = self._asked.get(name)
             if later is not None:
                 try:
-                    info = later.take()
+                    info = later.poll()
                 except (CallError, NobodyThere):
                     del self._asked[name]
                     continue

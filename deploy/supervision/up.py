@@ -41,7 +41,7 @@ from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_
 from robrain.deploy.supervision.team_status import TeamMonitor
 from robrain.deploy.supervision.top import members_table
 from robrain.protocol.access.identity import TLS_VARIABLE
-from robrain.protocol.errors import PortTaken, RobrainError
+from robrain.protocol.errors import PortInUse, RobrainError
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
@@ -421,7 +421,7 @@ def choose_endpoint(listen: str | None, *, is_secured: bool = False) -> tuple[st
     A secured team listens at the host and port of ROBRAIN_HUB, or else at a free port.
 
     Raises:
-        PortTaken: another process listens at `listen`.
+        PortInUse: another process listens at `listen`.
         WireError: it cannot be listened on.
 
     """
@@ -434,7 +434,7 @@ def choose_endpoint(listen: str | None, *, is_secured: bool = False) -> tuple[st
         wanted = f"tls/{wanted.partition('/')[2]}" if os.environ.get(HUB_VARIABLE) else free
     try:
         check_port_free(wanted)
-    except PortTaken:
+    except PortInUse:
         return free, wanted
     return wanted, ""
 

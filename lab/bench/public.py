@@ -21,7 +21,7 @@ from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Job, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
 from robrain.deploy.errors import InstanceError
-from robrain.protocol.reasons import told
+from robrain.protocol.reasons import sentence_of
 
 DECIMALS = {"solomon": 1, "vrplib": 0}
 """Decimals of a distance in published values. Solomon's set cuts after the first decimal (Kohl and others, 2-Path
@@ -154,7 +154,7 @@ def _record(plan: Plan, over: int, capacity: float) -> str:
         )
     if plan.unassigned:
         first = plan.unassigned[0]
-        return f"{len(plan.unassigned)} customers are left out, {first.job}: {told(first.reason)}"
+        return f"{len(plan.unassigned)} customers are left out, {first.job}: {sentence_of(first.reason)}"
     return ""
 
 

@@ -16,7 +16,7 @@ from robrain.plugins.skill.home import ChargerPlace, HomeInterface
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.teammates import Mate
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.reasons import NeedsEnergy, told
+from robrain.protocol.reasons import NeedsEnergy, sentence_of
 
 CONFIDENCE = 0.95
 NEAREST = 3
@@ -58,7 +58,7 @@ class BudgetVerdict(msgspec.Struct, frozen=True):
         >>> BudgetVerdict(5200.4, 4800.0, 60.0).words
         'needs 5200 J of 4800 J usable'
         """
-        return told(self.reason)
+        return sentence_of(self.reason)
 
 
 class Budget:

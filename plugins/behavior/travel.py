@@ -22,7 +22,7 @@ from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Positive
-from robrain.protocol.reasons import PositionLost, told
+from robrain.protocol.reasons import PositionLost, sentence_of
 from robrain.protocol.table.topics import ROBOT_PATH
 
 FIND_ITSELF = "find itself"
@@ -198,7 +198,7 @@ class Travel:
     @property
     def lost(self) -> str:
         """Reason why the robot must not drive to places of the arena, in words; empty if it may."""
-        return told(self.position_lost) if self._env.board.lost else ""
+        return sentence_of(self.position_lost) if self._env.board.lost else ""
 
     @property
     def position_lost(self) -> PositionLost | None:

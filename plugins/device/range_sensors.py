@@ -16,7 +16,7 @@ from robrain.agent.plugin import Device, external
 from robrain.agent.silence import Silence
 from robrain.protocol.can.frame_port import FramePort, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec
-from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE, SequenceWatch
+from robrain.protocol.can.payload import ERROR, ID_MASK, REMOTE, SequenceCounter
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive
@@ -151,7 +151,7 @@ class RangeSensorsDevice(Device):
         }
         self._last_id = max(self._rings)
         self._bumps = codec("Bumps")
-        self._sequences = {identifier: SequenceWatch() for identifier in (*self._rings, self._bumps.arbitration_id)}
+        self._sequences = {identifier: SequenceCounter() for identifier in (*self._rings, self._bumps.arbitration_id)}
         self._ranges_m = [self.parameters.range_max_m] * sensors
         self._latest: RangeRing | None = None
         self._pressed_rad: tuple[float, ...] = ()
@@ -261,5 +261,5 @@ class RangeSensorsDevice(Device):
             return None
         self._believed += 1
         self._received_ns = self.env.clock.now_ns()
-        self._sequences[identifier].note(int(values[-1]))
+        self._sequences[identifier].record(int(values[-1]))
         return values

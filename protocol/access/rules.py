@@ -20,9 +20,9 @@ ROWS: tuple[WireKey, ...] = (*TOPICS, HOST_VERB)
 """All rows that rules are made from. Verbs from other distributions have no row."""
 ADVANCED = "@adv/**"
 """Keys under which publishers of lossless topics keep samples, announce themselves and number their messages."""
-SAID = ("put", "delete")
+PUTS = ("put", "delete")
 MESSAGES = (
-    *SAID, "query", "reply", "declare_subscriber", "declare_queryable",
+    *PUTS, "query", "reply", "declare_subscriber", "declare_queryable",
     "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
 )  # fmt: skip
 """All that Zenoh has rules for."""
@@ -52,22 +52,22 @@ def access_control(members: Iterable[Member], router: Member | None = None) -> d
 
 def rules_of(member: Member) -> list[dict[str, Any]]:
     """The rules for one member."""
-    puts, hears = _keys(member, AccessAction.PUT), _keys(member, AccessAction.HEAR)
+    puts, receives = _keys(member, AccessAction.PUT), _keys(member, AccessAction.HEAR)
     asks, answers = _keys(member, AccessAction.ASK), _keys(member, AccessAction.ANSWER)
     announces, watches = _keys(member, AccessAction.ANNOUNCE), _keys(member, AccessAction.WATCH)
     keeps, catches_up = _advanced(member, AccessAction.PUT), _advanced(member, AccessAction.HEAR)
     bus = _bus_of(member)
     team = [f"{ROOT}/{member.team}/**", f"{ROOT}/{member.team}/**/{ADVANCED}"]
     parts = (
-        ("ingress", SAID, (*puts, *keeps)),
-        ("ingress", ("declare_subscriber",), (*hears, *catches_up)),
+        ("ingress", PUTS, (*puts, *keeps)),
+        ("ingress", ("declare_subscriber",), (*receives, *catches_up)),
         ("ingress", ("query",), (*asks, *catches_up, *bus)),
         ("ingress", ("declare_queryable",), (*answers, *keeps, *bus)),
         ("ingress", ("reply",), (*answers, *keeps, *_kept(member), *bus)),
         ("ingress", ("liveliness_token",), (*announces, *keeps)),
         ("ingress", ("liveliness_query", "declare_liveliness_subscriber"), (*watches, *catches_up)),
-        ("egress", SAID, (*hears, *catches_up)),
-        ("egress", ("reply",), (*asks, *hears, *catches_up, *bus)),
+        ("egress", PUTS, (*receives, *catches_up)),
+        ("egress", ("reply",), (*asks, *receives, *catches_up, *bus)),
         ("egress", ("declare_subscriber", "declare_queryable", "query", "liveliness_token"), team),
         ("egress", ("liveliness_query", "declare_liveliness_subscriber"), team),
     )

@@ -82,22 +82,22 @@ def vouch_message(topic: Topic[Any], key: str, payload: bytes, refusals: Refusal
     """
     found = read_signed(key)
     if found is None:
-        refusals.note(topic.name, key, RefusalCode.WRONG_NAME, "its key does not say who sends it")
+        refusals.record(topic.name, key, RefusalCode.WRONG_NAME, "its key does not say who sends it")
         return None
-    why = why_not(AccessAction.PUT, topic, found.asker)
+    why = refusal_of(AccessAction.PUT, topic, found.asker)
     if why:
-        refusals.note(topic.name, key, RefusalCode.WRONG_NAME, why)
+        refusals.record(topic.name, key, RefusalCode.WRONG_NAME, why)
         return None
     field = sender_field(topic)
     try:
         message = topic.payloads.read(payload)
     except BadPayload as error:
         code = RefusalCode.TOO_LARGE if error.is_too_large else RefusalCode.MALFORMED
-        refusals.note(topic.name, key, code, str(error))
+        refusals.record(topic.name, key, code, str(error))
         return None
     claimed = getattr(message, field) if field else ""
     if not _is(claimed, found.asker):
-        refusals.note(topic.name, key, RefusalCode.WRONG_NAME, f"its key says {found.asker}, its payload {claimed}")
+        refusals.record(topic.name, key, RefusalCode.WRONG_NAME, f"its key says {found.asker}, its payload {claimed}")
         return None
     known = named(field, found.asker)
     if not field or claimed == known:
@@ -105,7 +105,7 @@ def vouch_message(topic: Topic[Any], key: str, payload: bytes, refusals: Refusal
     return found.key, msgspec.json.encode(msgspec.structs.replace(message, **{field: known}))
 
 
-def why_not(action: AccessAction, row: Topic[Any] | Query[Any, Any], member: Member) -> str:
+def refusal_of(action: AccessAction, row: Topic[Any] | Query[Any, Any], member: Member) -> str:
     """Why a member may not do something with a row, in words; empty if it may."""
     allowed = roles(action, row)
     if member.role in allowed:
@@ -122,15 +122,15 @@ def vouch_request(query: Query[Any, Any], key: str, asked: Any, asker: Member, r
 
     """
     # Each of the host's verbs has its own row, whose rights the host itself checks.
-    why = "" if query is HOST_VERB else why_not(AccessAction.ASK, query, asker)
+    why = "" if query is HOST_VERB else refusal_of(AccessAction.ASK, query, asker)
     if why:
-        refusals.note(query.name, key, RefusalCode.WRONG_NAME, why)
+        refusals.record(query.name, key, RefusalCode.WRONG_NAME, why)
         raise CallError(ErrorCode.FORBIDDEN, why)
     field = sender_field(query)
     claimed = getattr(asked, field, "") if field else ""
     if not _is(claimed, asker):
         why = f"its key says {asker}, its request {claimed}"
-        refusals.note(query.name, key, RefusalCode.WRONG_NAME, why)
+        refusals.record(query.name, key, RefusalCode.WRONG_NAME, why)
         raise CallError(ErrorCode.FORBIDDEN, why)
     return in_own_name(query, asked, asker)
 
@@ -142,7 +142,7 @@ def message_in_own_name(topic: Topic[Any], message: Any, member: Member) -> Any:
         CallError: it may not; the router would drop it in silence.
 
     """
-    why = why_not(AccessAction.PUT, topic, member)
+    why = refusal_of(AccessAction.PUT, topic, member)
     if why:
         raise CallError(ErrorCode.FORBIDDEN, why)
     return in_own_name(topic, message, member)
@@ -196,7 +196,7 @@ class Signing:
 
         """
         if self._member is not None and is_signed(topic):
-            why = why_not(AccessAction.ASK, topic, self._member)
+            why = refusal_of(AccessAction.ASK, topic, self._member)
             if why:
                 raise CallError(ErrorCode.FORBIDDEN, why)
             request = in_own_name(topic, request, self._member)

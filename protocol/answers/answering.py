@@ -17,7 +17,7 @@ from robrain.protocol.answers.asked import Asked
 from robrain.protocol.errors import CallError
 from robrain.protocol.table.topic import Query
 
-STANDING_BY = 2
+READY = 2
 """Threads to begin with: one that answers, one that waits for the next query."""
 
 AskedT = TypeVar("AskedT")
@@ -46,7 +46,7 @@ class Answering(Generic[AskedT]):
         answer: Callable[[AskedT], None],
         refuse: Callable[[AskedT], None],
         limit: int,
-        standing_by: int = STANDING_BY,
+        ready: int = READY,
     ) -> None:
         self._name = name
         self._receive = receive
@@ -57,7 +57,7 @@ class Answering(Generic[AskedT]):
         self._free = 0
         self._threads: list[threading.Thread] = []
         with self._counting:
-            for _ in range(min(standing_by, limit + 1)):
+            for _ in range(min(ready, limit + 1)):
                 self._begin()
 
     @property
@@ -169,7 +169,7 @@ class WaitingQueries(Generic[T]):
             self._of[asker] += 1
         return refused
 
-    def take(self) -> T | None:
+    def pop(self) -> T | None:
         """The one that has waited longest; None if there is none."""
         with self._lock:
             if not self._waiting:

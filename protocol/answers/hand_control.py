@@ -62,16 +62,16 @@ class HandControl:
         if not any(velocity.values()):
             self.release()
             return
-        lease = self._lease if self._lease is not None else self._take()
+        lease = self._lease if self._lease is not None else self._handle()
         try:
             self._call("move", velocity | {"lease": lease})
         except RobrainError as error:
             self._lease = None  # a driver that was restarted counts its leases from the start
             if not (isinstance(error, CallError) and error.code is ErrorCode.REFUSED):
                 raise
-            self._take()
+            self._handle()
 
-    def _take(self) -> int:
+    def _handle(self) -> int:
         answer = self._call("take_hand", {"by": self._by})
         try:
             taken = msgspec.convert(answer, HandLease)

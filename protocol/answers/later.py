@@ -38,7 +38,7 @@ class Later(Generic[R]):
         self._replies = replies
         self._known = known
 
-    def take(self) -> R | None:
+    def poll(self) -> R | None:
         """The reply; None until it arrives. Not to be asked again once it is there.
 
         Raises:

@@ -22,7 +22,7 @@ class Gathering:
         selector: key expression that is asked, with its parameters.
         payload: the request.
         number: how many are asked.
-        take: gets each reply.
+        handle: gets each reply.
         over: called when there will be no more.
 
     """
@@ -31,12 +31,12 @@ class Gathering:
     """Replies may be sent by any thread."""
 
     def __init__(
-        self, selector: str, payload: bytes, number: int, take: Callable[[Answer], None], over: Callable[[], None]
+        self, selector: str, payload: bytes, number: int, handle: Callable[[Answer], None], over: Callable[[], None]
     ) -> None:
         self.selector = selector
         self.key = selector.partition("?")[0]
         self.payload = payload
-        self.take = take
+        self.handle = handle
         self._waits_for = number
         self._over = over
         self._replies: dict[str, bytes] = {}
@@ -56,7 +56,7 @@ class Gathering:
             if self._waits_for:
                 return
         for key, payload in self._replies.items():
-            self.take(Answer(key, payload))
+            self.handle(Answer(key, payload))
         self._over()
 
 
@@ -101,7 +101,7 @@ class LocalQuery:
 
     def reply_error(self, error: CallError) -> None:
         """See `Asked`."""
-        self._gathering.take(Answer("", msgspec.json.encode(error.reply()), is_error=True))
+        self._gathering.handle(Answer("", msgspec.json.encode(error.reply()), is_error=True))
 
     def end(self) -> None:
         """See `Asked`."""

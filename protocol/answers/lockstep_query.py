@@ -40,7 +40,7 @@ class LockstepReplies:
 
     def handler(self) -> "zenoh.handlers.Callback[Any]":
         """A callback that stores replies, on any thread that delivers them."""
-        return zenoh.handlers.Callback(self._take, self._is_over.set, indirect=False)
+        return zenoh.handlers.Callback(self._handle, self._is_over.set, indirect=False)
 
     def wait(self, outside_s: float) -> bool:
         """Call after `get`: wait at most this long for other processes, if any were asked; False if none replies."""
@@ -49,7 +49,7 @@ class LockstepReplies:
         self.from_outside = True
         return False
 
-    def _take(self, reply: zenoh.Reply) -> None:
+    def _handle(self, reply: zenoh.Reply) -> None:
         if is_from_outside(reply, self._own):
             self.from_outside = True
         self.replies.append(reply)

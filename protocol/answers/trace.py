@@ -48,7 +48,7 @@ class Traces:
         self._given: dict[str, str] = {}
         self._lock = threading.Lock()
 
-    def note(self, task: str, trace: str) -> None:
+    def record(self, task: str, trace: str) -> None:
         """Take the trace that a query about a task came with; an empty one changes nothing."""
         if not trace or trace == trace_of(self._team, task):
             return

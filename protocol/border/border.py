@@ -8,7 +8,7 @@ from robrain.protocol.codec import BAD_PAYLOAD, Codec
 from robrain.protocol.refusals import RefusalCode, Refusals
 from robrain.protocol.table.topic import Query, Topic
 
-Heard = Topic[Any] | Query[Any, Any]
+Incoming = Topic[Any] | Query[Any, Any]
 """Entries of an inbox: messages of topics, and replies to queries."""
 KEYS_MAX = 8192
 """Keys whose parsed names are cached."""
@@ -17,7 +17,7 @@ KEYS_MAX = 8192
 class Received(NamedTuple):
     """One sample out of an inbox."""
 
-    topic: Heard
+    topic: Incoming
     key: str
     names: dict[str, str]
     """Names in the key, and its team under `team`."""
@@ -47,14 +47,14 @@ class Border:
         self._refusals = refusals
         self._names: dict[str, dict[str, str]] = {}
 
-    def admits(self, topic: Heard, key: str, payload: bytes) -> bool:
+    def admits(self, topic: Incoming, key: str, payload: bytes) -> bool:
         """Whether a payload is small enough; one that is not is counted as refused."""
         if len(payload) <= topic.payloads.max_bytes:
             return True
         self._refuse(topic, key, RefusalCode.TOO_LARGE, topic.payloads.too_large(len(payload)))
         return False
 
-    def read(self, topic: Heard, key: str, payload: bytes) -> Received | None:
+    def read(self, topic: Incoming, key: str, payload: bytes) -> Received | None:
         """The message in a payload, or None if it is refused."""
         names = self._names.get(key) or self._record_names(topic, key)
         if names is None:
@@ -78,7 +78,7 @@ class Border:
             message = message.moved_in_time(-ahead_ns) if ahead_ns else message
         return new_received(Received, (topic, key, names, message))
 
-    def _record_names(self, topic: Heard, key: str) -> dict[str, str] | None:
+    def _record_names(self, topic: Incoming, key: str) -> dict[str, str] | None:
         names = topic.parse(key)
         if names is not None:
             if len(self._names) >= KEYS_MAX:
@@ -86,18 +86,18 @@ class Border:
             self._names[key] = names
         return names
 
-    def record_lost(self, topic: Heard, key: str, count: int) -> None:
+    def record_lost(self, topic: Incoming, key: str, count: int) -> None:
         """Count messages that were lost for good in transit."""
         if self._refusals is not None:
             why = "the network was away or full for longer than its sender keeps them"
-            self._refusals.note(topic.name, key, RefusalCode.LOST, why, count)
+            self._refusals.record(topic.name, key, RefusalCode.LOST, why, count)
 
-    def _refuse(self, topic: Heard, key: str, code: RefusalCode, why: str) -> None:
+    def _refuse(self, topic: Incoming, key: str, code: RefusalCode, why: str) -> None:
         if self._refusals is not None:
-            self._refusals.note(topic.name, key, code, why)
+            self._refusals.record(topic.name, key, code, why)
 
 
-def other_names(topic: Heard, names: Mapping[str, str], message: object) -> str:
+def other_names(topic: Incoming, names: Mapping[str, str], message: object) -> str:
     """How the names in a message differ from those in its key; empty if they do not."""
     for field in topic.named_twice:
         name = getattr(message, field, None)

@@ -109,7 +109,7 @@ LONGEST_GAP = 64
 """A step beyond this, or backwards, is a sender that has restarted rather than a loss."""
 
 
-class SequenceWatch:
+class SequenceCounter:
     """Follows the 8-bit counter of one kind of frame.
 
     Attributes:
@@ -125,7 +125,7 @@ class SequenceWatch:
         self.repeated = 0
         self.expected: int | None = None
 
-    def note(self, counter: int) -> int:
+    def record(self, counter: int) -> int:
         """Take the counter of a frame that is believed; how many frames are missing before it."""
         expected, self.expected = self.expected, (counter + 1) % MODULUS
         if expected is None:

@@ -269,9 +269,9 @@ class ZenohBus(can.BusABC):
             allowed_destination=zenoh.Locality.REMOTE if self._direct else zenoh.Locality.ANY,
         )
         # Direct in live as well: neither call blocks or needs a separate thread.
-        take = zenoh.handlers.Callback(self._take, indirect=False)
+        receive = zenoh.handlers.Callback(self._receive, indirect=False)
         answer = zenoh.handlers.Callback(self._answer, indirect=False)
-        subscriber = session.declare_subscriber(self._key, take)
+        subscriber = session.declare_subscriber(self._key, receive)
         self._declared = [self._publisher, subscriber, session.declare_queryable(self._key, answer)]
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -343,13 +343,13 @@ class ZenohBus(can.BusABC):
     def read_frames(self) -> list[Frame]:
         """Take all frames that have arrived, in order."""
         frames, new = self.frames, tuple.__new__
-        taken: list[Frame] = []
+        frames_read: list[Frame] = []
         for _ in range(len(frames)):
             payload = frames.popleft()
             _, stamp_ns, identifier = HEADER.unpack_from(payload)
             data = payload[HEADER_BYTES:] if len(payload) <= CLASSIC_BYTES else data_in(payload)
-            taken.append(new(Frame, (identifier, data, stamp_ns)))  # as Frame(…), in a third of the time
-        return taken
+            frames_read.append(new(Frame, (identifier, data, stamp_ns)))  # as Frame(…), in a third of the time
+        return frames_read
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self.frames:
@@ -441,7 +441,7 @@ class ZenohBus(can.BusABC):
         else:
             self._keep(payload)
 
-    def _take(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
         if not HEADER_BYTES <= len(payload) <= CLASSIC_BYTES and not (self._fd and is_fd(payload)):
             self.refused += 1

@@ -71,7 +71,7 @@ class Ld19Decoder:
                 continue
             begin += PACKET_BYTES
             packets += 1
-            pieces += self._take(packet)
+            pieces += self._read_packet(packet)
         self._left = data[begin:]
         before = self.counts
         self.counts = msgspec.structs.replace(
@@ -89,7 +89,7 @@ class Ld19Decoder:
         """As LidarDecoder: nothing."""
         return b""
 
-    def _take(self, packet: bytes) -> list[Piece]:
+    def _read_packet(self, packet: bytes) -> list[Piece]:
         _, self.speed_deg_s, first, *values, last, _stamp, _crc = _LAYOUT.unpack(packet)
         span = (last - first) % FULL_CDEG
         if first >= FULL_CDEG or last >= FULL_CDEG or span > SPAN_MAX_CDEG:

@@ -30,7 +30,7 @@ import zenoh
 
 from robrain.protocol.answers.asked import Answer, Asked
 from robrain.protocol.answers.local_query import Gathering, LocalQuery
-from robrain.protocol.border.border import Heard
+from robrain.protocol.border.border import Incoming
 from robrain.protocol.clock import Clock, VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox, Sample
 from robrain.protocol.messages.team.arena_messages import LinkCounters
@@ -207,7 +207,7 @@ class Party:
 class Subscription(NamedTuple):
     """One inbox that receives puts."""
 
-    topic: Heard
+    topic: Incoming
     """Topic that its samples are read as."""
     inbox: Inbox
     party: Party
@@ -234,7 +234,7 @@ class Watcher(NamedTuple):
 class KeyRoute(NamedTuple):
     """Receivers of the samples of one key."""
 
-    topic: Heard | None
+    topic: Incoming | None
     """The topic of those samples; None without receivers."""
     plain: list[Inbox]
     """Inboxes that have subscribed to it."""
@@ -254,7 +254,7 @@ class KeyRoute(NamedTuple):
 def _deliver_rest(subscriptions: list[Subscription], sample: Sample) -> None:
     for topic, inbox, _ in subscriptions:
         if topic is sample[0]:
-            inbox.take(sample)
+            inbox.add(sample)
         else:
             inbox.append(topic, sample[1], sample[2])
 
@@ -417,11 +417,11 @@ class Exchange:
 
     # -- samples --------------------------------------------------------------------------------------------
 
-    def subscribe(self, selector: str, topic: Heard, inbox: Inbox, party: Party) -> Entry[Subscription]:
+    def subscribe(self, selector: str, topic: Incoming, inbox: Inbox, party: Party) -> Entry[Subscription]:
         """Deliver all puts under the keys of `selector` to an inbox from now on."""
         return self._subscriptions.add(selector, Subscription(topic, inbox, party))
 
-    def deliver(self, sender: Party, topic: Heard, key: str, payload: bytes) -> None:
+    def deliver(self, sender: Party, topic: Incoming, key: str, payload: bytes) -> None:
         """Hand a sample to all inboxes that subscribe to its key and that it reaches."""
         route = self.routes.get(key)
         if route is NOBODY:
@@ -455,7 +455,7 @@ class Exchange:
         """The party's present life; None if its process is dead."""
         return party if party.is_alive else self._parties.get(party.name)
 
-    def _route(self, topic: Heard, key: str) -> KeyRoute:
+    def _route(self, topic: Incoming, key: str) -> KeyRoute:
         if len(self.routes) >= ROUTES_MAX:
             self.routes.clear()
         found = [each for each in self._subscriptions.reached(key) if each.party.is_alive]
@@ -612,11 +612,11 @@ class Exchange:
                 over()
 
         def reply(party: Party, there_ns: int, answer: Answer) -> None:
-            took_ns = query.carry(party, living, len(answer.key) + len(answer.payload), there_ns)
-            if took_ns is not None and took_ns > limit_ns:
+            duration_ns = query.carry(party, living, len(answer.key) + len(answer.payload), there_ns)
+            if duration_ns is not None and duration_ns > limit_ns:
                 query.fail()
-            elif took_ns is not None:
-                self._at(self._clock.now_ns() + (0 if waits else took_ns), partial(accept, answer))
+            elif duration_ns is not None:
+                self._at(self._clock.now_ns() + (0 if waits else duration_ns), partial(accept, answer))
 
         if not asked:
             over()
@@ -735,11 +735,11 @@ class _NetworkQuery:
         if sender.is_beside(receiver):
             return before_ns
         limit_ns = self._limit_ns - before_ns
-        took_ns = self._network.carry(sender.name, receiver.name, size, self.now_ns, limit_ns)
-        if took_ns is None:
+        duration_ns = self._network.carry(sender.name, receiver.name, size, self.now_ns, limit_ns)
+        if duration_ns is None:
             self.fail()
             return None
-        return before_ns + took_ns
+        return before_ns + duration_ns
 
     def fail(self) -> None:
         """A request or reply is lost or late."""
@@ -747,12 +747,12 @@ class _NetworkQuery:
         self._network.counters.timed_out += 1
 
 
-def _route_of(topic: Heard, subscriptions: list[Subscription], parties: Iterable[Party]) -> KeyRoute:
+def _route_of(topic: Incoming, subscriptions: list[Subscription], parties: Iterable[Party]) -> KeyRoute:
     if not subscriptions:
         return NOBODY
     route = KeyRoute(topic, [], [], {})
     for each in subscriptions:
-        if each.topic is topic and type(each.inbox).take is Inbox.take:
+        if each.topic is topic and type(each.inbox).add is Inbox.add:
             route.plain.append(each.inbox)
         else:
             route.rest.append(each)

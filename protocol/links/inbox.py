@@ -7,7 +7,7 @@ from typing import Any
 
 import zenoh
 
-from robrain.protocol.border.border import Border, Heard, Received
+from robrain.protocol.border.border import Border, Incoming, Received
 
 LARGE_BYTES = 4096
 INBOX_BYTES_MAX = 134_217_728
@@ -17,7 +17,7 @@ NOTHING = b"null"
 ASKED_MAX = 5
 """Number of times that a query is sent without an answer."""
 
-Sample = tuple[Heard, str, bytes, list[Received] | None]
+Sample = tuple[Incoming, str, bytes, list[Received] | None]
 """Topic, key, payload, and a list for the decoded message, which the first reader fills; None without other inboxes."""
 
 
@@ -69,7 +69,7 @@ class Inbox:
         self.on_arrival: Callable[[], None] | None = None
         """Called after each sample that was taken, on the thread that brings it."""
         self._every: deque[Sample] = deque(maxlen=capacity)
-        self._expected: deque[tuple[Any, Callable[[], Any], int, Heard, str]] = deque(maxlen=capacity)
+        self._expected: deque[tuple[Any, Callable[[], Any], int, Incoming, str]] = deque(maxlen=capacity)
         self._latest: dict[str, Sample] = {}
 
     def adopt(self, border: Border) -> None:
@@ -77,7 +77,7 @@ class Inbox:
         if not self._has_own_border:
             self.border = border
 
-    def append(self, topic: Heard, key: str, payload: bytes, *, outside: bool = False) -> bool:
+    def append(self, topic: Incoming, key: str, payload: bytes, *, outside: bool = False) -> bool:
         """Add a sample; called by subscriptions, on any thread.
 
         Returns:
@@ -85,15 +85,15 @@ class Inbox:
 
         """
         self.outside += outside
-        return self.take((topic, key, payload, None))
+        return self.add((topic, key, payload, None))
 
-    def take(self, sample: Sample) -> bool:
+    def add(self, sample: Sample) -> bool:
         """Add a sample that other inboxes may hold as well; as `append`."""
         return Inbox.put_into((self,), sample) == 1
 
     @staticmethod
     def put_into(inboxes: Sequence["Inbox"], sample: Sample) -> int:
-        """Add one sample to all inboxes that do not override `take`; returns their number."""
+        """Add one sample to all inboxes that do not override `add`; returns their number."""
         topic, key, payload, _ = sample
         size, is_latest, count = len(payload), topic.is_latest, 0
         is_large = size > topic.payloads.max_bytes
@@ -136,7 +136,7 @@ class Inbox:
     def __len__(self) -> int:
         return len(self._every) + len(self._latest)
 
-    def expect(self, ask: Callable[[], Any], topic: Heard, key: str, asked: int = 1) -> None:
+    def expect(self, ask: Callable[[], Any], topic: Incoming, key: str, asked: int = 1) -> None:
         """Send a query and handle its reply, on the owner's thread; only the latest queries are waited for.
 
         A query that ends without an answer (silence, or an error) is sent up to `ASKED_MAX` times. When a process or
@@ -169,7 +169,7 @@ class Inbox:
             read.append(received)
         return read
 
-    def drain_raw(self) -> list[tuple[Heard, str, bytes]]:
+    def drain_raw(self) -> list[tuple[Incoming, str, bytes]]:
         """Take everything out as topic, key and payload, in the order of `drain`."""
         return [sample[:3] for sample in self.drain_samples()]
 

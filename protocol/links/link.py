@@ -13,11 +13,11 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.table.topic import Topic, Urgency
 
-TakeSample = Callable[[str, bytes], None]
+OnSample = Callable[[str, bytes], None]
 """Takes key and payload of a sample that Zenoh delivers."""
-TakeQuery = Callable[[Asked], None]
-TakeAnswer = Callable[[Answer], None]
-TakeChange = Callable[[str, bool], None]
+OnQuery = Callable[[Asked], None]
+OnAnswer = Callable[[Answer], None]
+OnChange = Callable[[str, bool], None]
 """Takes the key of a token, and whether it has come or gone."""
 
 
@@ -47,25 +47,25 @@ class Link(Protocol):
     def publisher(self, topic: Topic[Any], key: str, clock: Clock) -> Publisher:
         """A publisher of one key."""
 
-    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
+    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, handle: OnSample, *, waits: bool) -> None:
         """Deliver all puts under the keys of `selector` to an inbox.
 
         Args:
             selector: which keys.
             topic: topic that a sample is read as.
             inbox: takes samples that need not travel.
-            take: takes those that do, for the inbox.
-            waits: whether `take` may wait for anything.
+            handle: takes those that do, for the inbox.
+            waits: whether `handle` may wait for anything.
 
         """
 
-    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
+    def queryable(self, selector: str, handle: OnQuery, *, waits: bool) -> None:
         """Have queries to the keys of `selector` answered; `waits` as in `subscribe`."""
 
     def token(self, key: str) -> None:
         """Declare presence."""
 
-    def watch(self, selector: str, take: TakeChange) -> None:
+    def watch(self, selector: str, handle: OnChange) -> None:
         """Have tokens followed from now on; those that are there already come first."""
 
     def tokens(self, selector: str, timeout_s: float) -> list[str]:
@@ -77,8 +77,8 @@ class Link(Protocol):
         Replies that are errors come first. Of several to one key only one counts.
         """
 
-    def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
-        """Send a query of a lockstep run, whose replies `take` gets, on whatever thread sends them."""
+    def ask_then(self, key: str, payload: bytes | None, handle: OnAnswer) -> None:
+        """Send a query of a lockstep run, whose replies `handle` gets, on whatever thread sends them."""
 
     def close(self) -> None:
         """Undeclare everything, the last first."""

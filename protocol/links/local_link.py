@@ -8,7 +8,7 @@ from robrain.protocol.answers.asked import Answer
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.links.exchange import EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.link import Declaration, Replies, TakeAnswer, TakeChange, TakeQuery, TakeSample
+from robrain.protocol.links.link import Declaration, OnAnswer, OnChange, OnQuery, OnSample, Replies
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.table.topic import ANSWER_S, Topic, Urgency
 
@@ -35,21 +35,21 @@ class LocalLink:
         """See `Link`."""
         return Publisher(topic, key, clock, partial(self._exchange.deliver, self._party))
 
-    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
+    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, handle: OnSample, *, waits: bool) -> None:
         """See `Link`."""
         self.declarations.append(self._exchange.subscribe(selector, topic, inbox, self._party))
 
-    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
+    def queryable(self, selector: str, handle: OnQuery, *, waits: bool) -> None:
         """See `Link`."""
-        self.declarations.append(self._exchange.queryable(selector, take, self._party))
+        self.declarations.append(self._exchange.queryable(selector, handle, self._party))
 
     def token(self, key: str) -> None:
         """See `Link`."""
         self.declarations.append(self._exchange.token(key, self._party))
 
-    def watch(self, selector: str, take: TakeChange) -> None:
+    def watch(self, selector: str, handle: OnChange) -> None:
         """See `Link`."""
-        self.declarations.append(self._exchange.watch(selector, take, self._party))
+        self.declarations.append(self._exchange.watch(selector, handle, self._party))
 
     def tokens(self, selector: str, timeout_s: float) -> list[str]:
         """See `Link`."""
@@ -68,9 +68,9 @@ class LocalLink:
         in_time = bool(answers) or is_over.wait(timeout_s)
         return Replies(answers, in_time, from_outside=not in_time)
 
-    def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
+    def ask_then(self, key: str, payload: bytes | None, handle: OnAnswer) -> None:
         """See `Link`."""
-        self._exchange.ask(self._party, key, payload or b"", to_ns(ANSWER_S), take, lambda: None, waits=False)
+        self._exchange.ask(self._party, key, payload or b"", to_ns(ANSWER_S), handle, lambda: None, waits=False)
 
     def close(self) -> None:
         """See `Link`."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.protocol.border.border import Heard
+from robrain.protocol.border.border import Incoming
 from robrain.protocol.clock import Clock
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.messages.message import Message
@@ -30,7 +30,7 @@ class Publisher:
         topic: Topic[Any],
         key: str,
         clock: Clock,
-        deliver: Callable[[Heard, str, bytes], None] | None = None,
+        deliver: Callable[[Incoming, str, bytes], None] | None = None,
         declare: Callable[[], Any] | None = None,
         forget: Callable[[Any], None] = lambda _: None,
     ) -> None:

@@ -13,7 +13,7 @@ from robrain.protocol.border.border import Border
 from robrain.protocol.clock import Clock
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.link import Declaration, Replies, TakeAnswer, TakeChange, TakeQuery, TakeSample
+from robrain.protocol.links.link import Declaration, OnAnswer, OnChange, OnQuery, OnSample, Replies
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.table.topic import JSON, Delivery, Topic, Urgency
 
@@ -159,7 +159,7 @@ class ZenohLink:
         deliver = None if self._exchange is None else partial(self._exchange.deliver, self._exchange.infrastructure)
         return Publisher(topic, key, clock, deliver, declare, self.declarations.remove)
 
-    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, take: TakeSample, *, waits: bool) -> None:
+    def subscribe(self, selector: str, topic: Topic[Any], inbox: Inbox, handle: OnSample, *, waits: bool) -> None:
         """See `Link`."""
         # Where names are left open, each sample carries its own; a query to others too costs half as much as the rest.
         own_key = selector if "*" not in selector else None
@@ -170,7 +170,7 @@ class ZenohLink:
             key = own_key or str(sample.key_expr)
             if lost is not None:
                 lost.record_sender(sample, key)
-            take(key, sample.payload.to_bytes())
+            handle(key, sample.payload.to_bytes())
 
         if self._exchange is not None:
             self.declarations.append(self._exchange.subscribe(selector, topic, inbox, self._exchange.infrastructure))
@@ -191,21 +191,21 @@ class ZenohLink:
         if lost is not None:
             self.declarations.append(declared.sample_miss_listener(self._callback(lost.missed, waits=False)))
 
-    def queryable(self, selector: str, take: TakeQuery, *, waits: bool) -> None:
+    def queryable(self, selector: str, handle: OnQuery, *, waits: bool) -> None:
         """See `Link`."""
-        callback = self._callback(lambda query: take(ZenohQuery(query)), waits=waits)
+        callback = self._callback(lambda query: handle(ZenohQuery(query)), waits=waits)
         self.declarations.append(self._session.declare_queryable(selector, callback))
 
     def token(self, key: str) -> None:
         """See `Link`."""
         self.declarations.append(self._session.liveliness().declare_token(key))
 
-    def watch(self, selector: str, take: TakeChange) -> None:
+    def watch(self, selector: str, handle: OnChange) -> None:
         """See `Link`."""
         liveliness, is_lockstep = self._session.liveliness(), self._exchange is not None
 
         def changed(sample: zenoh.Sample) -> None:
-            take(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+            handle(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
         callback = self._callback(changed, waits=False)
         self.declarations.append(liveliness.declare_subscriber(selector, callback, history=not is_lockstep))
@@ -234,11 +234,11 @@ class ZenohLink:
         in_time = own.wait(timeout_s)
         return Replies(_answers(own.replies), in_time, own.from_outside)
 
-    def ask_then(self, key: str, payload: bytes | None, take: TakeAnswer) -> None:
+    def ask_then(self, key: str, payload: bytes | None, handle: OnAnswer) -> None:
         """See `Link`."""
         options: dict[str, Any] = {} if payload is None else {"payload": payload, "encoding": JSON}
         callback = self._callback(
-            lambda reply: take(answer_of(reply, from_outside=is_from_outside(reply, self._zid))), waits=False
+            lambda reply: handle(answer_of(reply, from_outside=is_from_outside(reply, self._zid))), waits=False
         )
         self._session.get(key, callback, timeout=NO_LIMIT_S, **options)
 

@@ -33,7 +33,7 @@ class Bid(msgspec.Struct, frozen=True, kw_only=True):
 Bids = Annotated[tuple[Bid, ...], Meta(max_length=TASKS_MAX)]
 
 
-class Heard(msgspec.Struct, frozen=True, kw_only=True):
+class SeenBallot(msgspec.Struct, frozen=True, kw_only=True):
     """A robot's knowledge of another."""
 
     robot: Name
@@ -42,10 +42,10 @@ class Heard(msgspec.Struct, frozen=True, kw_only=True):
     """Of its last ballot that is taken into account, directly or by others."""
 
 
-HeardOf = Annotated[tuple[Heard, ...], Meta(max_length=ROBOTS_MAX)]
+SeenBallots = Annotated[tuple[SeenBallot, ...], Meta(max_length=ROBOTS_MAX)]
 
 
-class Standing(msgspec.Struct, frozen=True, kw_only=True):
+class BidProgress(msgspec.Struct, frozen=True, kw_only=True):
     """How far a robot has come in a round of the negotiation."""
 
     robot: Name
@@ -60,7 +60,7 @@ class Standing(msgspec.Struct, frozen=True, kw_only=True):
     """Value that the robot assigns to its path."""
 
 
-Standings = Annotated[tuple[Standing, ...], Meta(max_length=ROBOTS_MAX)]
+Standings = Annotated[tuple[BidProgress, ...], Meta(max_length=ROBOTS_MAX)]
 
 
 class Ballot(msgspec.Struct, frozen=True, kw_only=True):
@@ -72,7 +72,7 @@ class Ballot(msgspec.Struct, frozen=True, kw_only=True):
     """Greater than in every earlier ballot of this robot."""
     bids: Bids = ()
     """At most one for each task, sorted by task."""
-    received: HeardOf = ()
+    received: SeenBallots = ()
     """Each other robot that this one has received."""
     term: Count = 0
     """Number of the negotiation; ballots of an earlier one are out of date."""

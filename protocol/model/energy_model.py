@@ -19,7 +19,7 @@ from robrain.protocol.model.ranges import Joules, NotNegative, Pace, Positive, Q
 
 TERMS = ("standing_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s", "acceleration_kg")
 """Names of the coefficients, in order. The last is a mass: the energy of a change of v²/2."""
-STANDING_BELOW = 0.01
+STILL_BELOW = 0.01
 """Below this many m/s and rad/s the robot stands; chosen above the noise of encoders."""
 
 

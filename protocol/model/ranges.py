@@ -20,7 +20,7 @@ STAMP_MAX = 2**62
 """Nanoseconds since 1970: the year 2116."""
 NAME_MAX = 128
 TEXT_MAX = 4096
-WHY_MAX = 1024
+REASON_TEXT_MAX = 1024
 """Length of a reason as first given; text that others add may bring it up to `TEXT_MAX`."""
 
 Metres = Annotated[float, Meta(ge=-METRES_MAX, le=METRES_MAX)]
@@ -64,7 +64,7 @@ Text = Annotated[str, Meta(max_length=TEXT_MAX)]
 Names = Annotated[list[Name], Meta(max_length=10_000)]
 
 
-def cut(text: str, limit: int = WHY_MAX) -> str:
+def cut(text: str, limit: int = REASON_TEXT_MAX) -> str:
     """The text, shortened to `limit` characters; a shortened text ends in `…`.
 
     >>> cut("much too long", 8)

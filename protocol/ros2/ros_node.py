@@ -175,20 +175,20 @@ class RosSubscription(Generic[M]):
         """See `Reader`."""
         return self.reasons.total()
 
-    def take(self) -> list[ReceivedMessage[M]]:
+    def read(self) -> list[ReceivedMessage[M]]:
         """See `Reader`."""
         with self._lock:
             waiting, self._waiting, self._bytes = self._waiting, deque(), 0
-        heard = []
+        received = []
         for payload, attached in waiting:
             try:
                 sender = Attachment.unpack(attached)
-                heard.append(ReceivedMessage(self._kind.decode(payload), sender.stamp_ns, sender.gid, sender.number))
+                received.append(ReceivedMessage(self._kind.decode(payload), sender.stamp_ns, sender.gid, sender.number))
             except BadAttachment as error:
                 self._refuse("no_sender", str(error))
             except BadCdr as error:
                 self._refuse("malformed", str(error))
-        return heard
+        return received
 
     def close(self) -> None:
         """See `Reader`."""
@@ -219,9 +219,9 @@ class RosSubscription(Generic[M]):
             self.last_refusal = why
 
 
-def _subscribe(session: zenoh.Session, key: str, qos: Qos, hear: Callable[[zenoh.Sample], None]) -> Any:
+def _subscribe(session: zenoh.Session, key: str, qos: Qos, receive: Callable[[zenoh.Sample], None]) -> Any:
     """Declare as rmw_subscription_data.cpp does."""
-    callback: Any = zenoh.handlers.Callback(hear, indirect=False)
+    callback: Any = zenoh.handlers.Callback(receive, indirect=False)
     if not qos.is_latched:
         return session.declare_subscriber(key, callback)
     is_reliable = qos.reliability is Reliability.RELIABLE
@@ -373,7 +373,7 @@ class RosServer(Generic[Q, R]):
         self._key = entity.key
         self._waiting: deque[zenoh.Query] = deque()
         self._lock = threading.Lock()
-        callback: Any = zenoh.handlers.Callback(self._take, indirect=False)
+        callback: Any = zenoh.handlers.Callback(self._receive_request, indirect=False)
         self._queryable: Any = session.declare_queryable(self._key, callback, complete=True)
         self._token: Any = session.liveliness().declare_token(entity.token)
 
@@ -406,7 +406,7 @@ class RosServer(Generic[Q, R]):
         for query in waiting:
             _refuse(query, "the service ends")
 
-    def _take(self, query: zenoh.Query) -> None:
+    def _receive_request(self, query: zenoh.Query) -> None:
         size = len(query.payload) if query.payload is not None else 0
         if size > self._kind.request.max_bytes:
             self.refused += 1

@@ -59,7 +59,7 @@ class Reader(Protocol[M]):
     def refused(self) -> int:
         """Messages that are too large, do not decode, or come without a sender."""
 
-    def take(self) -> list[ReceivedMessage[M]]:
+    def read(self) -> list[ReceivedMessage[M]]:
         """Messages since the last call, in order."""
 
     def close(self) -> None:

@@ -105,9 +105,9 @@ def errors_of(row: Query[Any, Any]) -> list[str]:
 
 
 def _row(row: WireKey) -> dict[str, Any]:
-    said: dict[str, Any] = {"name": row.name, "key": key_of(row), "description": row.doc, "by": str(row.by)}
+    described: dict[str, Any] = {"name": row.name, "key": key_of(row), "description": row.doc, "by": str(row.by)}
     if isinstance(row, Topic):
-        return said | {
+        return described | {
             "message": schema_or_none(row.message),
             "encoding": row.encoding,
             "rate_hz": row.rate_hz,
@@ -119,7 +119,7 @@ def _row(row: WireKey) -> dict[str, Any]:
             "recorded": row.recorded,
         }
     if isinstance(row, Query):
-        return said | {
+        return described | {
             "request": schema_or_none(row.request),
             "reply": schema_or_none(row.reply) if row.encoding == JSON else None,
             "encoding": row.encoding,
@@ -130,4 +130,4 @@ def _row(row: WireKey) -> dict[str, Any]:
             "max_reply_bytes": row.max_reply_bytes,
             "reads_only": row.reads_only,
         }
-    return said
+    return described

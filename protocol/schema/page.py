@@ -110,10 +110,10 @@ def message_section(name: str, schema: Schema) -> str:
     about = " ".join(schema.get("description", "").split())
     needed = schema.get("required", [])
     rows = []
-    for field, told in schema.get("properties", {}).items():
-        unit = told.get("$comment", "").removeprefix("unit: ") or "–"
+    for field, part in schema.get("properties", {}).items():
+        unit = part.get("$comment", "").removeprefix("unit: ") or "–"
         shown = f"`{field}`" if field in needed else f"*`{field}`*"
-        rows.append((shown, schema_text(told), unit, range_text(told), told.get("description", "")))
+        rows.append((shown, schema_text(part), unit, range_text(part), part.get("description", "")))
     if "enum" in schema:
         values = ", ".join(f"`{value}`" for value in schema["enum"])
         return f"### {name}\n\n{about}\n\nOne of {values}.\n"

@@ -99,9 +99,10 @@ ROBOT_OFFER = _robot_task("offer", offer_messages.TaskOffer, offer_messages.Task
                           "The coordinator offers a task with its fencing epoch and lease")  # fmt: skip
 ROBOT_WITHDRAW = _robot_task("withdraw", offer_messages.TaskWithdrawal, offer_messages.TaskAnswer,
                              "The coordinator takes a task back")  # fmt: skip
-ROBOT_SUBMIT = _robot_task("submit", TaskSubmission, consensus_messages.TaskTaken, "Do this: replies who has the task",
+ROBOT_SUBMIT = _robot_task("submit", TaskSubmission, consensus_messages.TaskAcceptance,
+                           "Do this: replies who has the task", errors=(ErrorCode.REFUSED,))  # fmt: skip
+ROBOT_CANCEL = _robot_task("cancel", TaskRequest, consensus_messages.CancelAcceptance, "End it",
                            errors=(ErrorCode.REFUSED,))  # fmt: skip
-ROBOT_CANCEL = _robot_task("cancel", TaskRequest, consensus_messages.DropTaken, "End it", errors=(ErrorCode.REFUSED,))
 ROBOT_COSTS = _robot_task("costs", CostsRequest, list[TaskCost],
                           "What tasks would take at their places, by its own plugins", reads_only=True)  # fmt: skip
 ROBOT_FOREIGN = Token(

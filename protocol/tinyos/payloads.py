@@ -357,7 +357,7 @@ class RoutedPayload(msgspec.Struct, frozen=True):
 
 FORWARDED_TYPE = 0x58
 HOPS_MAX = 255
-_WAY = struct.Struct(">HB")
+_ROUTE = struct.Struct(">HB")
 
 
 class ForwardedPayload(msgspec.Struct, frozen=True):
@@ -379,7 +379,7 @@ class ForwardedPayload(msgspec.Struct, frozen=True):
         """
         reading = self.reading.pack()
         try:
-            return reading[:-1] + _WAY.pack(self.forwarder, self.hops) + reading[-1:]
+            return reading[:-1] + _ROUTE.pack(self.forwarder, self.hops) + reading[-1:]
         except struct.error as error:
             raise BadPacket(f"expected a number of 16 bits and hops up to {HOPS_MAX}, got {self}: {error}") from error
 
@@ -391,8 +391,8 @@ class ForwardedPayload(msgspec.Struct, frozen=True):
             BadPacket: it is not 27 bytes long.
 
         """
-        middle, end = len(payload) - 1 - _WAY.size, len(payload) - 1
+        middle, end = len(payload) - 1 - _ROUTE.size, len(payload) - 1
         if middle < 0:
             raise BadPacket(f"expected a reading that was passed on, of 27 bytes, got {len(payload)}")
-        forwarder, hops = _WAY.unpack(payload[middle:end])
+        forwarder, hops = _ROUTE.unpack(payload[middle:end])
         return cls(ReadingPayload.unpack(payload[:middle] + payload[end:]), forwarder, hops)

@@ -30,7 +30,7 @@ from robrain.protocol.answers.answering import Answering, SharedQueue, WaitingQu
 from robrain.protocol.answers.asked import BY, Answer, Asked, ZenohQuery
 from robrain.protocol.answers.later import Later, read_answer
 from robrain.protocol.answers.trace import Traces
-from robrain.protocol.border.border import Border, Heard
+from robrain.protocol.border.border import Border, Incoming
 from robrain.protocol.clock import Clock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, WireError
@@ -197,7 +197,7 @@ class Endpoint:
         learns, known = "*" in selector and not lockstep, self._declared_keys.keys
         is_vouched = self._signing.covers(topic)
 
-        def take(key: str, payload: bytes) -> None:
+        def handle(key: str, payload: bytes) -> None:
             outside = lockstep and get_ident() != owner
             if learns and key not in known:
                 self._declared_keys.declared(key)
@@ -206,13 +206,13 @@ class Endpoint:
                 if vouched is None:
                     return
                 key, payload = vouched
-            is_taken = inbox.append(topic, key, payload, outside=outside)
+            is_added = inbox.append(topic, key, payload, outside=outside)
             if self.on_receive is not None:
                 self.on_receive()
-            if is_taken and outside and not topic.recorded:  # the recorder itself sees recorded topics
+            if is_added and outside and not topic.recorded:  # the recorder itself sees recorded topics
                 self.record_outside(key, payload)
 
-        self._link.subscribe(selector, topic, inbox, take, waits=inbox.acts_at_once or learns)
+        self._link.subscribe(selector, topic, inbox, handle, waits=inbox.acts_at_once or learns)
 
     def watch(self, topic: Token, **names: str) -> Presence:
         """Follow the owners of a token's topic, including those that are present already."""
@@ -259,12 +259,12 @@ class Endpoint:
             answer_on_threads(selector, at_once, topic, own_key, handler)
             return
 
-        def take(query: Asked) -> None:
+        def handle(query: Asked) -> None:
             waits = serve is Serve.IN_STEP if self.drive is Drive.LIVE else self._from_outside()
             do = self._queue if waits and not self._closing else self._reply
             do(query, topic, own_key, handler)
 
-        self._link.queryable(selector, take, waits=serve is not Serve.IN_STEP)
+        self._link.queryable(selector, handle, waits=serve is not Serve.IN_STEP)
 
     def _answer_on_threads(self, selector: str, at_once: Sequence[str], *of_query: Any) -> None:
         queryable: Any = self.session.declare_queryable(selector, zenoh.handlers.FifoChannel(PENDING_QUERIES))
@@ -287,13 +287,13 @@ class Endpoint:
             self._answering.append(Answering("answer", receive, self._answer_one, self._refuse_one, limit, 1))
         shared = self._shared
 
-        def take(query: Asked) -> None:
+        def handle(query: Asked) -> None:
             if shared.waiting < PENDING_QUERIES:
                 shared.put((at_once, query, *of_query))
             else:
                 self._refuse(query, f"{PENDING_QUERIES} queries wait already")
 
-        self._link.queryable(selector, take, waits=False)
+        self._link.queryable(selector, handle, waits=False)
 
     def _answer_one(self, asked: tuple[Any, ...]) -> None:
         self._reply(*asked[1:])
@@ -310,7 +310,7 @@ class Endpoint:
         while self._from_others and self._on_outside is not None:
             self._on_outside(*self._from_others.popleft())
         for _ in range(len(self._pending)):
-            if (waiting := self._pending.take()) is None:
+            if (waiting := self._pending.pop()) is None:
                 break
             query, topic = waiting[:2]
             if self._on_outside is not None and self.drive is Drive.LOCKSTEP and not topic.reads_only:
@@ -380,7 +380,7 @@ class Endpoint:
             return topic.requests.read(payload)
         except BadPayload as error:
             code = RefusalCode.TOO_LARGE if error.is_too_large else RefusalCode.MALFORMED
-            self.refusals.note(topic.name, key, code, str(error))
+            self.refusals.record(topic.name, key, code, str(error))
             raise CallError(ErrorCode.BAD_ARGUMENTS, str(error)) from error
 
     # -- asking ---------------------------------------------------------------------------------------------
@@ -468,7 +468,7 @@ class Endpoint:
         self,
         inbox: Inbox,
         topic: Query[Q, Any],
-        reply_topic: Heard,
+        reply_topic: Incoming,
         request: Q | None = None,
         *,
         timeout_s: float | None = None,
@@ -497,21 +497,21 @@ class Endpoint:
             inbox.expect(lambda: self._get(key, timeout=timeout_s, **options), reply_topic, reply_key)
             return
 
-        def take(answer: Answer) -> None:
+        def handle(answer: Answer) -> None:
             payload = NOTHING if answer.is_error else answer.payload
             if answer.from_outside:
                 self.record_outside(key, payload)
             if payload != NOTHING:
                 inbox.append(reply_topic, reply_key, payload)
 
-        self._link.ask_then(key, body, take)
+        self._link.ask_then(key, body, handle)
 
     def close(self) -> None:
         """Undeclare everything; queries that still wait are answered `unloaded`."""
         self._closing = True
         self._link.close()
         self._declared_keys.undeclare()
-        while (waiting := self._pending.take()) is not None:
+        while (waiting := self._pending.pop()) is not None:
             self._reply(*waiting)
         if self._shared is not None:
             self._shared.end()

@@ -36,7 +36,7 @@ TRIES = "tries"
 """Stage of the claim that a trial announces; no participant confuses it with a real one."""
 TRIED = msgspec.json.encode(CallError(ErrorCode.BUSY, "this process only tries whether it may answer").reply())
 PATIENCE_S = 2.0
-LOOK_S = 0.05
+POLL_S = 0.05
 
 
 class Right(StrEnum):
@@ -136,7 +136,7 @@ def _publishes(session: zenoh.Session, other: zenoh.Session, robot: Member) -> b
         end_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < end_s:
             session.put(key, payload)  # again, until the subscription has spread
-            if heard.wait(LOOK_S):
+            if heard.wait(POLL_S):
                 return True
         return False
     finally:
@@ -148,7 +148,7 @@ def _until(is_so: Callable[[], bool]) -> bool:
     while time.monotonic() < end_s:
         if is_so():
             return True
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)
     return False
 
 

@@ -14,7 +14,7 @@ import zenoh
 
 from robrain.protocol.access.identity import TLS_VARIABLE, Connection, Identity, read_identity, remember, tls_folder
 from robrain.protocol.access.member import MemberRole
-from robrain.protocol.errors import NobodyThere, PortTaken, WireError
+from robrain.protocol.errors import NobodyThere, PortInUse, WireError
 
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 LEASE_MS = 2000
@@ -37,7 +37,7 @@ def open_lockstep_session(listen: str | None = None) -> zenoh.Session:
     """A session that keeps to itself: no scouting, no network unless `listen` (loopback) is given.
 
     Raises:
-        PortTaken: another process listens there.
+        PortInUse: another process listens there.
     """
     settings: dict[str, Any] = {"scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
     if listen is None:
@@ -69,7 +69,7 @@ def open_session(
 
     Raises:
         NobodyThere: nothing answers at `connect`.
-        PortTaken: another process listens at `listen`.
+        PortInUse: another process listens at `listen`.
         WireError: an endpoint is not one, or Zenoh refuses for another reason.
     """
     for endpoint in (*connect, *listen):
@@ -237,7 +237,7 @@ def check_port_free(endpoint: str) -> None:
     """Check that a TCP endpoint can be listened on; other endpoints pass.
 
     Raises:
-        PortTaken: another process listens there.
+        PortInUse: another process listens there.
         WireError: it cannot be listened on for another reason.
 
     """
@@ -252,7 +252,7 @@ def check_port_free(endpoint: str) -> None:
             probe.bind((host, int(match["port"])))
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
-                raise PortTaken(
+                raise PortInUse(
                     f"port taken: another process listens on {endpoint}; give another, or port 0 for a free one"
                 ) from error
             raise WireError(f"cannot listen on {endpoint}: {error.strerror}") from error

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robrain.algorithms.localization.pose_accuracy import position_sigma_m
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.arena_messages import RobotTruth
-from robrain.protocol.model.energy_model import STANDING_BELOW, EnergyModel
+from robrain.protocol.model.energy_model import STILL_BELOW, EnergyModel
 from robrain.protocol.model.geometry import Twist2D
 
 STEP_S = 1.0
@@ -104,7 +104,7 @@ def model_power_w(model: EnergyModel, velocity: Twist2D) -> float:
     The terms are those of `protocol.model.energy_model`.
     """
     speed_m_s, turn_rad_s = math.hypot(velocity.forward_m_s, velocity.left_m_s), abs(velocity.yaw_rad_s)
-    moves = speed_m_s > STANDING_BELOW or turn_rad_s > STANDING_BELOW
+    moves = speed_m_s > STILL_BELOW or turn_rad_s > STILL_BELOW
     idle_w, moving_w, speed_w, yaw_w, _ = model.coefficients
     return idle_w + (moving_w + speed_w * speed_m_s + yaw_w * turn_rad_s if moves else 0.0)
 

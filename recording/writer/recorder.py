@@ -461,7 +461,7 @@ class RecorderInbox(Inbox):
         self.dropped_by_topic: Counter[str] = Counter()
         self._bytes = 0
 
-    def take(self, sample: Sample) -> bool:
+    def add(self, sample: Sample) -> bool:
         """Accept a message, or count it as refused or dropped."""
         topic, key, payload, _ = sample
         self.received += 1

@@ -18,7 +18,7 @@ from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.can.bus_state import MOST_ERRORS, BusState, state_of
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import BadFrame, codec
-from robrain.protocol.can.payload import SequenceWatch
+from robrain.protocol.can.payload import SequenceCounter
 
 WHEELS = 3
 ENCODER_FRAME = "WheelEncoders"
@@ -115,7 +115,7 @@ class MotorController:
         """Time at which the watchdog stops the wheels unless a command comes."""
         self.has_news = True
         """Whether the content of the status has changed since the last one."""
-        self._commands = SequenceWatch()
+        self._commands = SequenceCounter()
         self._transmit_errors = transmit_errors
         self._worst = BusState.ACTIVE
         """The worst state of the CAN controller since the last status."""
@@ -188,14 +188,14 @@ class MotorController:
             self._worst = BusState.ACTIVE
 
     def _drive(self, first: float, second: float, third: float, counter: float) -> None:
-        self._commands.note(int(counter))
+        self._commands.record(int(counter))
         if self.state not in (MotorState.LATCHED, MotorState.ERROR):
             self._wanted_rad_s = first, second, third
             self.due_tick = self._received_tick + self._watchdog_ticks
             self.state = MotorState.RUNNING
 
     def _stop_by(self, latched: float, counter: float) -> None:
-        self._commands.note(int(counter))  # a host counts its commands and stops together
+        self._commands.record(int(counter))  # a host counts its commands and stops together
         if not self.has_failed:
             self._stop_wheels(MotorState.LATCHED if latched else MotorState.WATCHDOG)
 

@@ -114,7 +114,7 @@ class PointMapper(Skill):
             try:
                 merge_message(self._atlas, in_own_time(patch, wire.clock.now_ns()))
             except ValueError as error:
-                wire.refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, str(error))
+                wire.refusals.record(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, str(error))
 
     def _scan(self) -> None:
         robot = self._robot

@@ -185,7 +185,7 @@ class TaskSchedule:
         for submission, later in asked:
             name = submission.task.id
             try:
-                record = later.take()
+                record = later.poll()
             except NobodyThere:
                 self._waiting.insert(0, (sim_time_s + AGAIN_S, name, submission))  # those after it wait as well
                 self._outcomes[name] = msgspec.structs.replace(self._outcomes[name], why=NO_COORDINATOR)

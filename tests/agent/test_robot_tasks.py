@@ -8,7 +8,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskCost, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.model.energy_model import Work
-from robrain.protocol.model.ranges import WHY_MAX
+from robrain.protocol.model.ranges import REASON_TEXT_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied
 from tests.agent.explorer import GOAL, NO, YES, Explorer, offer
@@ -98,7 +98,7 @@ def test_an_offer_with_an_invalid_lease_changes_nothing(desk, explorer):
 def test_an_overlong_reason_is_truncated_so_that_the_robots_state_is_accepted(desk, explorer):
     desk.offer(offer(), 0)
     desk.end("t1", TaskState.FAILED, "x" * 1_000_000)
-    assert len(desk.status.why) == WHY_MAX
+    assert len(desk.status.why) == REASON_TEXT_MAX
 
 
 def test_a_refused_offer_leaves_everything_as_it_was(desk, explorer):

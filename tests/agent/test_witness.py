@@ -54,13 +54,13 @@ def test_it_elects_one_coordinator_in_an_election(witness: Witness) -> None:
 
 
 def test_a_coordinator_that_was_heard_or_elected_just_before_is_not_voted_out(witness: Witness) -> None:
-    assert witness.answer(elect(1), START_NS).refusal is WitnessRefusal.LEADER_HEARD  # perhaps before it started
+    assert witness.answer(elect(1), START_NS).refusal is WitnessRefusal.LEADER_SEEN  # perhaps before it started
     assert witness.answer(elect(1), LATER_NS).refusal is None
     now_ns = LATER_NS + SILENT_NS
-    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
+    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_SEEN
     assert witness.receive_summary(summary(1), now_ns)
     now_ns += SILENT_NS
-    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
+    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_SEEN
     assert witness.answer(elect(2, "b"), now_ns + 1).refusal is None
 
 
@@ -86,7 +86,7 @@ def test_a_copy_is_not_elected_by_one_that_was_never_told_who_has_everything(wit
 def test_an_operators_word_elects_whatever_it_remembers(witness: Witness, memory: WitnessInMemory) -> None:
     witness.answer(elect(1), LATER_NS)
     witness.answer(hold(1, 1, "a"), LATER_NS)
-    assert witness.answer(elect(2, "z", forced=True), LATER_NS).refusal is WitnessRefusal.LEADER_HEARD
+    assert witness.answer(elect(2, "z", forced=True), LATER_NS).refusal is WitnessRefusal.LEADER_SEEN
     now_ns = LATER_NS + SILENT_NS + 1
     assert witness.answer(elect(2, "z"), now_ns).refusal is WitnessRefusal.LACKS_CHANGES
     assert witness.answer(elect(2, "z", forced=True), now_ns).refusal is None
@@ -118,7 +118,7 @@ def test_it_remembers_over_a_restart(witness: Witness, memory: WitnessInMemory) 
     now_ns = LATER_NS + SILENT_NS + 1
     assert again.answer(elect(4, "b"), now_ns).refusal is WitnessRefusal.OUTVOTED
     assert again.answer(elect(5, "b"), now_ns).refusal is WitnessRefusal.LACKS_CHANGES
-    assert again.answer(elect(5, began_ns=2), LATER_NS).refusal is WitnessRefusal.LEADER_HEARD
+    assert again.answer(elect(5, began_ns=2), LATER_NS).refusal is WitnessRefusal.LEADER_SEEN
     assert again.answer(elect(5, began_ns=2), now_ns).before == ""
 
 
@@ -169,5 +169,5 @@ def test_one_that_stood_still_may_have_missed_a_coordinator(witness: Witness) ->
     witness.receive_summary(summary(1), LATER_NS)
     now_ns = LATER_NS + to_ns(3600.0)
     witness.restart_silence(now_ns)
-    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_HEARD
+    assert witness.answer(elect(2, "b"), now_ns).refusal is WitnessRefusal.LEADER_SEEN
     assert witness.answer(elect(2, "b"), now_ns + SILENT_NS + 1).refusal is None

@@ -8,7 +8,7 @@ from robrain.dashboard import Dashboard
 from robrain.dashboard.layers.layer import FIRST_RETRY_S
 from robrain.dashboard.layers.marker_layers import ChargerLayer
 from robrain.dashboard.server.server import close_server, open_server
-from robrain.protocol.errors import PortTaken, WireError
+from robrain.protocol.errors import PortInUse, WireError
 from robrain.protocol.wire.endpoint import Endpoint
 
 
@@ -17,7 +17,7 @@ def test_port_that_is_taken_is_refused_and_not_moved_from(endpoint: Endpoint) ->
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(PortTaken, match=f"127.0.0.1:{port}"):
+        with pytest.raises(PortInUse, match=f"127.0.0.1:{port}"):
             Dashboard(endpoint, port=port)
 
 

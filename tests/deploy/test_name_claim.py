@@ -10,7 +10,7 @@ import zenoh
 from robrain.deploy.processes import name_claim
 from robrain.deploy.processes.name_claim import NameClaim, NameWatcher, claim_coordinator, claim_robot
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.errors import NameTaken
+from robrain.protocol.errors import NameInUse
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLAIM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_session
@@ -63,7 +63,7 @@ def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
             alive = Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
             alive.token(ROBOT_ALIVE, robot="r1")
             first.settle()
-        with pytest.raises(NameTaken) as raised:
+        with pytest.raises(NameInUse) as raised:
             take(second)
         assert str(raised.value) == (
             f"robot r1 of team default is there already: process {first.info.pid} on {first.info.host}, "
@@ -79,7 +79,7 @@ def test_a_busy_process_has_time_to_say_that_it_has_the_name(join, monkeypatch):
     with claim_robot(join(), TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
         monkeypatch.setattr(first, "_reply_process", lambda _: time.sleep(BUSY_S) or first.info)
         assert take(first)
-        with pytest.raises(NameTaken, match=f"process {first.info.pid} on {first.info.host}"):
+        with pytest.raises(NameInUse, match=f"process {first.info.pid} on {first.info.host}"):
             second.acquire(said.append, lambda: False)
     assert said == []
 
@@ -113,7 +113,7 @@ def test_of_several_that_start_at_once_exactly_one_remains(join, attempt):
         try:
             if take(claim):
                 taken.append(claim)
-        except NameTaken as error:
+        except NameInUse as error:
             refused.append(str(error))
 
     threads = [threading.Thread(target=start, args=(claim,)) for claim in claims]
@@ -137,7 +137,7 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
         monkeypatch.setattr(second, "_process", "1-b-2-there")
         if seen == 0:
             assert take(second)
-            with pytest.raises(NameTaken, match=second.info.zid[:8]):
+            with pytest.raises(NameInUse, match=second.info.zid[:8]):
                 take(first)
         else:
             first._declare(name_claim.ASKS)  # asks, and has not looked yet
@@ -148,7 +148,7 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
             def start() -> None:
                 try:
                     result.append(second.acquire(lambda _: None, lambda: bool(looked.set())))
-                except NameTaken as error:
+                except NameInUse as error:
                     result.append(error)
 
             thread = threading.Thread(target=start)
@@ -156,7 +156,7 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
             looked.wait(WAIT_S)
             assert take(first)
             thread.join(WAIT_S)
-            assert isinstance(result[0], NameTaken)
+            assert isinstance(result[0], NameInUse)
 
 
 def test_a_silent_process_is_waited_for_and_its_name_taken_when_it_goes(join, monkeypatch):
@@ -180,7 +180,7 @@ def test_a_hanging_process_keeps_its_name(join, monkeypatch):
     hung.token(ROBOT_CLAIM, robot="r1", stage="has", process="0123-abcdef0123456789-77-lab.pc")
     with (
         claim_robot(join(), TEAM, "r1") as claim,
-        pytest.raises(NameTaken, match=r"process 77 on lab\.pc, Zenoh id abcdef01, which does not answer"),
+        pytest.raises(NameInUse, match=r"process 77 on lab\.pc, Zenoh id abcdef01, which does not answer"),
     ):
         take(claim)
     hung.close()
@@ -207,11 +207,11 @@ class Watched:
     def __init__(self) -> None:
         self.now_s = 0.0
         self.asked = 0
-        self.found: NameTaken | None = None
+        self.found: NameInUse | None = None
         self.is_to_stop = False
         self.watch = NameWatcher(self, lambda: self.is_to_stop, lambda: round(self.now_s * 1e9))  # type: ignore[arg-type]
 
-    def successor(self) -> NameTaken | None:
+    def successor(self) -> NameInUse | None:
         self.asked += 1
         return self.found
 
@@ -222,7 +222,7 @@ class Watched:
 
 def test_watch_looks_for_nobody_while_it_is_asked_each_half_lease() -> None:
     one = Watched()
-    one.found = NameTaken("another")
+    one.found = NameInUse("another")
     assert not any(one.after(LEASE_MS / 2000) for _ in range(20))
     assert one.asked == 0
     one.watch.check()
@@ -237,19 +237,19 @@ def test_after_a_hang_a_watch_looks_five_times_a_second_for_ten_seconds() -> Non
     for _ in range(300):
         assert not one.after(0.05)
     assert one.asked == 50
-    one.found = NameTaken("another")
+    one.found = NameInUse("another")
     assert not one.after(0.05)
 
 
 def test_name_that_was_lost_in_a_hang_is_told_once_and_for_all() -> None:
     one = Watched()
     one.after(5.0)
-    one.found = NameTaken("another")
+    one.found = NameInUse("another")
     assert not one.after(0.1)
     assert one.after(0.1)
     one.found = None
     assert one.after(60.0)
-    with pytest.raises(NameTaken, match="another"):
+    with pytest.raises(NameInUse, match="another"):
         one.watch.check()
 
 

@@ -48,7 +48,7 @@ def test_reply_in_a_secured_team_is_compared_with_the_robot_that_was_asked(sessi
     for robot in ("r1", "r2"):
         wire.robot.answer(HOST_RESUME, lambda _: HaltAnswer(robot="r1", halted=False), robot=robot)
     assert not wire.other.ask(HOST_RESUME, ResumeRequest(by="ann"), robot="r1").halted
-    assert not wire.other.ask_later(HOST_RESUME, ResumeRequest(by="ann"), robot="r1").take().halted
+    assert not wire.other.ask_later(HOST_RESUME, ResumeRequest(by="ann"), robot="r1").poll().halted
     with pytest.raises(CallError, match="its key says robot r2, its payload r1"):
         wire.other.ask(HOST_RESUME, ResumeRequest(by="ann"), robot="r2")
     wire.close()

@@ -176,8 +176,8 @@ def test_refusals_are_logged_at_most_once_a_minute_and_all_of_them_counted(clock
     found = Refusals(clock)
     for second in range(120):
         clock.advance_to(to_ns(second))
-        found.note("robot_state", "robot/r1/state", RefusalCode.MALFORMED, "a pose\x1b[31m")
-        found.note("halt", "halt", RefusalCode.TOO_LARGE, "2 MB")
+        found.record("robot_state", "robot/r1/state", RefusalCode.MALFORMED, "a pose\x1b[31m")
+        found.record("halt", "halt", RefusalCode.TOO_LARGE, "2 MB")
     assert found.total == 240
     assert len(caplog.records) == 2
     assert "60 of robot_state (robot/r1/state), malformed: a pose\\x1b[31m" in caplog.records[1].message
@@ -187,7 +187,7 @@ def test_refusals_are_logged_at_most_once_a_minute_and_all_of_them_counted(clock
 def test_refusals_of_any_number_of_senders_take_no_more_room(clock):
     found = Refusals(clock)
     for number in range(10 * KINDS_MAX):
-        found.note("robot_state", f"robot/r{number}/state", RefusalCode.MALFORMED, "")
+        found.record("robot_state", f"robot/r{number}/state", RefusalCode.MALFORMED, "")
     assert found.total == 10 * KINDS_MAX
     assert len(found.counts()) <= KINDS_MAX + 1
     assert sum(one.count for one in found.counts()) == found.total

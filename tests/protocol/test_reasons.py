@@ -10,7 +10,7 @@ import pytest
 from robrain.protocol import reasons
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import PlainReason, Reason, TopicStale, plain, told
+from robrain.protocol.reasons import PlainReason, Reason, TopicStale, plain, sentence_of
 from tests.random_words import reason_types
 
 KINDS = reason_types()
@@ -77,7 +77,7 @@ def depth(value: Any) -> int:
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__struct_config__.tag)
 def test_each_reason_has_words_passes_the_wire_and_is_small(kind):
     reason = example(kind)
-    assert told(reason) == str(reason) != ""
+    assert sentence_of(reason) == str(reason) != ""
     for union in UNIONS:
         if kind in (get_args(union) or (union,)):
             assert msgspec.json.decode(msgspec.json.encode(reason), type=union) == reason
@@ -102,6 +102,6 @@ def test_a_code_of_a_newer_peer_is_no_reason():
 
 
 def test_long_words_are_cut():
-    assert len(told(reasons.cancelled("ann", "x" * 5000))) == 4096
-    assert told(None) == ""
-    assert told(PlainReason("so")) == "so"
+    assert len(sentence_of(reasons.cancelled("ann", "x" * 5000))) == 4096
+    assert sentence_of(None) == ""
+    assert sentence_of(PlainReason("so")) == "so"

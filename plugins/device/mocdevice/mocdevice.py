@@ -28,7 +28,7 @@ from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, Wh
 from robrain.protocol.can.bus_state import BusState, state_in
 from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, known_identifiers
-from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK, MODULUS, SequenceWatch
+from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK, MODULUS, SequenceCounter
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Twist2D
 
@@ -192,7 +192,7 @@ class CanLink:
         self._plain_id = first.codec.arbitration_id if is_plain and len(frames.encoders) == 1 else -1
         """Of counts that need no conversion."""
         self._status_id = frames.status.arbitration_id if frames.status is not None else -1
-        self._sequences = {identifier: SequenceWatch() for identifier in self._by_id}
+        self._sequences = {identifier: SequenceCounter() for identifier in self._by_id}
         self._parts: list[tuple[float, ...] | None] = [None] * len(frames.encoders)
         """Values of each encoder frame since the last complete report."""
         self._added_up = [0.0] * sum(len(one.factors) for one in frames.encoders)
@@ -248,7 +248,7 @@ class CanLink:
                     sequence.expected = (counter + 1) % MODULUS
                     missing = 0
                 else:
-                    missing = sequence.note(counter)
+                    missing = sequence.record(counter)
                 reports.append(WheelReport(tuple(counts), frame.stamp_ns, counter, missing))
             elif identifier in self._by_id:
                 if (report := self._read_encoders(frame)) is not None:
@@ -316,7 +316,7 @@ class CanLink:
         counter, wheels = None, self._frames.encoders[number]
         if self._frames.has_counter:
             counter = int(values[-1])
-            lost = self._sequences[frame.identifier].note(counter)
+            lost = self._sequences[frame.identifier].record(counter)
             self._missing += lost if 0 in self._by_id[frame.identifier] else 0
         if frame.stamp_ns - self._round_ns > self._round_most_ns:  # the remaining frames are of an incomplete round
             self._missing += self._parts[0] is not None

@@ -136,11 +136,11 @@ class MapReceiver:
         if message.robot not in self._met:
             # nothing is lost: the mapper asks for its whole map when its token appears
             reason = f"{message.robot} is not there"
-            refusals.note(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, reason)
+            refusals.record(received.topic.name, received.key, RefusalCode.UNKNOWN_SENDER, reason)
             return
         reason = self._desk.receive(message) if isinstance(message, Closures) else self._merge(message)
         if reason:
-            refusals.note(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, reason)
+            refusals.record(received.topic.name, received.key, RefusalCode.NOT_PLAUSIBLE, reason)
 
     def _merge(self, patch: MapPatch) -> str:
         """Merge a patch into the map; returns the reason for a refusal, empty if there is none."""

@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.model.ballot import Ballot, HeardOf
+from robrain.protocol.model.ballot import Ballot, SeenBallots
 from robrain.protocol.model.ranges import Duration, Epoch, Name, Names, Stamp
 from robrain.protocol.model.tasks.task import Task
 
@@ -16,13 +16,13 @@ ENDS_MAX = 256
 
 ASKED_MAX = 64
 """Most tasks that a robot remembers as accepted without a coordinator; it then accepts no other (chosen)."""
-ASKED_TOLD = 8
+ASKED_REPORTED = 8
 """Of these in one ballot in full."""
 ASKED_BYTES_MAX = 8192
 """Longest submission among them, as JSON: ballots must not grow beyond the limit of their receivers (chosen)."""
 
 
-ENDED_TOLD = 64
+ENDED_REPORTED = 64
 """Most ended tasks that a robot reports in one ballot."""
 
 ABSENT_MAX = 64
@@ -85,7 +85,7 @@ class TaskKnown(msgspec.Struct, frozen=True, kw_only=True):
     """When it was accepted."""
 
 
-class TaskTaken(msgspec.Struct, frozen=True, kw_only=True):
+class TaskAcceptance(msgspec.Struct, frozen=True, kw_only=True):
     """A robot's answer to a client that submits a task to it. The same submission again has a newer answer."""
 
     task: Task
@@ -107,7 +107,7 @@ class TaskDropped(msgspec.Struct, frozen=True, kw_only=True):
     """In their own words."""
 
 
-class DropTaken(msgspec.Struct, frozen=True, kw_only=True):
+class CancelAcceptance(msgspec.Struct, frozen=True, kw_only=True):
     """A robot's answer to a client that cancels a task at it. The same request again has a newer answer."""
 
     task: Task
@@ -138,18 +138,18 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     known: Annotated[list[TaskKnown], Meta(max_length=ASKED_MAX)] = msgspec.field(default_factory=list)
     """Tasks accepted without a coordinator, by any robot, that this robot has and that no coordinator is known to have
     recorded."""
-    asked: Annotated[list[TaskAsked], Meta(max_length=ASKED_TOLD)] = msgspec.field(default_factory=list)
+    asked: Annotated[list[TaskAsked], Meta(max_length=ASKED_REPORTED)] = msgspec.field(default_factory=list)
     """Those among them that other robots may not have yet."""
 
     dropped: Annotated[list[TaskDropped], Meta(max_length=CANCELLED_MAX)] = msgspec.field(default_factory=list)
     """Tasks cancelled without a coordinator that none is known to have recorded, also those cancelled at other
     robots."""
-    ended: Annotated[list[Name], Meta(max_length=ENDED_TOLD)] = msgspec.field(default_factory=list)
+    ended: Annotated[list[Name], Meta(max_length=ENDED_REPORTED)] = msgspec.field(default_factory=list)
     """Tasks that others bid for, or do, although a coordinator has reported to this robot that they have ended."""
 
     wants: Name = ""
     """Id of the task that the robot begins once more than half of the team has received this; empty for none."""
-    receives: HeardOf = ()
+    receives: SeenBallots = ()
     """Of each robot that this one receives directly, the number of its last ballot."""
     absent: Annotated[list[TaskHeldBy], Meta(max_length=ABSENT_MAX)] = msgspec.field(default_factory=list)
     """Tasks that may be at robots that this one does not receive any more."""

@@ -8,7 +8,7 @@ from msgspec import Meta
 from robrain.protocol.messages.message import Message, Result
 from robrain.protocol.model.ranges import Count, Duration, Epoch, Length, Name, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import OfferRefusal, TaskReason, told
+from robrain.protocol.reasons import OfferRefusal, TaskReason, sentence_of
 
 Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 """Lease of a task, seconds."""
@@ -46,7 +46,7 @@ class TaskAnswer(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def refused(cls, reason: OfferRefusal, epoch: int | msgspec.UnsetType = msgspec.UNSET) -> "TaskAnswer":
         """The answer no."""
-        return cls(accepted=False, why=told(reason), reason=reason, epoch=epoch)
+        return cls(accepted=False, why=sentence_of(reason), reason=reason, epoch=epoch)
 
 
 class TaskEvent(Message, frozen=True, kw_only=True):

@@ -13,7 +13,7 @@ from robrain.protocol.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import RobotReason, TaskReason, told
+from robrain.protocol.reasons import RobotReason, TaskReason, sentence_of
 
 Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
 
@@ -179,7 +179,7 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
         time_s: float | None = None,
     ) -> "RobotVerdict":
         """A verdict whose text is that of its reason."""
-        refusal = told(reason)
+        refusal = sentence_of(reason)
         return cls(robot=robot, chosen=chosen, refusal=refusal, reason=reason,
                    distance_m=distance_m, energy_j=energy_j, time_s=time_s)  # fmt: skip
 

@@ -12,7 +12,7 @@ from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.rule_messages import Rules
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Quantity, Stamp, Text
-from robrain.protocol.reasons import IdleReason, MinorityHeard, TopicStale, Unavailable, told
+from robrain.protocol.reasons import IdleReason, MinorityHeard, TopicStale, Unavailable, sentence_of
 from robrain.protocol.refusals import Refused
 
 
@@ -82,7 +82,7 @@ class StandByStatus(msgspec.Struct, frozen=True, kw_only=True):
     def words(self) -> str:
         """In one line."""
         if self.held_back is not None:
-            return f"no task is offered: {told(self.held_back)} (robrain lead)"
+            return f"no task is offered: {sentence_of(self.held_back)} (robrain lead)"
         if self.in_step:
             return f"{self.process} stands by, in step"
         return f"{self.process} stands by, {self.behind} changes behind: {self.why or 'it is catching up'}"

@@ -10,7 +10,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskEvent
 from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
-from robrain.protocol.model.ballot import Ballot, Heard
+from robrain.protocol.model.ballot import Ballot, SeenBallot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
@@ -60,7 +60,7 @@ class OneRobot:
                 self._summaries.put(TeamState(robots=robots, last_change=self.last_change))
             for received in self._inbox.drain():
                 self._said.append(received.message)
-            echo = tuple(Heard(robot="r1", number=ballot.ballot.number) for ballot in self._said[-1:])
+            echo = tuple(SeenBallot(robot="r1", number=ballot.ballot.number) for ballot in self._said[-1:])
             for number, (name, words) in enumerate(self.says.items()):
                 said = Ballot(robot=name, number=self.clock.now_ns() // 1000 + number)
                 self._ballots[name].put(TeamBallot(robot=name, ballot=said, **{"receives": echo, **words}))

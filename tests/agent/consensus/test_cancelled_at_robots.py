@@ -3,7 +3,12 @@
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.tasks.consensus_messages import CANCELLED_MAX, CANCELLED_TEXT_MAX, DropTaken, TaskDropped
+from robrain.protocol.messages.tasks.consensus_messages import (
+    CANCELLED_MAX,
+    CANCELLED_TEXT_MAX,
+    CancelAcceptance,
+    TaskDropped,
+)
 from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.tasks.task import TaskState
 from tests.agent.consensus.test_submitted_to_robots import ALL, halt, kept, visit, why_refused
@@ -12,7 +17,7 @@ from tests.coordinator.team_robots import LostTeam, TeamRobot
 ASKED = TaskRequest(id="t1", by="ann", why="not needed")
 
 
-def cancel(robot: TeamRobot, asked: TaskRequest = ASKED) -> DropTaken:
+def cancel(robot: TeamRobot, asked: TaskRequest = ASKED) -> CancelAcceptance:
     return robot.consensus.cancel(asked, robot._now_ns)
 
 
@@ -23,7 +28,7 @@ def why_not(robot: TeamRobot, asked: TaskRequest = ASKED) -> str:
     return str(refused.value)
 
 
-def cancelled(lost: LostTeam, asked: TaskRequest = ASKED, robot: int = 0) -> DropTaken:
+def cancelled(lost: LostTeam, asked: TaskRequest = ASKED, robot: int = 0) -> CancelAcceptance:
     """Cancel until no group of robots begins the task."""
     for _ in range(20):
         taken = cancel(lost.robots[robot], asked)

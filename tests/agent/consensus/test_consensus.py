@@ -22,7 +22,7 @@ from robrain.protocol.messages.tasks.consensus_messages import (
 )
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.model.ballot import Ballot, Bid, Heard
+from robrain.protocol.model.ballot import Ballot, Bid, SeenBallot
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Occupied
 from robrain.protocol.table.topics import ROBOT_BALLOT
@@ -334,9 +334,9 @@ def test_an_echo_of_a_ballot_without_the_claim_does_not_count() -> None:
     assert claim.want("t1")
     claim.record_sent(7)
     for teammate, number in (("r2", 6), ("r3", 8)):
-        claim.record_echo(teammate, [Heard(robot="r1", number=number), Heard(robot="r9", number=7)])
+        claim.record_echo(teammate, [SeenBallot(robot="r1", number=number), SeenBallot(robot="r9", number=7)])
     assert not claim.is_confirmed({"r2", "r3"}, 3)
-    claim.record_echo("r2", [Heard(robot="r1", number=7)])
+    claim.record_echo("r2", [SeenBallot(robot="r1", number=7)])
     assert claim.is_confirmed({"r2", "r3"}, 3)
     assert not claim.is_confirmed({"r3"}, 3), "it is not heard any more"
     assert not claim.is_confirmed({"r2", "r3"}, 4)

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.tasks.consensus_messages import ASKED_MAX, ASKED_TOLD, TaskTaken
+from robrain.protocol.messages.tasks.consensus_messages import ASKED_MAX, ASKED_REPORTED, TaskAcceptance
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -18,11 +18,11 @@ def visit(name: str = "t1", **fields: object) -> TaskSubmission:
     return TaskSubmission(task=task, by="ann")
 
 
-def submit(robot: TeamRobot, asked: TaskSubmission) -> TaskTaken:
+def submit(robot: TeamRobot, asked: TaskSubmission) -> TaskAcceptance:
     return robot.consensus.submit(asked, robot._now_ns)
 
 
-def kept(lost: LostTeam, asked: TaskSubmission, robot: int = 0) -> TaskTaken:
+def kept(lost: LostTeam, asked: TaskSubmission, robot: int = 0) -> TaskAcceptance:
     """Submit until the task is safe."""
     for _ in range(20):
         taken = submit(lost.robots[robot], asked)
@@ -161,7 +161,7 @@ def test_robots_remember_so_many_and_no_more_and_all_of_them_come_to_all(lost: L
     for name in names:
         submit(lost.robots[0], visit(name))
     assert "no more tasks until a coordinator records them" in why_refused(lost.robots[0], visit("one-more"))
-    lost.run(0.2 * (ASKED_MAX / ASKED_TOLD + 2))
+    lost.run(0.2 * (ASKED_MAX / ASKED_REPORTED + 2))
     assert all(sorted(robot.consensus.known.asked) == sorted(names) for robot in lost.robots)
     lost.revive()
     lost.run(5.0)

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.can.bus_state import BusState, error_frame, state_in, state_of
-from robrain.protocol.can.payload import LONGEST_GAP, SequenceWatch
+from robrain.protocol.can.payload import LONGEST_GAP, SequenceCounter
 
 
 @pytest.mark.parametrize(
@@ -49,12 +49,12 @@ def test_error_frames_as_linux_sends_them_are_understood(identifier, data, state
 
 @given(st.integers(0, 255), st.lists(st.booleans(), min_size=1, max_size=500))
 def test_lost_frames_are_counted_by_the_gaps_they_leave(first, arrives):
-    watch, lost, since, told = SequenceWatch(), 0, 0, 0
-    watch.note(first)
+    watch, lost, since, told = SequenceCounter(), 0, 0, 0
+    watch.record(first)
     for number, has_arrived in enumerate(arrives, 1):
         since += 1
         if has_arrived or since > LONGEST_GAP - 1:
-            told += watch.note((first + number) % 256)
+            told += watch.record((first + number) % 256)
             lost += since - 1
             since = 0
     assert watch.lost == lost == told
@@ -62,6 +62,6 @@ def test_lost_frames_are_counted_by_the_gaps_they_leave(first, arrives):
 
 
 def test_the_same_counter_twice_is_a_repetition_and_a_step_back_a_new_start():
-    watch = SequenceWatch()
-    assert [watch.note(counter) for counter in (10, 10, 11, 5, 6)] == [0, 0, 0, 0, 0]
+    watch = SequenceCounter()
+    assert [watch.record(counter) for counter in (10, 10, 11, 5, 6)] == [0, 0, 0, 0, 0]
     assert (watch.lost, watch.repeated) == (0, 1)

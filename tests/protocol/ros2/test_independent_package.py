@@ -123,9 +123,9 @@ def test_it_hears_a_scan(both):
 
 def test_it_is_heard(both):
     heard = both.node.subscribe("/sdk/chatter", STRING)
-    messages = until(heard.take)
+    messages = until(heard.read)
     assert (messages[0].message.data, len(messages[0].gid), heard.refused) == ("hello", 16, 0)
-    numbers = [each.number for each in messages + until(heard.take)]
+    numbers = [each.number for each in messages + until(heard.read)]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     assert abs(messages[0].stamp_ns - time.time_ns()) < 600e9
 

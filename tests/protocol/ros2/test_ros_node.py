@@ -66,7 +66,7 @@ def two(sessions) -> Iterator[Two]:
 
 def taken(subscription) -> list:
     """What a subscription brings first."""
-    return until(subscription.take, "no message came")
+    return until(subscription.read, "no message came")
 
 
 def test_a_message_arrives_with_its_sender_number_and_time(two):
@@ -76,7 +76,7 @@ def test_a_message_arrives_with_its_sender_number_and_time(two):
     messages = []
     while not messages:  # the publisher's session learns of the subscription in its own time
         publisher.publish(LASER_SCAN.blank(ranges=np.arange(3, dtype=np.float32)))
-        messages = heard.take()
+        messages = heard.read()
     first = messages[0]
     assert first.message.ranges.tolist() == [0.0, 1.0, 2.0]
     assert (first.gid, first.number >= 1, first.stamp_ns >= 1_000) == (publisher.entity.gid, True, True)
@@ -95,7 +95,7 @@ def test_a_latched_message_is_not_brought_to_a_volatile_subscription(two):
     assert taken(two.other.subscribe("/map", OCCUPANCY_GRID, LATCHED))  # the put itself has arrived
     volatile = two.other.subscribe("/map", OCCUPANCY_GRID, RELIABLE)
     assert taken(two.other.subscribe("/map", OCCUPANCY_GRID, LATCHED))
-    assert volatile.take() == []
+    assert volatile.read() == []
 
 
 def test_a_subscription_holds_its_depth_and_counts_what_it_drops(two):
@@ -104,7 +104,7 @@ def test_a_subscription_holds_its_depth_and_counts_what_it_drops(two):
     for number in range(10):
         publisher.publish(String(str(number)))
     until(lambda: heard.dropped == 7)
-    assert [each.message.data for each in heard.take()] == ["7", "8", "9"]
+    assert [each.message.data for each in heard.read()] == ["7", "8", "9"]
 
 
 def test_a_subscription_holds_so_many_bytes_whatever_its_depth(two, monkeypatch):
@@ -114,7 +114,7 @@ def test_a_subscription_holds_so_many_bytes_whatever_its_depth(two, monkeypatch)
     for text in ("a" * 40, "b" * 40, "c" * 40):
         publisher.publish(String(text))
     until(lambda: heard.dropped == 1)
-    assert [each.message.data[0] for each in heard.take()] == ["b", "c"]
+    assert [each.message.data[0] for each in heard.read()] == ["b", "c"]
 
 
 def test_what_is_no_message_is_refused_and_counted(two):
@@ -128,7 +128,7 @@ def test_what_is_no_message_is_refused_and_counted(two):
     two.session.put(key, STRING.encode(String("x" * 64)), attachment=sender)
     two.session.put(key, good, attachment=sender)
     messages: list = []
-    until(lambda: messages.extend(heard.take()) or messages)
+    until(lambda: messages.extend(heard.read()) or messages)
     assert [each.message.data for each in messages] == ["on"]
     assert heard.reasons == {"no_sender": 2, "malformed": 2, "too_large": 1}
 

@@ -345,7 +345,7 @@ def test_a_handler_that_takes_longer_than_the_time_limit_is_waited_for_in_lockst
     wire.robot.answer(ROBOT_CALL, slow, robot="r1")
     wire.robot.answer(ROBOT_MAP_WHOLE, slow, robot="r1")
     assert b"true" in wire.other.ask(ROBOT_CALL, **FOO, timeout_s=SLOW_S / 10)
-    assert b"true" in wire.other.ask_later(ROBOT_CALL, **FOO, timeout_s=SLOW_S / 10).take()
+    assert b"true" in wire.other.ask_later(ROBOT_CALL, **FOO, timeout_s=SLOW_S / 10).poll()
     inbox = Inbox()
     wire.other.ask_into(inbox, ROBOT_MAP_WHOLE, ROBOT_MAP_WHOLE, robot="r1", timeout_s=SLOW_S / 10)
     assert len(inbox) == 1
@@ -368,7 +368,7 @@ def test_a_reply_is_from_outside_by_who_sent_it_and_not_by_the_thread_that_deliv
     for replier, is_outside in ((own, False), (other, True), (None, True)):
         sender = SimpleNamespace(zid=replier) if replier is not None else None
         replies = LockstepReplies(own)
-        replies._take(SimpleNamespace(replier_id=sender, ok=None))  # on the asker's thread
+        replies._handle(SimpleNamespace(replier_id=sender, ok=None))  # on the asker's thread
         assert replies.wait(0.0)
         assert replies.from_outside == is_outside
 

@@ -98,7 +98,7 @@ def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(
     assert all(isinstance(key, zenoh.KeyExpr) for key in session.keys)
     assert len({id(key) for key in session.keys}) == 1
     later = asker.ask_later(ROBOT_PLUGINS, robot="r2")
-    until(lambda: later.take() is not None)
+    until(lambda: later.poll() is not None)
     assert isinstance(session.keys[-1], zenoh.KeyExpr)
     assert str(session.keys[-1]).endswith("/r2/plugins")
 

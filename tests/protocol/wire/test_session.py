@@ -5,7 +5,7 @@ import socket
 import pytest
 import zenoh
 
-from robrain.protocol.errors import NobodyThere, PortTaken, RobrainError, WireError
+from robrain.protocol.errors import NobodyThere, PortInUse, RobrainError, WireError
 from robrain.protocol.wire.hub import nobody_answers
 from robrain.protocol.wire.session import check_endpoint, listening_at, open_lockstep_session, open_session
 from tests.own_hub import OwnHub
@@ -26,12 +26,12 @@ def free_port():
 
 
 def test_a_taken_port_is_said_in_a_sentence(taken_port):
-    with pytest.raises(PortTaken, match=rf"another process listens on tcp/127.0.0.1:{taken_port}; give another"):
+    with pytest.raises(PortInUse, match=rf"another process listens on tcp/127.0.0.1:{taken_port}; give another"):
         open_session(mode="router", listen=[f"tcp/127.0.0.1:{taken_port}"])
 
 
 def test_a_lockstep_run_says_as_well_that_its_port_is_taken(taken_port):
-    with pytest.raises(PortTaken, match="port 0 for a free one"):
+    with pytest.raises(PortInUse, match="port 0 for a free one"):
         open_lockstep_session(f"tcp/127.0.0.1:{taken_port}")
 
 
@@ -107,7 +107,7 @@ def test_where_nobody_can_listen_is_said_in_a_sentence(endpoint, why):
 
 def test_every_error_of_the_wire_is_one_of_ours():
     assert issubclass(NobodyThere, WireError)
-    assert issubclass(PortTaken, WireError)
+    assert issubclass(PortInUse, WireError)
     assert issubclass(WireError, RobrainError)
 
 

@@ -27,11 +27,11 @@ def test_every_process_knows_the_trace_of_a_task_that_nobody_gave_another():
 
 def test_given_trace_counts_and_the_oldest_are_forgotten():
     traces = Traces("t")
-    traces.note("a", GIVEN)
-    traces.note("a", "")
+    traces.record("a", GIVEN)
+    traces.record("a", "")
     assert traces.of("a") == GIVEN
     for number in range(KEPT):
-        traces.note(f"b{number}", GIVEN)
+        traces.record(f"b{number}", GIVEN)
     assert traces.of("a") == trace_of("t", "a")
     assert traces.of(f"b{KEPT - 1}") == GIVEN
 
@@ -75,7 +75,7 @@ def test_trace_travels_with_the_query_and_anything_else_does_not():
 
 def _answer(reply):
     try:
-        answer = reply.take()
+        answer = reply.poll()
     except (CallError, NobodyThere) as error:
         return str(error)
     return "accepted" if answer is not None and answer.accepted else ""

@@ -10,7 +10,7 @@ from robrain.protocol.answers.answering import WaitingQueries
 
 def all_of(queue):
     found = []
-    while (one := queue.take()) is not None:
+    while (one := queue.pop()) is not None:
         found.append(one)
     return found
 

@@ -12,7 +12,7 @@ import pytest
 
 from robrain import RunResult, Scenario
 from robrain.protocol.can.frames import codec
-from robrain.protocol.errors import PortTaken
+from robrain.protocol.errors import PortInUse
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.table.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
 from robrain.protocol.wire.session import open_session
@@ -220,7 +220,7 @@ def test_a_port_that_is_taken_is_said_before_anything_runs():
     run = LockstepRun(SMALL.world(), listen="tcp/127.0.0.1:0")
     try:
         (endpoint,) = run.listening_at
-        with pytest.raises(PortTaken, match="port taken"):
+        with pytest.raises(PortInUse, match="port taken"):
             SMALL.run(listen=endpoint)
     finally:
         run.close()

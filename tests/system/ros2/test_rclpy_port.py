@@ -33,7 +33,7 @@ def test_texts_pass_in_both_directions(port, listener):
     heard = []
     assert listener.spin(PATIENCE_S, asking.get_subscription_count)
     asking.publish(RosString(data="hé"))
-    until(lambda: heard.extend(reader.take()) or heard)
+    until(lambda: heard.extend(reader.read()) or heard)
     assert heard[0].message.data == "hé"
     assert listener.spin(PATIENCE_S, lambda: writer.publish(String("yes")) or answers)
     assert answers[0].data == "yes"
@@ -42,7 +42,7 @@ def test_texts_pass_in_both_directions(port, listener):
 def test_a_type_that_is_not_installed_is_left_out(port, monkeypatch):
     monkeypatch.setattr(rclpy_port, "_class_of", lambda name: None)
     port.advertise("text", ros.STRING).publish(String("lost"))
-    assert port.subscribe("text", ros.STRING).take() == []
+    assert port.subscribe("text", ros.STRING).read() == []
     assert port.serve("halt", ros.TRIGGER).requests() == []
 
 

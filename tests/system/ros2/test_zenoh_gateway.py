@@ -33,7 +33,7 @@ def session(commands) -> Iterator[zenoh.Session]:
 def heard(reader: Any, wanted: Any = lambda message: True) -> Any:
     """The first message that is as wanted."""
     found: list[Any] = []
-    until(lambda: found.extend(each.message for each in reader.take() if wanted(each.message)) or found)
+    until(lambda: found.extend(each.message for each in reader.read() if wanted(each.message)) or found)
     return found[0]
 
 
