@@ -47,7 +47,7 @@ def explanation_html(explanation: TaskWhy) -> str:
     return render("tasks", "explanation", why=explanation, first_ns=first_ns)
 
 
-class Foreseen(NamedTuple):
+class PlannedEntry(NamedTuple):
     """A planned task or charge of one robot; stamps of the run's clock."""
 
     start_ns: int
@@ -65,7 +65,7 @@ class Bar(NamedTuple):
     x: float
     width: float
     kind: str
-    """As of `Foreseen`; or `running`, `done` or `failed`, which is any other end."""
+    """As of `PlannedEntry`; or `running`, `done` or `failed`, which is any other end."""
     color: str
     title: str
     """From the wire: not escaped."""
@@ -77,7 +77,7 @@ def gantt_html(view: ShownTeam) -> str:
     if not robots or not view.board.spans:
         return placeholder("No robot has had a task yet.")
     now_ns = max([view.board.newest_ns, *(robot.state.stamp_ns for robot in robots if robot.state is not None)])
-    expected = {robot.name: foreseen(view, robot, now_ns) for robot in robots}
+    expected = {robot.name: planned_entries(view, robot, now_ns) for robot in robots}
     until_s = max([60.0, *((entry.end_ns - now_ns) / 1e9 for entries in expected.values() for entry in entries)])
     first_ns = min((spans[0].start_ns for spans in view.board.spans.values() if spans), default=now_ns)
     start_s, end_s = max(-GANTT_S, min(-SHORTEST_S, (first_ns - now_ns) / 1e9)), min(until_s, LONGEST_S)
@@ -118,9 +118,9 @@ def gantt_html(view: ShownTeam) -> str:
     )
 
 
-def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
+def planned_entries(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[PlannedEntry]:
     """The rest of a robot's current task, its next task, its planned tasks, and its charges."""
-    found: list[Foreseen] = []
+    found: list[PlannedEntry] = []
     state = robot.state
     free_ns = now_ns
     if (
@@ -130,7 +130,7 @@ def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
         and not state.task.state.ended
     ):
         free_ns = max(now_ns, state.stamp_ns + round(state.task.remaining_s * 1e9))
-        found.append(Foreseen(now_ns, free_ns, f"{state.task.id}: the rest of it", "held"))
+        found.append(PlannedEntry(now_ns, free_ns, f"{state.task.id}: the rest of it", "held"))
     planned = view.board.planned().get(robot.name, [])
     held = state.next_task.id if state is not None and state.next_task is not None else ""
     if held:
@@ -138,14 +138,14 @@ def foreseen(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Foreseen]:
         length_ns = round(PLANNED_S * 1e9) if known is None or known.end_ns is None else known.end_ns - known.start_ns
         event = view.tasks.get(held)
         kind = event.task.kind if event is not None else "task"
-        found.append(Foreseen(free_ns, free_ns + length_ns, f"{kind} {held}: held ready", "held"))
+        found.append(PlannedEntry(free_ns, free_ns + length_ns, f"{kind} {held}: held ready", "held"))
     found += [
-        Foreseen(span.start_ns, span.end_ns, f"{span.kind} {span.task}: planned", "planned")
+        PlannedEntry(span.start_ns, span.end_ns, f"{span.kind} {span.task}: planned", "planned")
         for span in planned
         if span.task != held and span.end_ns is not None and span.end_ns > now_ns
     ]
     found += [
-        Foreseen(max(charge.from_ns, now_ns), charge.until_ns, f"charging to {100 * charge.to_soc:.0f} %", "charge")
+        PlannedEntry(max(charge.from_ns, now_ns), charge.until_ns, f"charging to {100 * charge.to_soc:.0f} %", "charge")
         for charge in view.charges
         if charge.robot == robot.name and charge.until_ns > now_ns
     ]

@@ -188,7 +188,7 @@ def switches_of(client: viser.ClientHandle, layers: tuple[Layer, ...]) -> list[L
     return shared + [LayerSwitch(client, layer(client.scene)) for layer in parts_of(OwnLayer)]
 
 
-def troubles_of(switches: Iterable[LayerSwitch], now_s: float) -> list[Alert]:
+def layer_alerts(switches: Iterable[LayerSwitch], now_s: float) -> list[Alert]:
     """Alerts for the layers that one browser wants to show and that fail."""
     return [
         Alert(

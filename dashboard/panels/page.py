@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import viser
 
 from robrain.dashboard.html.team_html import strip_html
-from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, switches_of, troubles_of
+from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, layer_alerts, switches_of
 from robrain.dashboard.layers.robot_layers import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.panels.gui_values import set_html
@@ -45,7 +45,7 @@ PLANNING_S = 5.0
 
 
 @dataclass
-class PluginsOf:
+class RobotPlugins:
     """A robot's plugins as it last reported them."""
 
     plugins: list[PluginInfo] = field(default_factory=list)
@@ -65,7 +65,7 @@ class Inquiries:
     def __init__(self, view: ShownTeam, asker: Asker) -> None:
         self._view = view
         self._asker = asker
-        self._plugins: dict[str, PluginsOf] = {}
+        self._plugins: dict[str, RobotPlugins] = {}
         self.planning: PlanningStatus | None = None
         self.kinds: list[KnownKind] = stock_kinds()
         """Kinds of tasks that the coordinator last reported; robrain's own until then."""
@@ -74,7 +74,7 @@ class Inquiries:
     def step(self, selected: Collection[str], now_s: float) -> None:
         """Send due queries."""
         for robot in selected:
-            known = self._plugins.setdefault(robot, PluginsOf())
+            known = self._plugins.setdefault(robot, RobotPlugins())
             if not known.waiting and (known.asked_s is None or now_s - known.asked_s >= PLUGINS_S):
                 known.asked_s, known.waiting = now_s, True
                 then = partial(self._handle_plugins, robot)
@@ -86,9 +86,9 @@ class Inquiries:
             self._asker.ask(COORDINATOR_PLANNING, None, self._handle_planning)
             self._asker.ask(TASK_KINDS, None, self._handle_kinds)
 
-    def plugins_of(self, robot: str) -> PluginsOf:
+    def plugins_of(self, robot: str) -> RobotPlugins:
         """The known plugins of a robot."""
-        return self._plugins.get(robot, PluginsOf())
+        return self._plugins.get(robot, RobotPlugins())
 
     def ask_again(self, robot: str) -> None:
         """Ask a robot for its plugins at the next step, as they have changed."""
@@ -289,7 +289,7 @@ class Page:
         if self._drawn_s is not None and now_s - self._drawn_s < period_s:
             return
         self._drawn_s = now_s
-        set_html(self._strip, strip_html(view, now_s, troubles_of(self.switches, now_s)))
+        set_html(self._strip, strip_html(view, now_s, layer_alerts(self.switches, now_s)))
         for tab in self._tabs:
             tab.draw(now_s)
 

@@ -19,7 +19,7 @@ from robrain.dashboard.html.robot_html import (
 )
 from robrain.dashboard.panels.function_form import FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_options, set_value
-from robrain.dashboard.panels.page import Page, PluginsOf, RowActions, Tab
+from robrain.dashboard.panels.page import Page, RobotPlugins, RowActions, Tab
 from robrain.dashboard.server.hand_pilot import HandPilot
 from robrain.protocol.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
@@ -214,7 +214,7 @@ class RobotTab(Tab):
         set_options(self._functions, names, names[0])
         self._choose_function(names[0])
 
-    def _draw_plugins(self, known: PluginsOf) -> None:
+    def _draw_plugins(self, known: RobotPlugins) -> None:
         state = (known.plugins, self._plugin, known.problem)
         if state == self._drawn_plugins:
             return

@@ -78,7 +78,7 @@ class ReplayIndex:
 
     def apply_events(self, view: ShownTeam, time_s: float) -> None:
         """Apply to a new view all events up to a time."""
-        view.check_order = {name: robot.index for name, robot in self._all.robots.items()}
+        view.robot_numbers = {name: robot.index for name, robot in self._all.robots.items()}
         for known in self._summed[: bisect_right(self._times_s, time_s)]:
             view.apply(known, 0.0)
 

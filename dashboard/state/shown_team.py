@@ -84,7 +84,7 @@ class ShownTeam:
 
     def __init__(self) -> None:
         self.robots: dict[str, ShownRobot] = {}
-        self.check_order: dict[str, int] = {}
+        self.robot_numbers: dict[str, int] = {}
         """Numbers of the looks of robots from an earlier view; other robots are numbered as they appear."""
         self.motes: dict[str, ShownMote] = {}
         self.board = TaskBoard()
@@ -361,7 +361,7 @@ class ShownTeam:
     def _robot(self, name: str) -> ShownRobot:
         robot = self.robots.get(name)
         if robot is None:
-            robot = self.robots[name] = ShownRobot(name, self.check_order.get(name, len(self.robots)))
+            robot = self.robots[name] = ShownRobot(name, self.robot_numbers.get(name, len(self.robots)))
         return robot
 
     def _mote(self, name: str) -> ShownMote:

@@ -11,7 +11,7 @@ import numpy as np
 from robrain.protocol.extras import missing_package
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.errors import RecordingError
-from robrain.recording.invariants.invariant import NOWHERE, FloorCharger, MissingEvidence, Surroundings
+from robrain.recording.invariants.invariant import UNKNOWN_SURROUNDINGS, FloorCharger, MissingEvidence, Surroundings
 from robrain.recording.provenance import MAP_ATTACHMENT, MAP_YAML_ATTACHMENT, Provenance
 from robrain.recording.reader.reading import read_provenance
 
@@ -67,7 +67,7 @@ def surroundings_of_recording(path: Path) -> Surroundings:
     try:
         provenance = read_provenance(path)
     except RecordingError:  # it may be a recording of another system, and can be checked nevertheless
-        return NOWHERE
+        return UNKNOWN_SURROUNDINGS
     with tempfile.TemporaryDirectory(prefix="robrain-check-") as folder:
         try:
             return surroundings_of_provenance(provenance, Path(folder))
@@ -82,7 +82,7 @@ def surroundings_of_provenance(provenance: Provenance, folder: Path) -> Surround
     setup = provenance.setup
     toml = setup.toml if setup is not None else provenance.scenario_toml
     if not toml:
-        return NOWHERE
+        return UNKNOWN_SURROUNDINGS
     from robrain.sim.errors import ScenarioError
     from robrain.sim.scenarios.scenario import Scenario
 
@@ -92,7 +92,7 @@ def surroundings_of_provenance(provenance: Provenance, folder: Path) -> Surround
     try:
         scenario = Scenario.from_toml(toml, base=folder)
     except ScenarioError:
-        return NOWHERE
+        return UNKNOWN_SURROUNDINGS
     # A map file that is not in the recording may be another one by now, or another machine's.
     is_known = not isinstance(scenario.floor, Path) or scenario.floor == folder / MAP_YAML_ATTACHMENT
     with suppress(ScenarioError):

@@ -39,8 +39,8 @@ from robrain.protocol.ros2.ros_port import PendingRequest, RosPort, Writer
 from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
-from robrain.recording.drawing.map_at import KnownMap
 from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, style_of
+from robrain.recording.drawing.recorded_map import KnownMap
 
 M = TypeVar("M")
 

@@ -43,8 +43,8 @@ from robrain.protocol.table.topics import (
     TASK_EVENT,
 )
 from robrain.recording.drawing.drawn_map import DrawnFloor
-from robrain.recording.drawing.map_at import KnownMap
 from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, mote_color, style_of
+from robrain.recording.drawing.recorded_map import KnownMap
 from robrain.recording.foxglove import messages as make
 from robrain.recording.foxglove import visual_topics
 from robrain.recording.foxglove.messages import ARENA, color, point, pose, timestamp, wall_cubes

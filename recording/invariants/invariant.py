@@ -162,7 +162,7 @@ class Surroundings(NamedTuple):
         return any(place.distance_m(at) <= reach_m + slack_m for at, reach_m in self.chargers or ())
 
 
-NOWHERE = Surroundings()
+UNKNOWN_SURROUNDINGS = Surroundings()
 """The place is unknown."""
 
 

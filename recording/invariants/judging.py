@@ -17,7 +17,13 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.table.topic import Topic
-from robrain.recording.invariants.invariant import NOWHERE, InvariantJudge, InvariantState, Ruling, Surroundings
+from robrain.recording.invariants.invariant import (
+    UNKNOWN_SURROUNDINGS,
+    InvariantJudge,
+    InvariantState,
+    Ruling,
+    Surroundings,
+)
 from robrain.recording.invariants.robot_invariants import EnergyBalance, Halts, NotStranded, Walls
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskKept, TaskOnce
 
@@ -37,7 +43,7 @@ class Judging:
 
     def __init__(
         self,
-        surroundings: Surroundings = NOWHERE,
+        surroundings: Surroundings = UNKNOWN_SURROUNDINGS,
         start_ns: int = 0,
         judges: Sequence[type[InvariantJudge]] = JUDGES,
     ) -> None:

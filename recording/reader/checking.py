@@ -16,10 +16,10 @@ from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.table.topic import JSON, Topic
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.invariants.invariant import NOWHERE, Ruling, Surroundings
+from robrain.recording.invariants.invariant import UNKNOWN_SURROUNDINGS, Ruling, Surroundings
 from robrain.recording.invariants.judging import Judging, broken
 from robrain.recording.provenance import SUMMARY_METADATA
-from robrain.recording.reader.contents import has_numbers, several_senders
+from robrain.recording.reader.contents import has_numbers, has_several_senders
 from robrain.recording.reader.reading import read_messages, recording_info
 from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by
 
@@ -100,7 +100,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True, rename={"remarks": "not
 def check_recording(
     path: Path,
     on_progress: Callable[[float], None] | None = None,
-    surroundings: Surroundings = NOWHERE,
+    surroundings: Surroundings = UNKNOWN_SURROUNDINGS,
 ) -> Verdict:
     """Check a recording from its first message to its last, and judge the invariants of its run.
 
@@ -177,7 +177,7 @@ class _Check:
         self.judging.handle(decoded, now_ns)
         if isinstance(decoded, MapPatch) and decoded.parts and not message.sequence:
             return  # the answer to a query for a whole map: it is recorded in between, without a number
-        sender = f"{key} {_sender_of(decoded)}" if several_senders(topic) else key
+        sender = f"{key} {_sender_of(decoded)}" if has_several_senders(topic) else key
         before = self._last.get(sender)
         self._last[sender] = message
         # Bytes of others carry no stamps and numbers of ours.

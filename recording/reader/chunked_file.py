@@ -19,7 +19,7 @@ from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import check_readable, describing_damage, is_truncated, recorded_message
 from robrain.recording.reader.recorded_message import RecordedMessage
 
-CHUNKS_AT_HAND = 32
+CACHED_CHUNKS = 32
 """Chunks kept in memory after they were read: those around the current place."""
 RECORD_HEADER = struct.Struct("<BQ")
 
@@ -54,7 +54,7 @@ class ChunkedFile:
         self.chunks: list[ChunkPlace] = []
         """In the order of the file, without chunks that hold no message."""
         self.truncated = is_truncated(path)
-        self._at_hand: OrderedDict[int, list[RecordedMessage]] = OrderedDict()
+        self._cached: OrderedDict[int, list[RecordedMessage]] = OrderedDict()
         with describing_damage(path), path.open("rb") as stream:
             summary = None if self.truncated else make_reader(stream).get_summary()
             if summary is not None:
@@ -72,13 +72,13 @@ class ChunkedFile:
         Raises:
             RecordingError: the chunk is damaged.
         """
-        messages = self._at_hand.get(number)
+        messages = self._cached.get(number)
         if messages is None:
-            messages = self._at_hand[number] = self._read(number)
-            if len(self._at_hand) > CHUNKS_AT_HAND:
-                self._at_hand.popitem(last=False)
+            messages = self._cached[number] = self._read(number)
+            if len(self._cached) > CACHED_CHUNKS:
+                self._cached.popitem(last=False)
         else:
-            self._at_hand.move_to_end(number)
+            self._cached.move_to_end(number)
         return messages
 
     def _handle_summary(self, summary: Summary) -> None:

@@ -88,7 +88,7 @@ def read_contents(path: Path, on_progress: OnProgress | None = None) -> Recordin
     )
 
 
-def several_senders(topic: Topic[Any]) -> bool:
+def has_several_senders(topic: Topic[Any]) -> bool:
     """Whether a key may have several senders, each with its own numbers: robots of a mote, operators of a halt."""
     return topic.by is Role.OPERATOR or (topic.by is Role.ROBOT and "robot" not in topic.fields)
 
@@ -134,6 +134,6 @@ class _Tally:
             longest_gap_at_s=float(times_s[longest]),
             gaps=int((silences_s > max(SILENT_S, SILENT_PERIODS * period_s)).sum()),
             missing=0
-            if topic is None or several_senders(topic) or not has_numbers(topic)
+            if topic is None or has_several_senders(topic) or not has_numbers(topic)
             else int(missing.clip(min=0).sum()),
         )

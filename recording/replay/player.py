@@ -26,7 +26,7 @@ import msgspec
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.table.topics import ROBOT_MAP, topic_of
-from robrain.recording.drawing.map_at import MapAt, Place, patches_of
+from robrain.recording.drawing.recorded_map import Place, RecordedMap, patches_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.chunked_file import ChunkedFile
 from robrain.recording.reader.recorded_message import RecordedMessage
@@ -305,8 +305,8 @@ class Player:
         patches = patches_of(robot, atlas, at_ns)
         return [RecordedMessage(key, at_ns, msgspec.json.encode(patch), "json", at_ns) for patch in patches]
 
-    def _new_maps(self) -> MapAt:
-        return MapAt(self._read_patches, sum(self._counts[key] for key in self._map_keys))
+    def _new_maps(self) -> RecordedMap:
+        return RecordedMap(self._read_patches, sum(self._counts[key] for key in self._map_keys))
 
     def _read_patches(self, start: Place, end: Place) -> Iterator[bytes]:
         for number in self._map_chunks[bisect_left(self._map_chunks, start[0]) :]:

@@ -22,7 +22,7 @@ from robrain.protocol.messages.team.recorder_messages import LostMessages, Recor
 from robrain.protocol.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.table.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.recording.drawing.map_at import KnownMap
+from robrain.recording.drawing.recorded_map import KnownMap
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recording_files import RecordingFiles, SplitAt

@@ -1,6 +1,6 @@
-"""What is foreseen for a robot, as the plan's picture has it."""
+"""What is planned_entries for a robot, as the plan's picture has it."""
 
-from robrain.dashboard.html.task_html import foreseen, gantt_html
+from robrain.dashboard.html.task_html import gantt_html, planned_entries
 from robrain.dashboard.state.shown_robot import ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
@@ -42,7 +42,7 @@ def charge(robot: str, from_s: int, until_s: int) -> PlannedCharge:
 
 def test_planned_tasks_stand_where_the_plan_has_them() -> None:
     view, robot = view_of()
-    assert [(one.start_ns // S, one.end_ns // S, one.kind) for one in foreseen(view, robot, NOW_NS)] == [
+    assert [(one.start_ns // S, one.end_ns // S, one.kind) for one in planned_entries(view, robot, NOW_NS)] == [
         (120, 145, "planned"),
         (150, 175, "planned"),
     ]
@@ -51,7 +51,7 @@ def test_planned_tasks_stand_where_the_plan_has_them() -> None:
 def test_task_that_is_held_ready_follows_the_one_that_the_robot_is_at() -> None:
     task = TaskStatus(id="a", epoch=1, state=TaskState.RUNNING, remaining_s=12.0)
     view, robot = view_of(task=task, next_task=TaskStatus(id="b", epoch=2, state=TaskState.OFFERED))
-    found = foreseen(view, robot, NOW_NS)
+    found = planned_entries(view, robot, NOW_NS)
     assert [(one.start_ns // S, one.end_ns // S, one.kind) for one in found] == [
         (100, 112, "held"),
         (112, 137, "held"),
@@ -65,7 +65,7 @@ def test_charging_is_drawn_from_when_to_when_and_forgotten_once_it_is_past() -> 
     schedule = ChargeSchedule(charges=(charge("r1", 90, 300), charge("r2", 90, 300), charge("r1", 10, 20)))
     key = COORDINATOR_CHARGES.key("default")
     view.apply(Received(COORDINATOR_CHARGES, key, {}, schedule), 0.0)
-    (charging,) = [one for one in foreseen(view, robot, NOW_NS) if one.kind == "charge"]
+    (charging,) = [one for one in planned_entries(view, robot, NOW_NS) if one.kind == "charge"]
     assert (charging.start_ns, charging.end_ns) == (NOW_NS, 300 * S)
     html = gantt_html(view)
     assert "charging to 90 %" in html

@@ -6,7 +6,7 @@ from unittest.mock import MagicMock
 import pytest
 import viser
 
-from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, Layer, LayerSwitch, troubles_of
+from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, Layer, LayerSwitch, layer_alerts
 from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.shown_team import ShownTeam
@@ -64,7 +64,7 @@ def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_ag
     draw(1.0)
     assert visible() == (False, False)
     assert switch.shown  # the box stays ticked, as the person wants it
-    assert troubles_of([switch], 1.0) == [Alert(AlertLevel.WARN, "Picture", "Fickle cannot be drawn; next try in 5 s")]
+    assert layer_alerts([switch], 1.0) == [Alert(AlertLevel.WARN, "Picture", "Fickle cannot be drawn; next try in 5 s")]
     layer.fails = False
     draw(1.0 + FIRST_RETRY_S - 0.1)
     assert layer.tries == 2
@@ -72,7 +72,7 @@ def test_layer_that_failed_once_is_hidden_tried_again_after_a_while_and_shown_ag
     draw(1.0 + FIRST_RETRY_S)
     assert layer.tries == 3
     assert visible() == (True, True)
-    assert troubles_of([switch], 10.0) == []
+    assert layer_alerts([switch], 10.0) == []
     assert [record.getMessage() for record in caplog.records] == [
         "the layer Fickle cannot be drawn; it is hidden, next try in 5 s",
         "the layer Fickle is drawn again after 1 failures",

@@ -144,7 +144,7 @@ def test_a_file_without_messages_begins_and_ends_at_zero(path: Path) -> None:
 
 
 def test_the_chunks_read_last_are_kept(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chunked_file, "CHUNKS_AT_HAND", 2)
+    monkeypatch.setattr(chunked_file, "CACHED_CHUNKS", 2)
     found = without_end(path, CHANNEL, *(chunk(message(k)) for k in range(3)))
     first, second = found.read(0), found.read(1)
     assert found.read(0) is first  # and is now the one read last

@@ -11,7 +11,7 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.recording.invariants.invariant import NOWHERE, Invariant, Ruling, Surroundings
+from robrain.recording.invariants.invariant import UNKNOWN_SURROUNDINGS, Invariant, Ruling, Surroundings
 from robrain.recording.invariants.judging import Judging
 
 RADIUS_M = 0.2
@@ -75,18 +75,18 @@ class TeamScript:
         self.send(Halt(halted=False, by=by, stamp_ns=to_ns(self.now_s)))
         self.halt = HaltStatus(halted=False, by=[by])
 
-    def ruling(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> Ruling:
+    def ruling(self, invariant: Invariant, surroundings: Surroundings = UNKNOWN_SURROUNDINGS) -> Ruling:
         """The verdict on an invariant after all messages."""
         judging = Judging(surroundings)
         for message, time_ns in self.messages:
             judging.handle(message, time_ns)
         return next(ruling for ruling in judging.finish() if ruling.invariant is invariant)
 
-    def found(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> list[dict[str, Any]]:
+    def found(self, invariant: Invariant, surroundings: Surroundings = UNKNOWN_SURROUNDINGS) -> list[dict[str, Any]]:
         """The findings that break an invariant."""
         return [breach.finding for breach in self.ruling(invariant, surroundings).breaches]
 
-    def codes(self, invariant: Invariant, surroundings: Surroundings = NOWHERE) -> list[str]:
+    def codes(self, invariant: Invariant, surroundings: Surroundings = UNKNOWN_SURROUNDINGS) -> list[str]:
         """The codes of these findings."""
         return [finding["code"] for finding in self.found(invariant, surroundings)]
 

@@ -15,7 +15,7 @@ from robrain.protocol.messages.maps.patch_cells import MAX_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.recording.drawing.drawn_map import ComposedMap
-from robrain.recording.drawing.map_at import MapAt, Place
+from robrain.recording.drawing.recorded_map import Place, RecordedMap
 from robrain.recording.reader.chunked_file import ChunkedFile
 from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.replay.player import Player
@@ -79,14 +79,14 @@ def test_a_patch_that_does_not_decode_begins_no_map() -> None:
 
 
 def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robrain.recording.drawing.map_at.PATCHES_BETWEEN", 10)
+    monkeypatch.setattr("robrain.recording.drawing.recorded_map.PATCHES_PER_COPY", 10)
     asked: list[tuple[Place, Place]] = []
 
     def patches(start: Place, end: Place) -> Iterator[bytes]:
         asked.append((start, end))
         yield from (payload(column) for column in range(start[1], end[1]))
 
-    maps = MapAt(patches, PATCHES)
+    maps = RecordedMap(patches, PATCHES)
     for column in range(PATCHES):
         maps.handle(payload(column), (0, column))
     for end in (0, 1, 9, 10, 11, 19, 20, 25, PATCHES):
@@ -97,7 +97,7 @@ def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest
 
 
 def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robrain.recording.drawing.map_at.PATCHES_BETWEEN", 1)
+    monkeypatch.setattr("robrain.recording.drawing.recorded_map.PATCHES_PER_COPY", 1)
     said = [
         payload(3),
         msgspec.json.encode(pose_message("r1", GEOMETRY, 0, Pose2D(0.5, 0.0, 0.0))),
@@ -105,7 +105,7 @@ def test_copies_tell_where_submaps_lie_and_which_were_withdrawn(monkeypatch: pyt
         msgspec.json.encode(pose_message("r1", GEOMETRY, 0, Pose2D(0.0, 0.0, 0.0), withdrawn=True)),
         payload(7),
     ]
-    maps = MapAt(lambda start, end: iter(said[start[1] : end[1]]), len(said))
+    maps = RecordedMap(lambda start, end: iter(said[start[1] : end[1]]), len(said))
     for number, each in enumerate(said):
         maps.handle(each, (0, number))
     expected = [[], [3], [8], [3, 4], [], [7]]
@@ -129,7 +129,7 @@ def recording(tmp_path: Path) -> Path:
 def test_a_player_that_was_prepared_need_not_read_the_file_from_its_beginning(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("robrain.recording.drawing.map_at.PATCHES_BETWEEN", 3)
+    monkeypatch.setattr("robrain.recording.drawing.recorded_map.PATCHES_PER_COPY", 3)
     player = Player(recording)
     player.prepare()
     chunks_read: list[int] = []

@@ -15,7 +15,7 @@ from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.recording.drawing.drawn_map import ComposedMap
 
-PATCHES_BETWEEN = 250
+PATCHES_PER_COPY = 250
 KEPT_MAX = 400
 """Copies that are kept; with more patches they stand farther apart."""
 
@@ -34,7 +34,7 @@ class _Kept(NamedTuple):
     submaps: list[MapPatch]
 
 
-class MapAt:
+class RecordedMap:
     """Returns the composed map at any place of a recording.
 
     Args:
@@ -44,7 +44,7 @@ class MapAt:
 
     def __init__(self, patches: PatchSource, total: int) -> None:
         self._patches = patches
-        self._between = max(PATCHES_BETWEEN, total // KEPT_MAX)
+        self._between = max(PATCHES_PER_COPY, total // KEPT_MAX)
         self._kept: list[_Kept] = []
         self._packed: dict[SubmapKey, tuple[int, MapPatch]] = {}
         """The last copy of each submap, and the version it is of: most submaps do not change from copy to copy."""
