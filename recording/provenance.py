@@ -71,31 +71,48 @@ class Provenance(msgspec.Struct, frozen=True):
     setup: RunSetup | None = None
     """The inputs by which the run can be repeated; None for a live one."""
 
-    def run_metadata(self) -> dict[str, str]:
-        """The fields that are short enough for a metadata record."""
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records of a recording, by name."""
         run = {"scenario": self.scenario, "seed": str(self.seed), "drive": self.drive, "team": self.team}
-        return run | ({"run_by": SCRIPT} if self.setup is not None and self.setup.is_script else {})
+        if self.setup is not None and self.setup.is_script:
+            run["run_by"] = SCRIPT
+        records = {RUN_METADATA: run}
+        if self.manifests:
+            packed = base64.b64encode(zlib.compress(msgspec.json.encode(self.manifests), 9)).decode()
+            names = ", ".join(sorted(self.manifests))
+            records[MANIFESTS_METADATA] = {"names": names, "packed": packed, "packing": PACKING}
+        if self.setup is not None and self.setup.fork:
+            records[FORK_METADATA] = self.setup.fork
+        return records
 
-    def manifest_metadata(self) -> dict[str, str]:
-        """The manifests as a metadata record: how they are packed, and the pack."""
-        packed = zlib.compress(msgspec.json.encode(self.manifests), 9)
-        names = ", ".join(sorted(self.manifests))
-        return {"names": names, "packed": base64.b64encode(packed).decode(), "packing": PACKING}
+    def attachments(self) -> list[tuple[str, str, bytes]]:
+        """The attachments of a recording: name, media type and content."""
+        found = [(SCENARIO_ATTACHMENT, "application/toml", self.scenario_toml.encode())]
+        if self.map_png is not None:
+            found.append((MAP_ATTACHMENT, "image/png", self.map_png))
+        if self.setup is not None:
+            found.append((SETUP_ATTACHMENT, "application/toml", self.setup.toml.encode()))
+            if self.setup.map_yaml:
+                found.append((MAP_YAML_ATTACHMENT, "application/yaml", self.setup.map_yaml.encode()))
+        return found
 
     @classmethod
-    def from_parts(
-        cls,
-        run: Mapping[str, str],
-        attachments: Mapping[str, bytes],
-        manifests: Mapping[str, str] | None = None,
-        fork: Mapping[str, str] | None = None,
-    ) -> "Provenance":
-        """Restore the content of a file from its parts.
+    def from_records(cls, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> "Provenance":
+        """Restore the provenance from the metadata records and attachments of a recording.
 
         Raises:
             KeyError: a part is missing.
             ValueError: a part was not written by robrain.
         """
+        run, manifests = metadata[RUN_METADATA], metadata.get(MANIFESTS_METADATA)
+        setup = None
+        if SETUP_ATTACHMENT in attachments:
+            setup = RunSetup(
+                toml=attachments[SETUP_ATTACHMENT].decode(),
+                map_yaml=attachments.get(MAP_YAML_ATTACHMENT, b"").decode(),
+                is_script=run.get("run_by") == SCRIPT,
+                fork=dict(metadata.get(FORK_METADATA, {})),
+            )
         return cls(
             scenario=run["scenario"],
             scenario_toml=attachments[SCENARIO_ATTACHMENT].decode(),
@@ -104,19 +121,8 @@ class Provenance(msgspec.Struct, frozen=True):
             drive=run["drive"],
             team=run["team"],
             manifests=unpacked(manifests) if manifests else {},
-            setup=_setup_from(run, attachments, fork or {}),
+            setup=setup,
         )
-
-
-def _setup_from(run: Mapping[str, str], attachments: Mapping[str, bytes], fork: Mapping[str, str]) -> RunSetup | None:
-    if SETUP_ATTACHMENT not in attachments:
-        return None
-    return RunSetup(
-        toml=attachments[SETUP_ATTACHMENT].decode(),
-        map_yaml=attachments.get(MAP_YAML_ATTACHMENT, b"").decode(),
-        is_script=run.get("run_by") == SCRIPT,
-        fork=dict(fork),
-    )
 
 
 def unpacked(manifests: Mapping[str, str]) -> dict[str, str]:

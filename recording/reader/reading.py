@@ -21,14 +21,7 @@ from robrain.protocol.clock import to_seconds
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.provenance import (
-    FORK_METADATA,
-    MANIFESTS_METADATA,
-    RUN_METADATA,
-    SUMMARY_METADATA,
-    VERSIONS_METADATA,
-    Provenance,
-)
+from robrain.recording.provenance import SUMMARY_METADATA, VERSIONS_METADATA, Provenance
 from robrain.recording.reader.recorded_message import RecordedMessage
 
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError)
@@ -93,8 +86,7 @@ def read_provenance(path: Path) -> Provenance:
     """
     metadata, attachments = read_front(path)
     try:
-        run, manifests = metadata[RUN_METADATA], metadata.get(MANIFESTS_METADATA)
-        return Provenance.from_parts(run, attachments, manifests, metadata.get(FORK_METADATA))
+        return Provenance.from_records(metadata, attachments)
     except (KeyError, ValueError) as error:
         raise RecordingError(
             path, f"{path} has no information about its run: give a recording made by `robrain`"

@@ -23,19 +23,11 @@ from robrain.protocol.table.topic import JSON, Topic
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.plain_schema import plain_schema
 from robrain.recording.provenance import (
-    FORK_METADATA,
     HOST_METADATA,
-    MANIFESTS_METADATA,
-    MAP_ATTACHMENT,
-    MAP_YAML_ATTACHMENT,
     PART_METADATA,
-    RUN_METADATA,
-    SCENARIO_ATTACHMENT,
-    SETUP_ATTACHMENT,
     SUMMARY_METADATA,
     VERSIONS_METADATA,
     Provenance,
-    RunSetup,
     host_description,
     software_versions,
 )
@@ -202,25 +194,13 @@ class RecordingFile:
     def _write_front(self, provenance: Provenance, part: Mapping[str, str] | None) -> None:
         writer = self._writer
         writer.start("robrain", LIBRARY_IDENTIFIER)
-        writer.add_metadata(RUN_METADATA, provenance.run_metadata())
-        writer.add_metadata(VERSIONS_METADATA, software_versions())
-        writer.add_metadata(HOST_METADATA, host_description())
+        records = {**provenance.metadata(), VERSIONS_METADATA: software_versions(), HOST_METADATA: host_description()}
         if part is not None:
-            writer.add_metadata(PART_METADATA, dict(part))
-        writer.add_attachment(0, 0, SCENARIO_ATTACHMENT, "application/toml", provenance.scenario_toml.encode())
-        if provenance.map_png is not None:
-            writer.add_attachment(0, 0, MAP_ATTACHMENT, "image/png", provenance.map_png)
-        if provenance.setup is not None:
-            self._write_setup(provenance.setup)
-        if provenance.manifests:
-            writer.add_metadata(MANIFESTS_METADATA, provenance.manifest_metadata())
-
-    def _write_setup(self, setup: RunSetup) -> None:
-        self._writer.add_attachment(0, 0, SETUP_ATTACHMENT, "application/toml", setup.toml.encode())
-        if setup.map_yaml:
-            self._writer.add_attachment(0, 0, MAP_YAML_ATTACHMENT, "application/yaml", setup.map_yaml.encode())
-        if setup.fork:
-            self._writer.add_metadata(FORK_METADATA, setup.fork)
+            records[PART_METADATA] = dict(part)
+        for name, values in records.items():
+            writer.add_metadata(name, values)
+        for name, media_type, content in provenance.attachments():
+            writer.add_attachment(0, 0, name, media_type, content)
 
     def _add_topic(self, topic: Topic[Any], key: str) -> int:
         encoding = "json" if topic.encoding == JSON else topic.encoding
