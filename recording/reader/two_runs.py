@@ -21,7 +21,7 @@ SHARES = (0.25, 0.5, 0.75, 0.9, 0.95)
 """Explored shares whose times are compared."""
 
 
-class ComparedTask(msgspec.Struct, frozen=True, kw_only=True, rename={"reason": "why"}):
+class ComparedTask(msgspec.Struct, frozen=True, kw_only=True):
     """One task of a run."""
 
     task: str
@@ -32,7 +32,7 @@ class ComparedTask(msgspec.Struct, frozen=True, kw_only=True, rename={"reason": 
     """The robot that did it, or worked on it last; empty if none did."""
     started_s: float | None
     ended_s: float | None
-    reason: str = ""
+    why: str = ""
 
 
 class RobotOutcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -221,7 +221,7 @@ def _task(task: TaskRun) -> ComparedTask:
         robot=task.robot,
         started_s=task.started_s,
         ended_s=task.ended_s,
-        reason=task.reason,
+        why=task.reason,
     )
 
 
