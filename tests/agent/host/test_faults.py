@@ -2,7 +2,9 @@
 
 import pytest
 
+from robrain.agent.host.plugin_manager import FLOOD_DROPS_A_SECOND, STEADY_S
 from robrain.agent.plugin import PluginState
+from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_STATE
@@ -166,15 +168,117 @@ def test_a_user_that_has_faulted_by_itself_is_not_started_again_with_what_it_req
     assert states(bench) == {"boiler": "active", "radiator": "faulted", "comfort": "inactive", "clock": "active"}
 
 
-def test_a_plugin_that_floods_its_observers_is_faulted(house):
+# -- users, restarts and floods, to the nanosecond --------------------------------------------------------------
+
+
+def fault(bench, now_ns):
+    bench.manager.get("boiler").fault(RuntimeError("leak"))
+    bench.manager.settle(now_ns)
+
+
+def runs(bench, now_ns):
+    bench.manager.settle(now_ns)
+    return bench.manager.get("boiler").state is PluginState.ACTIVE
+
+
+def restarted_after_s(bench, now_ns):
+    """Let the boiler fault; its pause before the restart, None if it is not restarted within a minute."""
+    fault(bench, now_ns)
+    for wait_s in (0.5, 1.0, 2.0, 4.0, 20.0, 25.0, 30.0, 60.0):
+        assert not runs(bench, now_ns + to_ns(wait_s) - 1)
+        if runs(bench, now_ns + to_ns(wait_s)):
+            return wait_s
+    return None
+
+
+@pytest.mark.parametrize(
+    ("policy", "pauses_s"),
+    [
+        ({"restart_limit": 3}, [0.5, 1.0, 2.0, None]),  # they double, and end with the limit
+        ({"backoff_s": 20.0}, [20.0, 30.0, 30.0]),  # at most half a minute,
+        ({"backoff_s": 20.0, "backoff_max_s": 25.0}, [20.0, 25.0, 25.0]),  # or the manifest's limit
+        ({"restart": "no"}, [None]),
+    ],
+)
+def test_pauses_before_restarts_are_those_of_the_manifest(house, policy, pauses_s):
+    bench = house(**{"restart": "on-failure", "backoff_s": 0.5, **policy})
+    assert [restarted_after_s(bench, to_ns(5.0 * number)) for number in range(1, 1 + len(pauses_s))] == pauses_s
+    assert bench.manager.get("boiler").restarts == len(pauses_s) - pauses_s.count(None)
+
+
+@pytest.mark.parametrize(("late_ns", "pause_s"), [(0, 1.0), (1, 0.5)])
+def test_restarts_are_forgiven_after_a_minute_of_steady_running(house, late_ns, pause_s):
+    bench = house(restart="on-failure", backoff_s=0.5)
+    fault(bench, 0)
+    steady_ns = to_ns(0.5) + to_ns(STEADY_S)
+    assert runs(bench, to_ns(0.5))
+    assert runs(bench, steady_ns + late_ns)
+    assert restarted_after_s(bench, steady_ns + 2) == pause_s
+
+
+def test_restart_waits_for_the_end_of_a_halt(house):
+    bench = house(restart="on-failure", backoff_s=0.5)
+    fault(bench, 0)
+    bench.manager.halt()
+    assert not runs(bench, to_ns(10.0))
+    bench.manager.resume()
+    assert runs(bench, to_ns(10.0) + 1)
+
+
+def test_plugin_that_is_loaded_by_hand_starts_its_count_again_and_one_that_is_unloaded_stays_away(house):
+    bench = house(restart="on-failure", backoff_s=0.5)
+    assert restarted_after_s(bench, 0) == 0.5
+    fault(bench, to_ns(5.0))
+    old = bench.manager.get("boiler")
+    bench.manager.load("boiler")
+    bench.manager.faults.record(old, to_ns(5.0))  # the fault of the replaced plugin is ignored
+    assert states(bench) == ALL_ACTIVE
+    assert restarted_after_s(bench, to_ns(10.0)) == 0.5
+    fault(bench, to_ns(20.0))
+    bench.manager.unload("boiler", cascade=True)
+    bench.manager.settle(to_ns(30.0))
+    assert "boiler" not in bench.manager.plugins
+
+
+def test_restart_that_fails_is_a_fault_again_and_its_users_stay_aside(house):
+    bench = house(restart="on-failure", backoff_s=0.5)
+    bench.broken.append("activate")
+    fault(bench, 0)
+    assert not runs(bench, to_ns(0.5))  # it is started,
+    assert not runs(bench, to_ns(0.5))  # and its new fault is handled
+    assert bench.infos()["boiler"].restarts == 1
+    assert states(bench)["radiator"] == "inactive"
+    bench.broken.clear()
+    assert runs(bench, to_ns(0.5 + 1.0))
+    assert states(bench) == ALL_ACTIVE
+
+
+def test_user_that_is_halted_is_put_aside_and_one_whose_clean_up_fails_holds_up_no_other(house):
     bench = house()
-    bench.tick(60)
-    bench.broken.append("flood")
-    bench.tick(60)
-    info = bench.infos()["boiler"]
-    assert info.state == "faulted"
-    assert info.why.startswith("PluginError: boiler floods: ")
-    assert states(bench)["clock"] == "active"
+
+    def fail():
+        raise RuntimeError("it used the boiler to stop")
+
+    bench.plugin("radiator").deactivate = fail
+    bench.manager.halt()
+    fault(bench, 0)
+    assert states(bench) == {"boiler": "faulted", "radiator": "inactive", "comfort": "inactive", "clock": "halted"}
+    assert bench.manager.get("boiler").instance is None
+
+
+@pytest.mark.parametrize(
+    ("dropped", "floods"), [(2 * FLOOD_DROPS_A_SECOND, False), (2 * FLOOD_DROPS_A_SECOND + 1, True)]
+)
+def test_plugin_that_loses_too_many_notifications_a_second_floods(house, dropped, floods):
+    bench = house()
+    heated = bench.plugin("boiler").heated
+    heated.dropped = 500
+    assert runs(bench, to_ns(1.0))
+    heated.dropped += dropped
+    assert runs(bench, to_ns(2.0) - 1)
+    assert runs(bench, to_ns(3.0)) is not floods
+    if floods:
+        assert bench.infos()["boiler"].why == f"PluginError: boiler floods: {dropped} notifications were lost"
 
 
 # -- faults and halts while plugins start -----------------------------------------------------------------------
