@@ -116,16 +116,9 @@ class LockstepSchedule:
         while index >= 0:
             wanted[index] = 0
             plugin = self._plugins[index]
+            run = plugin.run_in_turn if self._has_one_thread else plugin.run
             if plugin.holdings.mailbox.waiting:
-                if self._has_one_thread:
-                    turn = plugin.turn
-                    turn.depth += 1
-                    try:
-                        plugin.run_in_turn(steps=False)
-                    finally:
-                        turn.depth -= 1
-                else:
-                    plugin.run(steps=False)
+                run(steps=False)
             mailbox = plugin.holdings.mailbox  # another one if the plugin has faulted
             if mailbox.is_hurried:
                 mailbox.is_hurried = False
@@ -135,15 +128,7 @@ class LockstepSchedule:
                 plugin.due_ns += plugin.period_ns
                 if plugin.due_ns <= now_ns:  # missed steps are not caught up
                     plugin.due_ns = now_ns + plugin.period_ns
-                if self._has_one_thread:
-                    turn = plugin.turn
-                    turn.depth += 1
-                    try:
-                        plugin.run_in_turn(steps=True)
-                    finally:
-                        turn.depth -= 1
-                else:
-                    plugin.run(steps=True)
+                run(steps=True)
             if plugin.due_ns != queued[index]:
                 queued[index] = plugin.due_ns
                 heappush(due, (plugin.due_ns, index))

@@ -394,9 +394,10 @@ class ManagedPlugin:
 
     def run_in_turn(self, *, steps: bool) -> None:
         """Deliver its notifications, and if it `steps` run its own step, for a runner that has the plugin's turn."""
-        instance = self.instance
+        instance, turn = self.instance, self.turn
         if self.state is not PluginState.ACTIVE or instance is None:
             return
+        turn.depth += 1
         try:
             if self.holdings.mailbox.waiting:
                 self.holdings.mailbox.deliver()
@@ -405,6 +406,8 @@ class ManagedPlugin:
         except FOREIGN_ERRORS as error:  # foreign plugin code
             if instance is self.instance:
                 self.blame(error)
+        finally:
+            turn.depth -= 1
 
     def blame(self, error: ForeignError) -> None:
         """An error of the plugin is its fault, unless it comes from a halt or end of a plugin that it calls."""

@@ -1,13 +1,10 @@
-import sys
-from contextlib import contextmanager
-from itertools import count
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.agent.event import Event, Mailbox
 from robrain.agent.lifecycle.transitions import Trigger
+from tests.interruption import before_line_of
 
 
 class Bell:
@@ -77,26 +74,6 @@ def test_a_full_mailbox_lets_the_oldest_go_and_counts_it(capacity, count):
     assert mailbox.dropped == max(0, count - capacity)
     mailbox.deliver()
     assert heard == list(range(count))[-capacity:]
-
-
-@contextmanager
-def before_line_of(function, number, meanwhile):
-    """Another thread at the worst of times, without chance: `meanwhile` happens before that line of `function`."""
-    lines = count(1)
-
-    def trace(frame, event, _argument):
-        if frame.f_code is not function.__code__:
-            return None
-        if event == "line" and next(lines) == number:
-            meanwhile()
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        yield
-    finally:
-        sys.settrace(before)
 
 
 @pytest.mark.parametrize("line", range(1, 6))

@@ -1,7 +1,3 @@
-import sys
-from contextlib import contextmanager
-from itertools import count
-
 import msgspec
 import pytest
 from hypothesis import given
@@ -13,6 +9,7 @@ from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.table.topics import HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
+from tests.interruption import before_line_of
 
 LOG_KEY = ROBOT_LOG.key("t", robot="r1")
 
@@ -135,26 +132,6 @@ def test_nothing_is_lost_without_being_counted(capacity, actions):
         assert len(inbox) <= 2 * capacity
     waiting = len(inbox)
     assert inbox.received == seen + waiting + replaced + inbox.dropped
-
-
-@contextmanager
-def before_line_of(function, number, meanwhile):
-    """Another thread at the worst of times, without chance: `meanwhile` happens before that line of `function`."""
-    lines = count(1)
-
-    def trace(frame, event, _argument):
-        if frame.f_code is not function.__code__:
-            return None
-        if event == "line" and next(lines) == number:
-            meanwhile()
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        yield
-    finally:
-        sys.settrace(before)
 
 
 @pytest.mark.parametrize("line", range(1, 8))
