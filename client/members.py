@@ -71,7 +71,7 @@ class LastStates:
         self._team: TeamState | None = None
         self._inbox: Inbox | None = None
         if transport.drive is Drive.LOCKSTEP:
-            self._listen()
+            self._receive()
 
     def robot(self, name: str) -> RobotState:
         """The last state of a robot (NobodyThere if none came)."""
@@ -97,15 +97,12 @@ class LastStates:
             self._transport.pass_time(POLL_S)
             self._receive()
 
-    def _listen(self) -> Inbox:
-        inbox = self._inbox = Inbox()
-        self._wire.subscribe(inbox, ROBOT_STATE)
-        self._wire.subscribe(inbox, COORDINATOR_STATE)
-        return inbox
-
     def _receive(self) -> None:
-        inbox = self._inbox if self._inbox is not None else self._listen()
-        for received in inbox.drain():
+        if self._inbox is None:
+            self._inbox = Inbox()
+            self._wire.subscribe(self._inbox, ROBOT_STATE)
+            self._wire.subscribe(self._inbox, COORDINATOR_STATE)
+        for received in self._inbox.drain():
             message = received.message
             if isinstance(message, RobotState):
                 self._robots[message.robot] = message

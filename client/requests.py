@@ -1,14 +1,15 @@
 """Queries to a team: to its coordinator, which may be restarting, and to its robots."""
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.messages.tasks.consensus_messages import DropTaken, TaskTaken
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topic import Q, Query, R
 from robrain.protocol.table.topics import ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Endpoint
@@ -24,18 +25,8 @@ SHOWN_WHYS = 3
 _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 
 
-class _Answer(Protocol):
-    """A robot's answer to a request that the whole team has to receive."""
-
-    @property
-    def task(self) -> Task: ...
-    @property
-    def known_to(self) -> list[str]: ...
-    @property
-    def is_kept(self) -> bool: ...
-
-
-_A = TypeVar("_A", bound=_Answer)
+_A = TypeVar("_A", TaskTaken, DropTaken)
+"""A robot's answer to a request that the whole team has to receive."""
 
 
 class Requests:

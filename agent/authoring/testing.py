@@ -41,14 +41,13 @@ class HostBench:
 
     Args:
         session: of all of them; not closed by the bench.
-        team: name of their team.
 
     """
 
-    def __init__(self, session: zenoh.Session, team: str = DEFAULT_TEAM) -> None:
+    def __init__(self, session: zenoh.Session) -> None:
         self.session = session
         self.clock = VirtualClock()
-        self.wire = Endpoint(session, team, self.clock, Drive.LOCKSTEP)
+        self.wire = Endpoint(session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
         """Another endpoint on the robots' wire, to subscribe and to ask."""
         self.hosts: list[AgentHost] = []
 
@@ -58,10 +57,10 @@ class HostBench:
         self.hosts.append(host)
         return host
 
-    def tick(self, count: int = 1, period_s: float = TICK_S) -> None:
+    def tick(self, count: int = 1) -> None:
         """Move time on, and let each host take its step."""
         for _ in range(count):
-            self.clock.advance_to(self.clock.now_ns() + to_ns(period_s))
+            self.clock.advance_to(self.clock.now_ns() + to_ns(TICK_S))
             for host in self.hosts:
                 host.step()
 

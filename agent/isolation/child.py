@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO, TypeVar, cast
+from typing import Any, NamedTuple, TextIO, TypeVar, cast
 
 import msgspec
 import zenoh
@@ -75,13 +75,12 @@ class Parent:
         return self._calls if threading.get_ident() == self._main else self._asides
 
 
-class RemoteEvent:
+class RemoteEvent(NamedTuple):
     """An event of another plugin."""
 
-    def __init__(self, handle: int, name: str, read: "msgspec.msgpack.Decoder[Any]") -> None:
-        self.handle = handle
-        self.name = name
-        self.read = read
+    handle: int
+    name: str
+    read: "msgspec.msgpack.Decoder[Any]"
 
 
 class RemoteHandle:
