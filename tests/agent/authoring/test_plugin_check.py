@@ -75,11 +75,6 @@ def edit(bench, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
-def extend_evening(bench, *lines: str) -> None:
-    """Write more into the class Evening."""
-    edit(bench, "'Dims them.'", "\n    ".join(["'Dims them.'", *lines]))
-
-
 def test_there_is_nothing_to_say_of_sound_plugins(lamps):
     assert found(lamps) == []
 
@@ -205,45 +200,35 @@ def test_a_parameter_that_only_a_robots_file_can_set_is_worth_a_warning(lamps):
     ]
 
 
-def test_parameters_that_are_no_struct_are_found(lamps):
-    extend_evening(lamps, "Parameters = dict")
-    assert found(lamps) == [(LAMP_FILE, "Evening.Parameters", "expected a struct")]
-
-
-@pytest.mark.parametrize(
-    ("period_s", "word"), [("0", "0"), ("-1.5", "-1.5"), ("'1 s'", "'1 s'"), ("float('nan')", "nan")]
-)
-def test_an_active_plugin_without_a_period_above_zero_is_found(lamps, period_s, word):
-    extend_evening(lamps, f"period_s = {period_s}", "def step(self): pass")
-    assert found(lamps) == [
-        (LAMP_FILE, "Evening.period_s", f"expected a number of seconds above 0, or None, got {word}")
-    ]
+PERIOD = "expected a number of seconds above 0, or None, got"
 
 
 @pytest.mark.parametrize(
     ("lines", "key", "message"),
     [
-        (["def step(self): pass"], "Evening.step", "warning: is never called"),
+        (["Parameters = dict"], "Evening.Parameters", "expected a struct"),
+        (["period_s = 0", "def step(self): pass"], "Evening.period_s", f"{PERIOD} 0"),
+        (["period_s = -1.5", "def step(self): pass"], "Evening.period_s", f"{PERIOD} -1.5"),
+        (["period_s = '1 s'", "def step(self): pass"], "Evening.period_s", f"{PERIOD} '1 s'"),
+        (["period_s = float('nan')", "def step(self): pass"], "Evening.period_s", f"{PERIOD} nan"),
+        (["def step(self): return self.period_s"], "Evening.step", "warning: is never called"),
         (["period_s = 1.0"], "Evening.period_s", "warning: there is no step"),
         (["@external", "def f(self) -> int: return 1"], "Evening.f", "warning: no docstring"),
         (["@external", "def f(self, x, y: int) -> int:", "    'F.'"], "Evening.f", "warning: no type hint for x:"),
+        (["def activate(self): self.env.use('driver', object)"], "Evening.activate", "uses driver: name it in [tag]"),
+        (["def init(self): self.period_s = 0.5", "def step(self): pass"], "", ""),
     ],
 )
-def test_what_is_worth_a_look_is_a_warning(lamps, lines, key, message):
-    extend_evening(lamps, *lines)
-    ((path, found_key, found_message),) = found(lamps)
-    assert (path, found_key) == (LAMP_FILE, key)
-    assert found_message.startswith(message)
+def test_a_class_is_checked(lamps, lines, key, message):
+    edit(lamps, "'Dims them.'", "\n    ".join(["'Dims them.'", *lines]))
+    findings = found(lamps)
+    assert [(path, found_key) for path, found_key, _ in findings] == ([(LAMP_FILE, key)] if key else [])
+    assert all(text.startswith(message) for _, _, text in findings)
 
 
-def test_a_plugin_that_is_used_and_not_required_is_found(lamps):
-    extend_evening(lamps, "def activate(self): self.env.use('driver', object)")
-    assert found(lamps) == [(LAMP_FILE, "Evening.activate", "uses driver: name it in [tag] requires of evening.toml")]
-
-
-def test_a_period_that_init_sets_is_not_missed(lamps):
-    extend_evening(lamps, "def init(self): self.period_s = 0.5", "def step(self): pass")
-    assert found(lamps) == []
+def test_a_visibility_that_no_plugin_has_is_found(lamps):
+    lamps.manifest("evening", "lamps:Evening", visibility=["exploer", "command", "*", "lamp"])
+    assert found(lamps) == [("evening.toml", "[tag] visibility", "there is no plugin exploer; is explore meant?")]
 
 
 # -- interfaces -------------------------------------------------------------------------------------------------
@@ -371,11 +356,6 @@ def test_a_circle_is_found_once_with_its_full_path(lamps):
         "chandelier → lamp → evening → chandelier",
     )
     assert path.startswith(name)
-
-
-def test_a_visibility_that_no_plugin_has_is_found(lamps):
-    lamps.manifest("evening", "lamps:Evening", visibility=["exploer", "command", "*", "lamp"])
-    assert found(lamps) == [("evening.toml", "[tag] visibility", "there is no plugin exploer; is explore meant?")]
 
 
 def test_two_that_want_an_unshared_plugin_are_worth_a_warning(lamps):

@@ -92,14 +92,6 @@ def test_lines_have_the_name_of_the_plugin_whose_code_runs(robot, bench, isolati
     assert received == [record.text for record in kept()]
 
 
-def test_what_is_no_text_becomes_text():
-    lines = []
-    PluginOutput(lambda *line: lines.append(line), lambda: "lamp", VirtualClock()).accept(
-        "lamp", "info", "\udc80 is no text"
-    )
-    assert lines == [("lamp", "info", "? is no text")]
-
-
 def test_lines_above_the_limit_are_dropped_and_counted():
     clock, lines = VirtualClock(), []
     output = PluginOutput(lambda *line: lines.append(line), lambda: "lamp", clock)

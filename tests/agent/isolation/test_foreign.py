@@ -148,14 +148,6 @@ def test_silent_foreign_plugin_is_queried_again_only_after_a_pause(hub, monkeypa
     wire.close()
 
 
-def test_those_of_other_robots_are_not_ours(robot, gauge):
-    other = ForeignPlugins(robot.wire, "r2")
-    other.follow()
-    time.sleep(0.1)
-    other.follow()
-    assert other.infos() == []
-
-
 def test_who_leaves_is_listed_no_more(robot, gauge):
     robot.processes.remove(gauge)
     gauge.leave()

@@ -1,6 +1,5 @@
 """Plugins in a process of their own are, for their robot, plugins like any other."""
 
-import logging
 import os
 import threading
 from typing import Protocol
@@ -17,8 +16,7 @@ from robrain.agent.plugin import Level
 from robrain.agent.plugin_traceback import plugin_traceback, where_raised
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.messages.robots.robot_messages import BatteryState
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
@@ -141,15 +139,6 @@ def test_functions_take_and_give_back_what_they_declare(bench):
     (blob,) = vision.find(image, least=2)
     assert (blob.place, blob.pixels, type(blob).__name__) == (Point2D(3.0, 4.0), 2, "Blob")
     assert vision.threshold == 0.1
-
-
-def test_external_functions_are_called_with_json(bench):
-    vision = bench.start(VISION)
-    vision.step()
-    function = external_functions(type(vision))["count"]
-    assert function.call(vision, b'["legs", 3]') == {"legs": 3}
-    with pytest.raises(CallError, match="times"):
-        function.call(vision, b'{"of": "legs", "times": "many"}')
 
 
 def test_steps_happen_in_it_and_its_events_are_told_here(bench):
@@ -310,32 +299,6 @@ def test_what_is_not_plain_data_is_refused_in_words(bench):
     with pytest.raises(TypeError, match="lock is not plain data"):
         vision.find(threading.Lock())
     assert vision.process() == vision.pid
-
-
-def test_the_board_is_the_robots(bench):
-    bench.env.board.T_arena_odom = Pose2D(1.0, 2.0, 0.5)
-    vision = bench.start("""
-        from robrain.protocol.messages.robots.robot_messages import BatteryState
-        class Vision(Unit):
-            def activate(self):
-                self.env.board.battery = BatteryState(
-                    voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.5, remaining_j=5.0)
-                self.env.board.behavior = "looking"
-            @external
-            def frame(self) -> Pose2D: return self.env.board.T_arena_odom
-        """)
-    assert bench.env.board.behavior == "looking"
-    assert isinstance(bench.env.board.battery, BatteryState)
-    assert vision.frame() == Pose2D(1.0, 2.0, 0.5)
-
-
-def test_its_log_is_in_the_robots(bench, caplog):
-    caplog.set_level(logging.INFO)
-    bench.start("""
-        class Vision(Unit):
-            def init(self): logging.getLogger("lens").warning("dirt on the %s", "lens")
-        """)
-    assert ("vision", logging.WARNING, "dirt on the lens") in caplog.record_tuples
 
 
 @pytest.mark.parametrize(

@@ -153,12 +153,6 @@ def test_a_crash_that_no_call_runs_into_is_told_through_the_plugins_mailbox(benc
         fragile.step()
 
 
-def test_a_crash_is_told_once(bench, fragile):
-    with pytest.raises(PluginCrashed):
-        fragile.abort()
-    bench.env.mailbox.deliver()
-
-
 def test_waiting_for_a_lower_plugin_is_not_held_against_it(bench):
     class Slow:
         def rest(self) -> int:

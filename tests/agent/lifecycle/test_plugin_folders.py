@@ -24,15 +24,6 @@ def test_a_place_may_lie_deeper_in_a_package_without_its_plugins_being_imported(
     assert entry_point_places() == [((site / "lamps" / "plugins").resolve(), "robrain-lamps")]
 
 
-def test_places_are_ordered_by_distribution_and_each_is_there_once(install):  # noqa: F811
-    install("b-lamps", {"z": "lamps", "a": "lamps"}, LAMP)
-    install("a-lamps", {"lamps": "more_lamps"}, {"more_lamps/__init__.py": ""})
-    assert [(place.name, name) for place, name in entry_point_places()] == [
-        ("more_lamps", "a-lamps"),
-        ("lamps", "b-lamps"),
-    ]
-
-
 @pytest.mark.parametrize(
     ("value", "files", "why"),
     [

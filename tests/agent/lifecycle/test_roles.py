@@ -103,11 +103,3 @@ def test_the_check_finds_nothing_wrong_but_a_role_that_there_is_not(place: Path)
         "[plugin] role",
         "there is no plugin lampe whose place it could take; is lamp meant?",
     )
-
-
-def test_of_two_plugins_for_one_role_only_one_holds_what_is_not_shared(place: Path) -> None:
-    (place / "lamp.toml").write_text('[plugin]\nclass = "lamps:Plain"\n[tag]\nvisibility = ["*"]\nshared = false\n')
-    (place / "other_desk.toml").write_text(
-        '[plugin]\nclass = "lamps:Desk"\nrole = "desk"\n[tag]\nrequires = ["lamp"]\n'
-    )
-    assert check_plugins(place) == []
