@@ -43,8 +43,20 @@ class Raised(NamedTuple):
 
 
 def raised(error: BaseException | None) -> Raised:
-    """The line and traceback of an error; empty if `error` is None or no plugin code was involved."""
-    return Raised(where_raised(error), plugin_traceback(error)) if error is not None else Raised()
+    """The line and traceback of an error.
+
+    Empty if `error` is None, if no plugin code was involved, or if it only lacks a package: its author is not to blame.
+    """
+    if error is None or isinstance(error, PackageMissing):
+        return Raised()
+    for cause in causes_of(error):
+        elsewhere: Raised | None = getattr(cause, _ELSEWHERE, None)
+        if elsewhere is not None:
+            return elsewhere
+        frames, source = _frames(cause), _not_python(cause)
+        if frames or source:
+            return Raised(_where(cause, frames, source), _detail(cause, frames, source))
+    return Raised()
 
 
 def raised_elsewhere(error: ErrorT, where: Raised) -> ErrorT:
@@ -54,54 +66,35 @@ def raised_elsewhere(error: ErrorT, where: Raised) -> ErrorT:
 
 
 def log_error(logger: logging.Logger, what: str, error: BaseException) -> str:
-    """Log a failure at level error, with `plugin_traceback(error)`; returns that traceback."""
-    detail = plugin_traceback(error)
+    """Log a failure at level error, with its traceback in plugin code; returns that traceback."""
+    detail = raised(error).detail
     logger.error("%s: %s%s", what, error, f"\n{detail}" if detail else "")
     return detail
 
 
-def where_raised(error: BaseException) -> str:
-    """The innermost line in the plugin's own folder, such as `lamp/lamp.py:12 in step`; empty if there is none."""
-    for cause in causes_of(error):
-        if (elsewhere := getattr(cause, _ELSEWHERE, None)) is not None:
-            return str(elsewhere.where)
-        frames = _frames(cause)
-        if source := _not_python(cause):
-            return f"{short_path(Path(source))}:{getattr(cause, 'lineno', 0)}"
-        if frames:
-            folder = Path(frames[0].filename).parent
-            last = [frame for frame in frames if Path(frame.filename).parent == folder][-1]
-            return f"{short_path(Path(last.filename))}:{last.lineno} in {last.name}"
-    return ""
+def _where(cause: BaseException, frames: list[traceback.FrameSummary], source: str) -> str:
+    """The innermost line in the plugin's own folder, such as `lamp/lamp.py:12 in step`."""
+    if source:
+        return f"{short_path(Path(source))}:{getattr(cause, 'lineno', 0)}"
+    folder = Path(frames[0].filename).parent
+    last = [frame for frame in frames if Path(frame.filename).parent == folder][-1]
+    return f"{short_path(Path(last.filename))}:{last.lineno} in {last.name}"
 
 
-def plugin_traceback(error: BaseException) -> str:
-    """The traceback from the plugin's first frame, at most `MOST_CHARACTERS`.
-
-    Empty if no plugin was involved, or it only lacks a package: its author is not to blame.
-    """
-    if isinstance(error, PackageMissing):
-        return ""
-    for cause in causes_of(error):
-        if (elsewhere := getattr(cause, _ELSEWHERE, None)) is not None:
-            return str(elsewhere.detail)
-        frames = _frames(cause)
-        source = _not_python(cause)
-        if not frames and not source:
-            continue
-        lines = ["Traceback (most recent call last):\n"] if frames else []
-        if len(frames) > MOST_FRAMES:
-            half = MOST_FRAMES // 2
-            lines += _format(frames[:half])
-            lines.append(f"  … {len(frames) - 2 * half} more …\n")
-            frames = frames[-half:]
-        lines += _format(frames)
-        last = "".join(traceback.format_exception_only(cause))
-        if source:
-            last = last.replace(source, short_path(Path(source)))
-        text = "".join([*lines, last]).rstrip()
-        return text if len(text) <= MOST_CHARACTERS else f"…{text[1 - MOST_CHARACTERS :]}"
-    return ""
+def _detail(cause: BaseException, frames: list[traceback.FrameSummary], source: str) -> str:
+    """The traceback from the plugin's first frame, at most `MOST_CHARACTERS`."""
+    lines = ["Traceback (most recent call last):\n"] if frames else []
+    if len(frames) > MOST_FRAMES:
+        half = MOST_FRAMES // 2
+        lines += _format(frames[:half])
+        lines.append(f"  … {len(frames) - 2 * half} more …\n")
+        frames = frames[-half:]
+    lines += _format(frames)
+    last = "".join(traceback.format_exception_only(cause))
+    if source:
+        last = last.replace(source, short_path(Path(source)))
+    text = "".join([*lines, last]).rstrip()
+    return text if len(text) <= MOST_CHARACTERS else f"…{text[1 - MOST_CHARACTERS :]}"
 
 
 def causes_of(error: BaseException) -> Iterator[BaseException]:

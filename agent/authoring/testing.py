@@ -21,7 +21,7 @@ from robrain.agent.errors import PluginHung
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.manifest import find_manifests, role_in
-from robrain.agent.plugin_traceback import end_thread, traceback_in, where_raised
+from robrain.agent.plugin_traceback import end_thread, raised, traceback_in
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
@@ -199,6 +199,6 @@ class PluginBench:
             owners = {plugin.turn.owner: plugin.name for plugin in self.host.manager.plugins.values()}
             thread, name = next(((owner, name) for owner, name in owners.items() if owner is not None), (caller, ROBOT))
             error = PluginHung(name, f"{name} does not come back").with_traceback(traceback_in(thread, None))
-            hung.append(PluginHung(name, f"{error}: {where_raised(error)}"))
+            hung.append(PluginHung(name, f"{error}: {raised(error).where}"))
             end_thread(thread)
             seen = -1

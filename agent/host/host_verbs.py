@@ -17,7 +17,7 @@ from robrain.agent.host.command_door import TextCommandDoor
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
-from robrain.agent.plugin_traceback import log_error, plugin_traceback
+from robrain.agent.plugin_traceback import log_error, raised
 from robrain.protocol.access.signing import vouch_request
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.messages.robots import host_messages as ask
@@ -89,7 +89,7 @@ def answer_verb(host: VerbHost, wire: Endpoint, request: Request[bytes]) -> byte
         result = verb.run(host, Request(request.names, asked, request.by, asker=request.asker))
     except PluginError as error:
         code = ErrorCode.REFUSED if error.code is ErrorCode.FAILED else error.code
-        detail = plugin_traceback(error)
+        detail = raised(error).detail
         if detail:
             log_error(logger, f"{host.name}: {name} {error.plugin}", error)
         raise CallError(code, str(error), getattr(error, "holder", "") or detail) from error

@@ -15,7 +15,7 @@ from robrain.agent.lifecycle.instance import RobotContext
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin, PluginState
-from robrain.agent.plugin_traceback import causes_of, where_raised
+from robrain.agent.plugin_traceback import causes_of, raised
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
 from robrain.protocol.messages.robots.robot_messages import PluginFault
 from robrain.protocol.model.ranges import cut
@@ -205,7 +205,7 @@ def _still_inside(plugin: ManagedPlugin) -> str:
     """A note on a thread that is still in a plugin that does not run; empty if there is none."""
     if plugin.state not in (PluginState.FAULTED, PluginState.UNLOADED) or (stuck := plugin.stuck_at()) is None:
         return ""
-    where = where_raised(PluginError(plugin.name, "").with_traceback(stuck))
+    where = raised(PluginError(plugin.name, "").with_traceback(stuck)).where
     return f"; its code still runs, at {where}, until the agent ends"
 
 

@@ -4,7 +4,8 @@ import logging
 
 import pytest
 
-from robrain.agent.plugin_traceback import MOST_CHARACTERS, plugin_traceback, where_raised
+from robrain.agent import plugin_traceback
+from robrain.agent.plugin_traceback import MOST_CHARACTERS
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import LoadRequest
 from robrain.protocol.table.host_queries import HOST_LOAD
@@ -128,12 +129,12 @@ def fall(depth: int) -> None:
 def test_a_long_traceback_keeps_its_beginning_and_end_within_a_bound():
     with pytest.raises(ValueError, match="xxx") as raised:
         fall(100)
-    detail = plugin_traceback(raised.value)
+    detail = plugin_traceback.raised(raised.value).detail
     assert len(detail) == MOST_CHARACTERS
     assert detail.endswith("xxx")
     with pytest.raises(RecursionError) as deep:
         fall(10**6)
-    detail = plugin_traceback(deep.value)
+    detail = plugin_traceback.raised(deep.value).detail
     assert detail.startswith("Traceback (most recent call last):\n")
     assert " more …\n" in detail
     assert detail.count("in fall") <= 20
@@ -143,7 +144,7 @@ def test_a_long_traceback_keeps_its_beginning_and_end_within_a_bound():
 def test_a_circular_chain_of_causes_ends():
     first, second = ValueError("a"), ValueError("b")
     first.__cause__, second.__cause__ = second, first
-    assert (where_raised(first), plugin_traceback(first)) == ("", "")
+    assert plugin_traceback.raised(first) == ("", "")
 
 
 # -- where a thread is that does not come back from a plugin ---
