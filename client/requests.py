@@ -6,7 +6,7 @@ from typing import TypeVar
 from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.messages.tasks.consensus_messages import DropTaken, TaskTaken
+from robrain.protocol.messages.tasks.consensus_messages import CancelAcceptance, TaskAcceptance
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
@@ -25,7 +25,7 @@ SHOWN_WHYS = 3
 _NOT_NOW = (ErrorCode.TIMEOUT, ErrorCode.UNLOADED, ErrorCode.BUSY)
 
 
-_A = TypeVar("_A", TaskTaken, DropTaken)
+_A = TypeVar("_A", TaskAcceptance, CancelAcceptance)
 """A robot's answer to a request that the whole team has to receive."""
 
 
