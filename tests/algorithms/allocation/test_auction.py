@@ -21,7 +21,6 @@ from robrain.algorithms.allocation.insertion import (
     BY_LEAST_LEFT,
     RouteBatch,
     empty_routes,
-    insert,
 )
 from robrain.algorithms.allocation.problem import TeamArrays, VisitArrays
 
@@ -253,14 +252,6 @@ def _profitable(team: TeamArrays, visits: VisitArrays, kept: np.ndarray, worker:
         del route[-max(losses)[1]]
     is_kept = any(kept[visit] for visit in route)
     return route if is_kept or sum(visits.prize_j[visit] for visit in route) >= spent_j(route) else []
-
-
-def test_visit_that_is_put_in_and_taken_out_leaves_the_route_as_it_was() -> None:
-    team, visits = _instance(3, wait_w=1.0, windows=True)
-    routes = empty_routes(team, visits)
-    for position, visit in [(0, 4), (1, 7), (1, 2), (0, 9)]:
-        insert(team, visits, routes, 0, visit, position)
-    assert _orders(routes)[0] == [9, 4, 2, 7]
 
 
 def test_judgement_of_a_visit_is_that_of_its_cheapest_insertion() -> None:

@@ -7,7 +7,6 @@ import pytest
 
 from robrain.algorithms.energy.consumption import (
     BATCH_S,
-    GAP_S,
     LESSON_MAX_S,
     OUTCOME_MOST,
     PACE_OVER_S,
@@ -53,21 +52,6 @@ def test_speeds_between_samples_change_evenly():
 def test_time_counts_as_moving_above_the_noise_of_the_encoders(speed_m_s, yaw_rate_rad_s, moving_s):
     one = terms((0.0, speed_m_s, yaw_rate_rad_s), (0.4, speed_m_s, yaw_rate_rad_s))
     assert one.between(0, to_ns(0.4))[1] == pytest.approx(moving_s)
-
-
-def test_part_of_the_time_between_samples_has_its_share():
-    one = terms((0.0, 0.5, 0.0), (0.4, 0.5, 0.0), (0.8, 0.5, 0.0))
-    assert one.between(to_ns(0.1), to_ns(0.6))[2] == pytest.approx(0.25)
-    assert one.between(to_ns(0.4), to_ns(0.8))[2] == pytest.approx(0.2)
-
-
-@pytest.mark.parametrize(("gap_s", "known"), [(GAP_S - 0.001, True), (GAP_S + 0.001, False)])
-def test_hole_in_the_samples_begins_the_sum_anew(gap_s, known):
-    one = terms((0.0, 0.5, 0.0))
-    assert one.move(to_ns(gap_s), 0.5, 0.0) == (pytest.approx(gap_s) if known else 0.0)
-    assert (one.between(0, to_ns(gap_s)) is not None) == known
-    assert one.move(to_ns(gap_s + 0.2), 0.5, 0.0) == pytest.approx(0.2)
-    assert one.between(to_ns(gap_s), to_ns(gap_s + 0.2))[2] == pytest.approx(0.1)
 
 
 # -- lessons ----------------------------------------------------------------------------------------------------

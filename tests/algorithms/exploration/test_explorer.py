@@ -73,7 +73,7 @@ def test_a_pocket_waits_while_there_is_much_unknown_floor_somewhat_farther_away(
     assert end.unknown_m2 > 6.0
 
 
-def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed():
+def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed_alone():
     explorer = Explorer(corridor().team_map)
     (west,) = places(explorer.choose([robot("r1")], [], 0)).values()
     explorer.record_failure("r1", west, 0)
@@ -81,15 +81,9 @@ def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed(
     for at_s in (0.5, 7.0, 14.9):
         chosen = places(explorer.choose([robot("r1")], [], to_ns(at_s)))
         assert near(chosen["r1"], 7.95, 2.75)
+        assert near(places(explorer.choose([robot("r2")], [], to_ns(at_s)))["r2"], west.x_m, west.y_m)
     assert near(places(explorer.choose([robot("r1")], [], to_ns(15.0)))["r1"], west.x_m, west.y_m)
     assert not explorer.has_failures
-
-
-def test_where_one_robot_failed_another_may_go():
-    explorer = Explorer(corridor().team_map)
-    west = Point2D(2.05, 2.75)
-    explorer.record_failure("r1", west, 0)
-    assert near(places(explorer.choose([robot("r2")], [], to_ns(1.0)))["r2"], 2.05, 2.75)
 
 
 def test_asked_in_vain_it_answers_anew_when_the_map_has_grown():

@@ -14,7 +14,6 @@ from robrain.algorithms.localization.localiser import (
     LocaliserSpec,
 )
 from robrain.algorithms.localization.rssi_ranging import RssiSample
-from robrain.algorithms.mapping.local_map import NO_DRIFT
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES, local_map
@@ -169,18 +168,6 @@ def test_each_time_the_robot_goes_by_walls_that_were_drawn_surer_it_gets_surer_a
         assert drift[1] == pytest.approx(rad2 + 4e-6, rel=0.2)
 
 
-def test_coming_back_from_unsure_walls_to_sure_ones_the_scan_may_lie_off_by_what_those_were_unsure():
-    localiser = located(sigma_m=0.03, sigma_rad=0.005)
-    localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP))
-    localiser.move(FORWARD)
-    localiser.see(ROOM.points(localiser.pose), local_map(ROOM.mapped(*ROOM_PLACES, drift=(0.04, 4e-4))))
-    localiser.move(FORWARD)
-    true = beside(localiser.pose, 0.18, -0.1)
-    localiser.see(ROOM.points(true), local_map(ROOM_MAP))
-    assert localiser.fits
-    assert off(localiser, true) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
-
-
 @pytest.mark.parametrize(
     ("wrong", "sigma_m", "sigma_rad", "is_found"),
     [
@@ -232,14 +219,6 @@ def test_a_robot_that_is_lost_does_not_go_by_its_map_any_more(maps):
     else:
         assert np.diag(localiser.covariance - before) == pytest.approx((25.0, 25.0, (math.pi / 2) ** 2))
     assert np.array_equal(localiser.covariance, localiser.filter.covariance)
-    assert localiser.driven_m == 0.0
-
-
-def test_a_robot_begins_with_no_drift_but_that_of_new_floor():
-    localiser = located(sigma_m=0.01, sigma_rad=0.002)
-    assert localiser.fits
-    assert localiser.lost == ""
-    assert localiser.drift == pytest.approx((NO_DRIFT[0] + 1e-4, NO_DRIFT[1] + 4e-6))
     assert localiser.driven_m == 0.0
 
 

@@ -167,16 +167,6 @@ def test_a_squeezing_robot_keeps_its_preferred_clearance_where_there_is_room():
     assert not narrow.narrow[wide.traversable].any()
 
 
-def test_looking_only_where_the_map_has_changed_finds_the_same_narrow_places():
-    grid = squeezing(hall())
-    for classes in (divided((19, 3)), divided((19, 3), (4, 8)), divided((20, 5)), hall()):
-        grid.update(classes)
-        fresh = squeezing(classes)
-        assert np.array_equal(grid.narrow, fresh.narrow)
-        assert np.array_equal(grid.traversable, fresh.traversable)
-        assert np.array_equal(grid.cost, fresh.cost)
-
-
 def test_no_way_is_measured_through_a_narrow_place_that_is_shut():
     grid = squeezing(divided((19, 3), (4, 3)))
     east = GEOMETRY.cell_of(EAST.x_m, EAST.y_m)

@@ -16,7 +16,6 @@ from robrain.algorithms.slam.map_patch import (
     map_stamp_ms,
     merge_message,
     pose_message,
-    submap_message,
     to_message,
     whole_map,
 )
@@ -93,12 +92,6 @@ def test_a_message_without_cells_moves_a_submap_and_another_withdraws_it():
     assert atlas.grid.known_count == 0
 
 
-def test_where_a_submap_lies_counts_also_if_it_is_told_before_the_cells():
-    told = to_message("r1", GEOMETRY, PatchCells(2, 3, CELLS, 1000), 0, ASIDE)
-    atlas = atlas_of(pose_message("r1", GEOMETRY, 0, ASIDE), told)
-    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS))
-
-
 def test_several_patches_travel_in_one_message():
     second = to_message("r1", GEOMETRY, PatchCells(5, 7, CELLS, 2000), 1)
     parts = joined_message("r1", GEOMETRY, [PATCH, second, pose_message("r1", GEOMETRY, 0, ASIDE)])
@@ -133,16 +126,6 @@ def test_submaps_that_are_moved_together_stay_in_the_map_frame_that_each_is_told
     for number, frame in enumerate(frames):
         assert atlas.place_of(("r1", number), frame) == ASIDE
     assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS)), "the one in the arena frame"
-
-
-def test_a_whole_map_says_in_which_map_frames_its_submaps_lie():
-    atlas = atlas_of(told_in(OWN, 0), told_in(OTHER, 1), told_in(ARENA, 2))
-    elsewhere = atlas_of(over_the_wire(whole_map("r1", atlas, sorted(atlas.submaps))))
-    assert {key: each.frame for key, each in elsewhere.submaps.items()} == {
-        ("r1", 0): OWN,
-        ("r1", 1): OTHER,
-        ("r1", 2): ARENA,
-    }
 
 
 def test_a_whole_map_says_all_that_is_known_and_when_each_tile_was_seen():
@@ -212,13 +195,6 @@ def test_hearsay_fills_gaps_and_does_not_contradict_the_robot_itself():
     atlas = atlas_of(own, joined_message("r1", GEOMETRY, [old, other]))
     assert np.array_equal(atlas.grid.classes(), atlas_of(own, other).grid.classes())
     assert set(atlas.submaps) == {("r2", 0), ("r2", 1)}
-
-
-def test_hearsay_of_one_submap_may_come_in_several_parts():
-    first = to_message("r2", GEOMETRY, PatchCells(2, 3, CELLS, 1000))
-    second = to_message("r2", GEOMETRY, PatchCells(5, 3, CELLS, 1000))
-    atlas = atlas_of(joined_message("r1", GEOMETRY, [first, second]))
-    assert np.array_equal(atlas.grid.classes(), atlas_of(first, second).grid.classes())
 
 
 def test_parts_of_parts_are_refused():
@@ -376,14 +352,6 @@ def test_patches_of_a_robot_whose_clock_differs_are_observed_when_they_were(now_
     assert part.observed_ms == map_stamp_ms((now_s - 40) * NS_PER_S)
     assert set(np.frombuffer(zlib.decompress(part.tiles_ms), np.int32)) >= {part.observed_ms}
     merge_message(SubmapAtlas(GEOMETRY), message)
-
-
-def test_a_submap_message_has_the_classes_of_the_submap():
-    atlas = atlas_of(PATCH)
-    message = submap_message(("r1", 0), atlas.submaps["r1", 0], GEOMETRY)
-    assert (message.row, message.column, message.rows, message.columns) == (0, 0, 32, 32)
-    assert message.observed_ms == 1000
-    assert zlib.decompress(message.cells) == atlas.submaps["r1", 0].classes().tobytes()
 
 
 @given(st.integers(0, 1 << 63))
