@@ -1,6 +1,5 @@
 """Foreign text made harmless: input from the wire or a file, before it is shown."""
 
-import html
 import json
 import re
 
@@ -39,15 +38,6 @@ def safe_lines(text: str, indent: str = "") -> str:
     'r1: 2 errors:\n  a   b\n  \\x1b]0;title\\x07'
     """
     return f"\n{indent}".join(map(safe_text, text.replace("\r\n", "\n").expandtabs(4).split("\n")))
-
-
-def safe_html(text: str, limit: int | None = None) -> str:
-    r"""The same for a page: a text node or the value of a quoted attribute, and nothing else.
-
-    >>> safe_html("<b onclick='x'>\x00")
-    '&lt;b onclick=&#x27;x&#x27;&gt;\\x00'
-    """
-    return html.escape(safe_text(text, limit))
 
 
 def safe_json(encoded: bytes) -> str:

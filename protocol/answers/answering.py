@@ -35,7 +35,7 @@ class Answering(Generic[AskedT]):
         answer: answers a query.
         refuse: reports that no thread is free.
         limit: how many may be answered at a time.
-        standing_by: threads to begin with.
+        ready: threads to begin with.
 
     """
 

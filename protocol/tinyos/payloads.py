@@ -18,6 +18,7 @@ alone: a mote's program receives the AM types that it knows.
 
 import struct
 from enum import IntEnum
+from typing import ClassVar, Self
 
 import msgspec
 
@@ -39,10 +40,6 @@ REQUEST_SPAN = 32
 NO_PLACE = -0x8000
 """Both coordinates of a mote that does not know where it lies."""
 
-_READING = struct.Struct(">HHHIHHBihhb")
-_RANGE = struct.Struct(">HH")
-_REQUEST = struct.Struct(">HI")
-_DUTY = struct.Struct(">H")
 
 BEACON_TYPE = 0x57
 _ENDS = struct.Struct(">Hb")
@@ -75,8 +72,45 @@ def sequences_after(sequence: int, other: int) -> int:
     return (sequence - other + SEQUENCES // 2) % SEQUENCES - SEQUENCES // 2
 
 
-class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
+class Payload(msgspec.Struct, frozen=True):
+    """A payload whose fields, all numbers, have fixed places, in the order in which they are declared."""
+
+    LAYOUT: ClassVar[struct.Struct]
+    WHAT: ClassVar[str]
+    """Names it in errors."""
+    EXPECTED: ClassVar[str]
+    """The values that fit its fields, for errors."""
+
+    def pack(self) -> bytes:
+        """The payload's bytes.
+
+        Raises:
+            BadPacket: a value does not fit its field.
+
+        """
+        try:
+            return self.LAYOUT.pack(*msgspec.structs.astuple(self))
+        except struct.error as error:
+            raise BadPacket(f"expected {self.EXPECTED}, got {self}: {error}") from error
+
+    @classmethod
+    def unpack(cls, payload: bytes) -> Self:
+        """The values in a payload.
+
+        Raises:
+            BadPacket: it has another length.
+
+        """
+        if len(payload) != cls.LAYOUT.size:
+            raise BadPacket(f"expected {cls.WHAT} of {cls.LAYOUT.size} bytes, got {len(payload)}")
+        return cls(**dict(zip(cls.__struct_fields__, cls.LAYOUT.unpack(payload), strict=True)))
+
+
+class ReadingPayload(Payload, frozen=True, kw_only=True):
     """A reading of a mote, and its signal strength at the base station: 24 bytes."""
+
+    LAYOUT = struct.Struct(">HHHIHHBihhb")
+    WHAT, EXPECTED = "a reading", "values that fit their fields"
 
     mote: int
     """The mote's number."""
@@ -99,25 +133,6 @@ class ReadingPayload(msgspec.Struct, frozen=True, kw_only=True):
     rssi_dbm: int = 0
     """Written by the base station that received the packet, as in TinyOS' RssiDemo; 0 on the air."""
 
-    def pack(self) -> bytes:
-        """The payload's 24 bytes.
-
-        Raises:
-            BadPacket: a value does not fit its field.
-
-        """
-        return _pack(_READING, "values that fit their fields", self)
-
-    @classmethod
-    def unpack(cls, payload: bytes) -> "ReadingPayload":
-        """The reading in a payload.
-
-        Raises:
-            BadPacket: it is not 24 bytes long.
-
-        """
-        return cls(**dict(zip(cls.__struct_fields__, _unpack(_READING, payload, "a reading"), strict=True)))
-
 
 def with_rssi(payload: bytes, rssi_dbm: float) -> bytes:
     """A reading's bytes with its received signal strength, which is its last byte."""
@@ -125,30 +140,14 @@ def with_rssi(payload: bytes, rssi_dbm: float) -> bytes:
     return payload[:-1] + (whole_dbm & 0xFF).to_bytes()
 
 
-class SequenceRange(msgspec.Struct, frozen=True):
+class SequenceRange(Payload, frozen=True):
     """Readings from `first` to `last`, both included: payload of AM type 0x55, 4 bytes."""
+
+    LAYOUT = struct.Struct(">HH")
+    WHAT, EXPECTED = "a range of sequence numbers", "sequence numbers of 16 bits"
 
     first: int
     last: int
-
-    def pack(self) -> bytes:
-        """The payload's 4 bytes.
-
-        Raises:
-            BadPacket: a number has more than 16 bits.
-
-        """
-        return _pack(_RANGE, "sequence numbers of 16 bits", self)
-
-    @classmethod
-    def unpack(cls, payload: bytes) -> "SequenceRange":
-        """The range in a payload.
-
-        Raises:
-            BadPacket: it is not 4 bytes long.
-
-        """
-        return cls(*_unpack(_RANGE, payload, "a range of sequence numbers"))
 
     def holds(self, sequence: int) -> bool:
         """Whether a reading is in the range, across the wrap.
@@ -159,34 +158,17 @@ class SequenceRange(msgspec.Struct, frozen=True):
         return (sequence - self.first) % SEQUENCES <= (self.last - self.first) % SEQUENCES
 
 
-class RequestPayload(msgspec.Struct, frozen=True):
+class RequestPayload(Payload, frozen=True):
     """Readings of the range from `first` to 31 after it: payload of AM type 0x54, 6 bytes.
 
     The lost part of an answer can therefore be requested again in one packet.
     """
 
+    LAYOUT = struct.Struct(">HI")
+    WHAT, EXPECTED = "a request", "16 and 32 bits"
     first: int
     wanted: int
     """Bit i: whether `first` + i is wanted."""
-
-    def pack(self) -> bytes:
-        """The payload's 6 bytes.
-
-        Raises:
-            BadPacket: a number has too many bits.
-
-        """
-        return _pack(_REQUEST, "16 and 32 bits", self)
-
-    @classmethod
-    def unpack(cls, payload: bytes) -> "RequestPayload":
-        """The request in a payload.
-
-        Raises:
-            BadPacket: it is not 6 bytes long.
-
-        """
-        return cls(*_unpack(_REQUEST, payload, "a request"))
 
     def sequences(self) -> list[int]:
         """The numbers that are wanted, across the wrap.
@@ -197,9 +179,11 @@ class RequestPayload(msgspec.Struct, frozen=True):
         return [(self.first + bit) % SEQUENCES for bit in range(REQUEST_SPAN) if self.wanted >> bit & 1]
 
 
-class DutyPayload(msgspec.Struct, frozen=True):
+class DutyPayload(Payload, frozen=True):
     """How often a mote is to sense: payload of AM type 0x56, 2 bytes."""
 
+    LAYOUT = struct.Struct(">H")
+    WHAT, EXPECTED = "a duty", "a period of 16 bits"
     period_ds: int
 
     @classmethod
@@ -214,41 +198,18 @@ class DutyPayload(msgspec.Struct, frozen=True):
             raise ValueError(f"expected a period from {PERIOD_MIN_S} to {PERIOD_MAX_S} s, got {period_s}")
         return cls(round(DECI * period_s))
 
-    def pack(self) -> bytes:
-        """The payload's 2 bytes.
-
-        Raises:
-            BadPacket: the period has more than 16 bits.
-
-        """
-        return _pack(_DUTY, "a period of 16 bits", self)
-
     @classmethod
-    def unpack(cls, payload: bytes) -> "DutyPayload":
+    def unpack(cls, payload: bytes) -> Self:
         """The duty in a payload.
 
         Raises:
             BadPacket: it is not 2 bytes long, or the period is 0.
 
         """
-        (period_ds,) = _unpack(_DUTY, payload, "a duty")
-        if period_ds == 0:
+        duty = super().unpack(payload)
+        if duty.period_ds == 0:
             raise BadPacket("expected a period above 0, got 0")
-        return cls(period_ds)
-
-
-def _pack(layout: struct.Struct, expected: str, payload: msgspec.Struct) -> bytes:
-    """The fields of a payload, in the order in which they are declared."""
-    try:
-        return layout.pack(*msgspec.structs.astuple(payload))
-    except struct.error as error:
-        raise BadPacket(f"expected {expected}, got {payload}: {error}") from error
-
-
-def _unpack(layout: struct.Struct, payload: bytes, what: str) -> tuple[int, ...]:
-    if len(payload) != layout.size:
-        raise BadPacket(f"expected {what} of {layout.size} bytes, got {len(payload)}")
-    return layout.unpack(payload)
+        return duty
 
 
 class BeaconPayload(msgspec.Struct, frozen=True):

@@ -524,12 +524,8 @@ class Endpoint:
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` was called, and `reopen` was not since."""
+        """Whether `close` was called."""
         return self._closing
-
-    def reopen(self) -> None:
-        """Use it again after `close`."""
-        self._closing = False
 
     def _from_outside(self) -> bool:
         """In lockstep, whether the current message comes from another process."""

@@ -25,7 +25,7 @@ def test_a_query_that_reaches_an_endpoint_while_it_closes_is_answered_unloaded(w
 
     third, codes = Endpoint(wire.session, "t", wire.clock, Drive.LOCKSTEP), set()
     for robot in ("r1", "r2", "r3", "r4", "r5", "r6", "r7", "r8"):  # Zenoh asks in any order
-        wire.other.reopen()
+        wire.other = Endpoint(wire.session, "t", wire.clock, Drive.LOCKSTEP)
         wire.robot.answer(ROBOT_PLUGINS, close_other, robot=robot)
         wire.other.answer(ROBOT_PLUGINS, lambda _: [], robot=robot)
         known = third.ask_later(ROBOT_PLUGINS, robot=robot)._known

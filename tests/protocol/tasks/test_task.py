@@ -129,16 +129,6 @@ def test_parameters_are_read_as_they_were_given(given_parameters):
     assert parameters_of(task("any", given_parameters), type(given_parameters)) == given_parameters
 
 
-def test_a_task_of_a_newer_peer_decodes_without_what_is_new():
-    newer = b'{"id":"t","kind":"visit","place":{"x_m":1.0,"y_m":2.0},"mood":"good"}'
-    assert msgspec.json.decode(newer, type=Task) == Task(id="t", kind="visit", place=Point2D(1.0, 2.0))
-
-
-def test_a_task_of_a_kind_that_nobody_knows_decodes():
-    unknown = b'{"id":"t","kind":"sweep","place":{"x_m":1.0,"y_m":2.0},"parameters":{"width_m":3.0}}'
-    assert msgspec.json.decode(unknown, type=Task).parameters == {"width_m": 3.0}
-
-
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [

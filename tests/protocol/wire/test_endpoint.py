@@ -11,7 +11,7 @@ from robrain.protocol.access.signing import Signing
 from robrain.protocol.answers.answering import WaitingQueries
 from robrain.protocol.answers.lockstep_query import LockstepReplies
 from robrain.protocol.clock import VirtualClock
-from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply, NobodyThere
+from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import Event
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -19,7 +19,6 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.table.topic import Urgency
 from robrain.protocol.table.topics import (
-    ARENA_CAN,
     HALT,
     ROBOT_CALL,
     ROBOT_EVENT,
@@ -108,13 +107,6 @@ def test_what_is_of_another_time_bears_that_one_and_the_next_number(wire):
     assert [(item.message.stamp_ns, item.message.seq) for item in inbox.drain()] == [(3, 0), (0, 1), (9, 2)]
 
 
-def test_bytes_are_sent_as_they_are(wire):
-    inbox = Inbox()
-    wire.other.subscribe(inbox, ARENA_CAN)
-    wire.robot.publisher(ARENA_CAN, robot="r1", channel="can0").put_bytes(b"\x00\xff")
-    assert inbox.drain()[0].message == b"\x00\xff"
-
-
 def test_a_subscription_with_a_name_hears_that_one_alone(wire):
     inbox = Inbox()
     wire.other.subscribe(inbox, ROBOT_EVENT, robot="r1", event="done")
@@ -122,15 +114,6 @@ def test_a_subscription_with_a_name_hears_that_one_alone(wire):
         message = Event(robot=robot, plugin="p", event=event)
         wire.robot.publisher(ROBOT_EVENT, robot=robot, plugin="p", event=event).put(message)
     assert [(item.message.robot, item.message.event) for item in inbox.drain()] == [("r1", "done")]
-
-
-def test_teams_on_one_session_do_not_hear_each_other(wire):
-    inbox = Inbox()
-    wire.other.subscribe(inbox, HALT)
-    blue = Endpoint(wire.session, "blue", wire.clock, Drive.LOCKSTEP)
-    blue.publisher(HALT).put(Halt(halted=True, by="blue"))
-    blue.close()
-    assert inbox.drain() == []
 
 
 def test_after_closing_nothing_is_heard_any_more(wire):
@@ -168,18 +151,6 @@ def test_a_query_from_the_runners_own_thread_is_answered_at_once(wire):
     assert msgspec.json.decode(reply, type=TaskAnswer) == TaskAnswer(accepted=True, why="so be it")
     assert asked == [({"team": "t", **FOO}, b'[1,"two"]')]
     assert wire.outside == []
-
-
-def test_bytes_go_both_ways_as_they_are(wire):
-    wire.robot.answer(ROBOT_CALL, lambda request: request.asked[::-1], robot="r1")
-    assert wire.other.ask(ROBOT_CALL, b"abc", **FOO) == b"cba"
-    assert wire.other.ask(ROBOT_CALL, **FOO) == b""
-
-
-def test_a_handler_may_ask_another_component(wire):
-    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
-    wire.robot.answer(ROBOT_CALL, lambda _: wire.robot.ask(ROBOT_PLUGINS, robot="r1"), robot="r1")
-    assert wire.other.ask(ROBOT_CALL, **FOO) == b"[]"
 
 
 def test_a_query_from_another_thread_waits_for_serve_and_is_told(wire):
@@ -430,10 +401,3 @@ def test_queries_that_wait_at_the_end_are_answered_unloaded(wire):
     wire.robot.close()
     assert asker.error().code is ErrorCode.UNLOADED
     assert asked == []
-
-
-def test_after_closing_nobody_is_there(wire):
-    wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
-    wire.robot.close()
-    with pytest.raises(NobodyThere):
-        wire.other.ask(ROBOT_PLUGINS, robot="r1")

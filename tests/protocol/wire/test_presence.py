@@ -42,18 +42,6 @@ def went(robot):
     return Change({"team": "t", "robot": robot}, present=False)
 
 
-def test_presence_follows_the_tokens(make_endpoint):
-    presence = make_endpoint().watch(ROBOT_ALIVE)
-    robot = make_endpoint()
-    robot.token(ROBOT_ALIVE, robot="r1")
-    assert presence.changes() == [came("r1")]
-    assert list(presence.present.values()) == [{"team": "t", "robot": "r1"}]
-    assert presence.changes() == []
-    robot.close()
-    assert presence.changes() == [went("r1")]
-    assert presence.present == {}
-
-
 def test_who_was_there_before_is_seen_as_well(make_endpoint):
     make_endpoint().token(ROBOT_ALIVE, robot="r1")
     assert make_endpoint().watch(ROBOT_ALIVE).changes() == [came("r1")]
@@ -88,14 +76,6 @@ def test_changes_are_told_in_the_order_of_their_names(make_endpoint):
     for robot in ("r3", "r1", "r2"):
         make_endpoint().token(ROBOT_ALIVE, robot=robot)
     assert presence.changes() == [came("r1"), came("r2"), came("r3")]
-
-
-def test_who_came_and_went_between_two_looks_is_not_told(make_endpoint):
-    presence = make_endpoint().watch(ROBOT_ALIVE)
-    robot = make_endpoint()
-    robot.token(ROBOT_ALIVE, robot="r1")
-    robot.close()
-    assert presence.changes() == []
 
 
 def test_only_the_tokens_of_the_topic_and_team_count(make_endpoint):
