@@ -3,11 +3,24 @@ import math
 import numpy as np
 import pytest
 
+from robrain.agent.board import Board
+from robrain.algorithms.exploration.reach import reach_m
+from robrain.algorithms.exploration.strategies import joint
+from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.frontier import find_frontiers, frontier_mask
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.algorithms.navigation.right_of_way import Track
+from robrain.plugins.behavior.explore import ALONE, CONFIDENCE, IDLE, ExploreBehavior, TeamChoice
+from robrain.plugins.skill.mapper.frames import FrameMove
+from robrain.plugins.unit.teammates import Doing, Mate
+from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
+from tests.coordinator.planning.worlds import CAPACITY_J, model
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))
 
@@ -232,3 +245,192 @@ def test_a_halted_robot_gives_its_task_back_refuses_offers_and_works_again_when_
     assert one.offer(goal, task="t3", epoch=3).accepted
     one.run_until(lambda: status(host).state.ended, 60.0)
     assert (status(host).id, status(host).state) == ("t3", TaskState.DONE)
+
+
+START = Pose2D(1.5, 2.0, 0.0)
+
+
+@pytest.fixture
+def lost(stage, room):
+    """A robot that is not told where it starts, beside a coordinator that speaks."""
+    one = stage(room(*TWO_ROOMS), r1=START)
+    one.coordinator_speaks = True
+    x_m, y_m = START.x_m, START.y_m
+    host = one.host("explore", localisation={"start_known": False, "x_m": x_m, "y_m": y_m})
+    return one, host
+
+
+def explore(host) -> ExploreBehavior:
+    return host.manager.get("explore").live_plugin()
+
+
+def test_it_roams_though_there_is_a_coordinator_and_tells_that_it_is_lost(lost):
+    one, host = lost
+    states = one.inbox(ROBOT_STATE)
+    one.run(3.0)
+    assert host.board.frame.robot == "r1"
+    assert one.truth().distance_m > 1.0
+    assert one.truth().collisions == 0
+    told = states.drain()[-1].message
+    assert told.behavior == "explore alone"
+    assert told.lost
+    assert told.frame == host.board.frame
+
+
+def test_it_takes_no_task_while_it_roams(lost):
+    one, host = lost
+    one.run(3.0)
+    goal = explore(host).goal()
+    assert goal is not None
+    answer = one.offer(goal)
+    assert not answer.accepted
+    assert "does not know where it is" in answer.why
+
+
+def test_it_goes_on_into_the_next_room_until_nothing_is_left(lost):
+    one, host = lost
+    one.run(20.0)
+    assert one.truth().pose.x_m > 5.2
+    assert one.truth().collisions == 0
+    assert find_frontiers(host.manager.get("mapper").plugin.view().classes) == []
+    assert host.board.behavior == "idle"
+
+
+def test_a_place_that_it_chose_in_a_frame_that_it_has_left_is_no_goal_any_more(lost):
+    one, host = lost
+    one.run(3.0)
+    assert host.board.behavior == "explore alone"
+    frames = host.manager.get("mapper").live_plugin()._frames
+    before = explore(host)._task
+    frames.follow(FrameMove(MapFrame(1, "r9"), IDENTITY))
+    one.run(0.3)
+    assert host.board.frame == MapFrame(1, "r9")
+    assert explore(host)._task is not before
+    one.run(0.4)
+    assert host.board.behavior == "explore alone", "it goes on in the new one"
+
+
+@pytest.mark.parametrize("charging", [True, False])
+def test_one_that_charges_stays(lost, charging):
+    one, host = lost
+    one.run(0.6)
+    assert host.board.frame != ARENA
+    host.board.battery = BatteryState(
+        voltage_v=16.0, current_a=0.0, temperature_c=20.0, soc=0.5, remaining_j=1e5, charging=charging
+    )
+    assert explore(host)._may_roam() != charging
+
+
+WEST, EAST = Point2D(2.05, 2.75), Point2D(7.95, 2.75)
+RADIUS_M = 0.2
+
+
+def corridor_board() -> Board:
+    """What a robot in a walled corridor knows whose two ends are unknown."""
+    grid = OccupancyGrid(GridGeometry(0.1, 0.0, 0.0, 100, 60))
+    for number, (row, column, rows, kind) in enumerate(
+        ((20, 20, 15, FREE), (19, 20, 1, OCCUPIED), (35, 20, 1, OCCUPIED))
+    ):
+        grid.merge_patch(row, column, np.full((rows, 60), kind, np.int8), number + 1)
+    board = Board()
+    board.map = grid
+    return board
+
+
+def chooser(name: str) -> TeamChoice:
+    return TeamChoice(name, corridor_board(), joint, 0.1)
+
+
+def mate(
+    name: str, x_m: float, bound: Point2D | None = None, behavior: str = ALONE, doing: Doing = Doing.MOVING
+) -> Mate:
+    pose = Pose2D(x_m, 2.7, 0.0)
+    track = Track(np.array(((x_m, 2.7),)), 0.6, 0, RADIUS_M, goes_first=False)
+    return Mate(name, pose, RADIUS_M, doing, Claim(), track, "", bound or Point2D(x_m, 2.7), behavior)
+
+
+def choice(name: str, x_m: float, *mates: Mate, goal: Point2D | None = None) -> Point2D | None:
+    return chooser(name).choose_own(Point2D(x_m, 2.7), RADIUS_M, goal, mates, 0)
+
+
+def is_at(place: Point2D | None, end: Point2D) -> bool:
+    return place is not None and place.distance_m(end) < 0.3
+
+
+def test_two_robots_conclude_apart_who_goes_to_which_end() -> None:
+    first = choice("r1", 4.0, mate("r2", 4.5, behavior=IDLE))
+    second = choice("r2", 4.5, mate("r1", 4.0, behavior=IDLE))
+    assert is_at(first, WEST)
+    assert is_at(second, EAST)
+
+
+def test_of_two_that_are_bound_for_one_end_both_conclude_that_the_same_one_gives_way() -> None:
+    assert is_at(choice("r1", 4.0, mate("r2", 3.5, WEST), goal=WEST), EAST)
+    assert choice("r2", 3.5, mate("r1", 4.0, WEST), goal=WEST) is None, "it keeps its goal"
+
+
+def test_a_mate_that_does_a_task_is_left_to_it() -> None:
+    assert is_at(choice("r1", 4.0, mate("r2", 3.5, WEST, behavior="visit")), EAST)
+
+
+@pytest.mark.parametrize("behavior", [ALONE, "visit"])
+def test_a_mate_that_is_an_obstacle_takes_nothing(behavior: str) -> None:
+    standing = mate("r2", 3.5, WEST, behavior=behavior, doing=Doing.OBSTACLE)
+    assert is_at(choice("r1", 4.0, standing), WEST)
+
+
+def test_where_the_robot_failed_it_goes_again_only_later() -> None:
+    one = chooser("r1")
+    first = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
+    assert first is not None
+    one.record_failure("r1", first, 0)
+    other = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(1.0))
+    assert is_at(other, EAST)
+    assert one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(20.0)) == first
+
+
+def test_what_stayed_unknown_although_the_robot_was_there_is_looked_at_once_more_and_then_left_alone() -> None:
+    one = chooser("r1")
+    for at_s, end in ((0.0, WEST), (0.0, EAST), (3.0, WEST), (6.0, EAST)):
+        found = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s))
+        assert is_at(found, end)
+        one.record_visit(found)
+    for at_s in (9.0, 12.0, 60.0):
+        assert one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s)) is None
+
+
+def test_without_a_map_there_is_nothing_to_choose() -> None:
+    assert TeamChoice("r1", Board(), joint, 0.1).choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
+
+
+RESERVE = 0.1
+
+
+def robot_that_reaches(far_m: float, charger: Point2D | None, dearer: float = 200.0) -> TeamChoice:
+    """A robot whose energy lasts for a path of this length, with its reserve kept."""
+    board = corridor_board()
+    board.chargers = () if charger is None else (charger,)
+    for usable_j in np.arange(0.1, 1.0, 0.001) * CAPACITY_J:
+        board.energy = model(float(usable_j), dearer=dearer)
+        board.battery = BatteryState(
+            voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=usable_j / CAPACITY_J, remaining_j=float(usable_j)
+        )
+        if reach_m(board.energy, board.battery, reserve_share=RESERVE, confidence=CONFIDENCE) == far_m:
+            return TeamChoice("r1", board, joint, RESERVE)
+    raise AssertionError(f"no charge lasts for {far_m} m")
+
+
+@pytest.mark.parametrize(
+    ("far_m", "charger", "end"),
+    [
+        (12.0, Point2D(2.1, 2.7), EAST),  # the nearer end, and 6 m from there to the charger
+        (8.0, Point2D(2.1, 2.7), WEST),
+        (0.0, Point2D(2.1, 2.7), None),
+        (0.0, None, EAST),  # a robot without a charger goes as far as there is a way
+    ],
+)
+def test_robot_goes_to_no_frontier_from_which_its_energy_does_not_last_to_a_charger(
+    far_m: float, charger: Point2D | None, end: Point2D | None
+) -> None:
+    chosen = robot_that_reaches(far_m, charger).choose_own(Point2D(5.5, 2.7), RADIUS_M, None, (), 0)
+    assert chosen is None if end is None else is_at(chosen, end)

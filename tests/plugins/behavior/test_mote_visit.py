@@ -1,13 +1,10 @@
 """Robots' base stations among simulated motes, on one air: visits, duty, and what two robots make of the same motes."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
-from robrain.protocol.messages.motes.mote_messages import MoteDuty
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
+from robrain.protocol.table.topics import MOTE_READING
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
@@ -87,19 +84,6 @@ def test_at_the_edge_of_reach_what_the_air_loses_is_asked_for_again(air):
 
 
 @pytest.mark.slow
-def test_two_robots_at_the_same_motes_put_each_reading_on_the_wire_once(air):
-    visit = air(motes=4, robots=2)
-    visit.run(100.0)
-    visit.places = [Point2D(4.0, 1.0), Point2D(5.0, 1.0)]
-    visit.run(60.0)
-    readings = visit.readings()
-    counts = Counter((each.mote, each.sequence) for each in readings)
-    assert len(counts) > 100
-    assert max(counts.values()) == 1
-    assert {each.via for each in readings} >= {"r1"}
-
-
-@pytest.mark.slow
 def test_a_second_robot_does_not_ask_for_what_the_first_has_brought_in(air):
     visit = air(robots=2)
     visit.run(200.0)
@@ -110,16 +94,3 @@ def test_a_second_robot_does_not_ask_for_what_the_first_has_brought_in(air):
     counters = [visit.one.call("snw_exploration", "counters", robot=name) for name in ("r1", "r2")]
     assert counters[0]["requests"] > 0
     assert counters[1]["requests"] == 0
-
-
-def test_a_duty_that_somebody_wants_reaches_the_mote_at_the_next_visit(air):
-    visit = air(motes=2)
-    visit.one.publisher(MOTE_DUTY, mote="m2").put(MoteDuty(mote="m2", period_s=20.0, by="operator"))
-    visit.run(20.0)
-    assert [mote.period_ds for mote in visit.field.motes] == [40, 40]
-    visit.places = [Point2D(3.0, 1.0)]
-    visit.run(20.0)
-    assert [mote.period_ds for mote in visit.field.motes] == [40, 200]
-    sent = visit.one.call("snw_exploration", "counters")["duties"]
-    visit.run(60.0)
-    assert visit.one.call("snw_exploration", "counters")["duties"] == sent

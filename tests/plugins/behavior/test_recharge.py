@@ -54,13 +54,6 @@ def test_a_robot_that_is_told_to_docks_within_5_cm_and_tells_what_the_charger_ga
     assert 10.0 < status.result["energy_j"] < 400.0  # of the way to it
 
 
-def test_a_charger_that_a_task_names_is_known_from_then_on(errands):
-    run = errands()
-    assert run.call("home", "chargers") == []
-    assert run.offer(Task(id="c", kind="recharge", place=CHARGER, parameters={"yaw_rad": 0.5})).accepted
-    assert run.call("home", "chargers") == [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.5}]
-
-
 @pytest.mark.slow
 def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
     run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
@@ -98,15 +91,3 @@ def test_without_a_charger_the_robot_goes_back_to_where_it_started(errands):
     here = run.way_m()
     run.run(10.0)
     assert run.way_m() == pytest.approx(here, abs=0.01)  # it is at home, and stays there
-
-
-@pytest.mark.slow
-def test_an_offer_to_recharge_is_taken_even_on_the_way_home(errands):
-    run = errands(parameters=KNOWN)
-    run.finish(Task(id="v", kind="visit", place=FAR))
-    usable(run, 600.0)
-    run.run(3.0)
-    assert behavior(run) == "recharge"
-    assert run.offer(Task(id="c", kind="recharge", place=CHARGER, parameters={"until_soc": 0.5})).accepted
-    run.run(25.0)
-    assert (run.status().id, run.status().state) == ("c", TaskState.DONE)

@@ -1,17 +1,28 @@
 """When a robot decides to charge, and when it yields its charger; the behavior on fakes."""
 
+from types import SimpleNamespace
+
 import pytest
 
-from robrain.plugins.behavior.errand import STEP_S
-from robrain.plugins.behavior.recharge import AT_HOME_M, GUARD_S, HOMEWARD, QUEUE_S, RETRY_NS
-from robrain.protocol.messages.tasks.offer_messages import TaskOffer
+from robrain.plugins.behavior.errand import STEP_S, Failed, Run
+from robrain.plugins.behavior.recharge import (
+    AT_HOME_M,
+    DOCK_S,
+    FULL_ERROR,
+    GUARD_S,
+    HOMEWARD,
+    QUEUE_S,
+    RETRY_NS,
+    RechargeBehavior,
+)
+from robrain.plugins.skill.energy import Work
+from robrain.plugins.skill.home import ChargerPlace
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.plugins.behavior.bare_errand import mate, run
 from tests.plugins.behavior.bare_recharge import CHARGER, RESERVE_S, BareRecharge
-
-# -- when it must -----------------------------------------------------------------------------------------------
 
 
 def test_robot_with_just_enough_for_the_way_and_the_reserve_stays_and_with_less_goes_to_charge():
@@ -142,16 +153,6 @@ def test_robot_without_a_way_home_tries_again_after_its_time():
     assert robot.it.run.own == "recharge"
 
 
-@pytest.mark.parametrize(("state", "waits"), [(TaskState.FAILED, True), (TaskState.DONE, False)])
-def test_after_a_way_home_that_failed_the_next_try_comes_later(state, waits):
-    robot = BareRecharge(CHARGER)
-    robot.usable_j = 0.0
-    robot.errand.wait(GUARD_S)
-    robot.it.ended_own(state, "")
-    robot.it.step()
-    assert (robot.it.run is None) is waits
-
-
 # -- when it is asked -------------------------------------------------------------------------------------------
 
 
@@ -215,3 +216,161 @@ def test_robot_that_needs_its_charger_no_more_leaves_it_to_a_mate_that_waits(cha
         assert robot.it.run.own == "make room"
         assert robot.tasks.occupies("recharge")
         assert robot.it.run.task.id == "aside-r5"
+
+
+WANTED = Recharge(yaw_rad=1.0, until_soc=0.9)
+TASK = Task(id="c", kind="recharge", place=CHARGER.place, parameters=WANTED.json)
+
+
+def charged(robot, soc, *, comes=True, begun_soc=0.5, at=4.0):
+    """Result of charging if the battery has this charge when the current ends; `comes`: whether there was a current."""
+    robot.errand.at = Pose2D(at, 0.0, 0.0)
+    robot.battery.soc, robot.battery.charging = begun_soc, comes
+    robot.it._queue = SimpleNamespace(must_give=lambda _charger: False)
+    script = robot.it.charge_at(CHARGER, WANTED.until_soc)
+    for number in range(3000):
+        try:
+            next(script)
+        except StopIteration as end:
+            return end.value
+        robot.errand.wait(0.25)
+        if number == 20:
+            robot.battery.soc, robot.battery.charging = soc, False
+    raise AssertionError("it does not end")
+
+
+def test_full_battery_is_told_with_where_the_robot_stood_and_what_came():
+    robot = BareRecharge(CHARGER)
+    robot.it._charged_j = 12.34
+    assert charged(robot, 0.9, at=4.03) == {"soc": 0.9, "docked_m": 0.03, "charged_j": 12.3}
+
+
+@pytest.mark.parametrize(("soc", "is_full"), [(0.9 - FULL_ERROR + 0.001, True), (0.9 - FULL_ERROR - 0.001, False)])
+def test_battery_may_be_full_before_the_estimate_says_so_but_not_long_before(soc, is_full):
+    robot = BareRecharge(CHARGER)
+    if is_full:
+        assert charged(robot, soc)["soc"] == round(soc, 3)
+    else:
+        with pytest.raises(Failed, match="the charger has stopped at 84%"):
+            charged(robot, soc)
+
+
+def test_charger_that_never_gives_is_named_and_so_is_where_the_robot_stood():
+    robot = BareRecharge(CHARGER)
+    with pytest.raises(Failed, match=r"the charger gives nothing, 0\.02 m from its place"):
+        charged(robot, 0.5, comes=False, at=4.02)
+    with pytest.raises(Failed, match="the charger gives nothing"):
+        charged(robot, 0.85, comes=False, begun_soc=0.85)
+
+
+def test_robot_that_must_give_its_place_has_no_result():
+    robot = BareRecharge(CHARGER)
+    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
+    robot.battery.charging = True
+    robot.it._queue = SimpleNamespace(must_give=lambda _charger: True)
+    assert run(robot.it.charge_at(CHARGER, WANTED.until_soc)) == {}
+
+
+def test_battery_that_says_nothing_fails_the_task():
+    robot = BareRecharge(CHARGER)
+    robot.board.battery = None
+    with pytest.raises(Failed, match="the battery says nothing"):
+        robot.it.battery()
+
+
+@pytest.mark.parametrize(("charging", "energy_j", "charged_j"), [(False, 30.0, 0.0), (True, 0.0, 60.0)])
+def test_what_comes_from_the_charger_is_no_cost_of_the_way(charging, energy_j, charged_j):
+    robot = BareRecharge(CHARGER)
+    made = Run(TASK, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    made.measured_ns = robot.errand.clock.now_ns()
+    robot.errand.wait(2.0)
+    robot.battery.charging = charging
+    robot.battery.current_a = -2.0 if charging else 1.0
+    robot.it._measure(made)
+    assert (made.energy_j, robot.it._charged_j) == pytest.approx((energy_j, charged_j))
+
+
+def test_task_that_is_taken_on_is_the_answer_to_what_was_wanted_and_its_charger_is_known(monkeypatch):
+    robot = BareRecharge(CHARGER)
+    robot.it._wanted = "home"
+    for accepted in (False, True):
+        answer = TaskAnswer(accepted=accepted)
+        monkeypatch.setattr(RechargeBehavior.__mro__[1], "accept", lambda _self, _task, answer=answer: answer)
+        assert robot.it.accept(TASK) is answer
+        assert robot.it._wanted == ("" if accepted else "home")
+    assert robot.learned == [CHARGER]
+
+
+def test_charging_costs_docking_and_its_end_is_not_foreseen():
+    robot = BareRecharge(CHARGER)
+    assert robot.it.work(TASK, WANTED) == Work(wait_s=DOCK_S)
+    assert robot.it.left_s(None) is None
+    assert (robot.it.refusal(None), robot.it.homing_reason(None)) == (None, "")
+
+
+# -- the whole --------------------------------------------------------------------------------------------------
+
+OTHER = ChargerPlace(8.0, 0.0)
+
+
+def test_robot_that_is_full_when_it_gets_there_is_done_and_has_been_there():
+    robot = BareRecharge(CHARGER)
+    robot.errand.progress = []
+    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
+    robot.battery.soc, robot.battery.charging = 0.95, True
+    robot.it.run = made = Run(TASK, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    assert run(robot.it.play(TASK, WANTED))["soc"] == 0.95
+    assert made.there_ns == robot.errand.clock.now_ns()
+    robot.it.run = None  # it was dropped meanwhile
+    assert run(robot.it.play(TASK, WANTED))["soc"] == 0.95
+
+
+def test_robot_that_is_there_too_early_waits_and_counts_as_there_from_then_on():
+    robot = BareRecharge(CHARGER)
+    robot.errand.progress = []
+    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
+    robot.battery.soc, robot.battery.charging = 0.95, True
+    begins_ns = robot.errand.clock.now_ns() + 10**9
+    later = Task(id="c", kind="recharge", place=CHARGER.place, earliest_ns=begins_ns)
+    robot.it.run = made = Run(later, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    script = robot.it.play(later, WANTED)
+    robot.errand.wait(0.999)
+    assert run(script, 5) is ...
+    assert made.there_ns is None
+    robot.errand.wait(0.001)
+    assert run(script)["soc"] == 0.95
+    assert made.there_ns == begins_ns
+
+
+def test_charger_of_no_use_is_left_for_the_next_and_the_last_trouble_is_told():
+    robot = BareRecharge(CHARGER, OTHER)
+    tried = []
+
+    def gives_nothing(charger, _task):
+        tried.append(charger)
+        raise Failed(f"{charger.x_m:g} gives nothing")
+        yield
+
+    robot.it.charge_at = gives_nothing
+    robot.errand.progress = []
+    with pytest.raises(Failed, match="8 gives nothing"):
+        run(robot.it.play(TASK, WANTED))
+    assert tried == [CHARGER, OTHER]
+
+
+def test_robot_that_made_room_comes_back_and_ends_with_what_came_of_it_then():
+    robot = BareRecharge(CHARGER, OTHER)
+    results = [{}, {"soc": 0.9}]
+
+    def charges(_charger, _task):
+        return results.pop(0)
+        yield
+
+    robot.it.charge_at = charges
+    robot.errand.progress = []
+    robot.it._charged_j = 99.0
+    assert run(robot.it.play(TASK, WANTED)) == {"soc": 0.9}
+    # The one that it gave up is the mate's for now: it went to the other one, aside of the first in between.
+    goals = [goal for goal, _ in robot.errand.set_out]
+    assert (goals[0], goals[-1]) == (CHARGER.place, OTHER.place)
+    assert robot.it._charged_j == 0.0

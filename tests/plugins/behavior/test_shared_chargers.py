@@ -68,14 +68,3 @@ def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team):
             break
     assert charged == {0, 1}
     assert run.arena.collisions == 0
-
-
-def test_one_that_is_charged_leaves_the_charger_to_a_mate_that_waits(team):
-    run = team(2, 1, 0.6)
-    run.run(1.0)
-    run.finish(Task(id="a", kind="recharge", place=CHARGER, parameters={"until_soc": 0.65}), robot="r1")
-    assert run.pose("r1").distance_m(CHARGER) < 0.1
-    status = run.finish(Task(id="b", kind="recharge", place=CHARGER, parameters={"until_soc": 0.65}), robot="r2")
-    assert (status.state, status.why) == (TaskState.DONE, "")
-    assert run.pose("r1").distance_m(CHARGER) > 0.8
-    assert run.arena.collisions == 0

@@ -8,8 +8,8 @@ from robrain.protocol.backoff import Backoff
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.tinyos.serial_line import frame
 
-PACKET = bytes.fromhex("00 FF FF 00 00 04 22 06 00 02 00 01")
-ARRIVING = frame(b"\x45" + PACKET)
+SHORT = bytes.fromhex("00 FF FF 00 00 04 22 06 00 02 00 01")
+ARRIVING = frame(b"\x45" + SHORT)
 
 
 class Socket:
@@ -69,7 +69,7 @@ def test_line_that_was_pulled_out_is_opened_again_when_it_is_due(socket):
     assert socket.opened == 1
     assert link.receive(NS_PER_S) == []  # opened, and read from the next step on
     assert (link.down_reason, socket.opened, link.counters()["reopened"]) == ("", 2, 1)
-    assert link.receive(NS_PER_S + 1) == [PACKET]
+    assert link.receive(NS_PER_S + 1) == [SHORT]
 
 
 def test_line_that_stays_away_is_tried_less_and_less_often(socket):
@@ -88,21 +88,21 @@ def test_line_that_stays_away_is_tried_less_and_less_often(socket):
 def test_line_that_is_lost_while_sending_is_told_and_sends_after_it_is_back(socket):
     link = line()
     socket.is_plugged = False
-    link.send(PACKET, 0)
+    link.send(SHORT, 0)
     assert link.down_reason == "/dev/ttyUSB0: unplugged"
-    link.send(PACKET, 0)  # waits; there is nothing to write to
+    link.send(SHORT, 0)  # waits; there is nothing to write to
     socket.is_plugged = True
     link.receive(NS_PER_S)
     assert socket.written == b""
     link.receive(2 * NS_PER_S)
-    assert PACKET in socket.written
+    assert SHORT in socket.written
 
 
 def test_what_a_line_does_not_take_at_once_is_written_later_in_order(socket):
     link, whole = line(), line()
-    whole.send(PACKET, 0)
+    whole.send(SHORT, 0)
     expected, socket.written, socket.takes = socket.written, b"", 5
-    link.send(PACKET, 0)
+    link.send(SHORT, 0)
     assert socket.written == expected[:5]
     for _ in range(5):
         link.receive(1)

@@ -9,9 +9,11 @@ from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph, is_information
+from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import PATH_M, UNSAID, ClosureFinder
 from robrain.protocol.messages.maps.map_messages import Closure, Closures, MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 MATE = ("r2", 7)
@@ -242,3 +244,155 @@ def test_where_own_submaps_lie_is_as_sure_as_the_graph_says() -> None:
     assert scene.desk.variances_of(("r1", 1)) == UNSAID, "one that cannot be moved any more"
     scene.desk.receive_submap_poses(told(3))
     assert scene.desk.variances_of(("r2", 3)) == (0.04, 0.04, 0.01)
+
+
+PLACES = [Pose2D(1.6 + 0.75 * n, 4.6, 0.8) for n in range(8)] + [Pose2D(6.9, 3.8 - 0.75 * n, 0.8) for n in range(4)]
+"""A way that leads on and on, so that each submap is tried in turn."""
+ELSEWHERE = Pose2D(6.8, 1.0, 2.2)
+TWO_ROBOTS: tuple[SubmapKey, ...] = (("r2", 7), ("r2", 8), ("r3", 1))
+
+
+def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureFinder:
+    """A robot's desk that knows these submaps, all of the same room."""
+    graph, atlas = SubmapGraph("r1", GraphSpec()), SubmapAtlas(GEOMETRY)
+    for key in keys:
+        submap = Submap(IDENTITY)
+        submap.merge(SEEN.row, SEEN.column, SEEN.classes(), 1)
+        submap.surfaces = SEEN.surfaces
+        atlas.submaps[key] = submap
+    graph.begin(3, IDENTITY, IDENTITY, 0, np.diag((0.04, 0.04, 0.01)))
+    return ClosureFinder("r1", graph, atlas, 0.0)
+
+
+def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
+    """Lay a scan on the next submap: one of elsewhere, or one of the place where the robot believes to be."""
+    here = PLACES[turn % len(PLACES)]
+    points = ROOM.points(ELSEWHERE if wrong else here)
+    assert desk.check(3, here, here, lambda: points, SURE)
+
+
+def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robot_is_wrong() -> None:
+    desk = desk_with(TWO_ROBOTS)
+    whys = []
+    for turn in range(6):
+        look(desk, turn)
+        whys.append(desk.misplacement_reason())
+    assert desk.contradicted == 6
+    assert whys[:5] == [""] * 5
+    assert whys[5] == "3 submaps of 2 robots contradict what the lidar sees"
+    assert desk.misplacement_reason() == "", "it is said once, and the count starts again"
+    look(desk, 6)
+    assert desk.misplacement_reason() == ""
+
+
+@pytest.mark.parametrize("keys", [TWO_ROBOTS[1:], (("r2", 7), ("r2", 8), ("r2", 9))])
+def test_two_submaps_or_one_robot_alone_may_be_wrong_themselves(keys: tuple[SubmapKey, ...]) -> None:
+    desk = desk_with(keys)
+    for turn in range(12):
+        look(desk, turn)
+        assert desk.misplacement_reason() == ""
+    assert desk.contradicted == 12
+
+
+def test_scans_that_agree_with_mates_are_weighed_against_those_that_contradict() -> None:
+    desk = desk_with(TWO_ROBOTS)
+    for turn in range(8):
+        look(desk, turn, wrong=turn % 2 == 1)
+        assert desk.misplacement_reason() == ""
+    look(desk, 8)
+    assert desk.misplacement_reason() == "", "5 of the last 9"
+    look(desk, 9)
+    assert desk.misplacement_reason(), "6 of the last 9"
+
+
+def test_that_its_own_submaps_agree_says_nothing_for_the_place_of_a_robot() -> None:
+    own = ("r1", 1)
+    desk = desk_with((*TWO_ROBOTS, own))
+    for turn in range(12):
+        key = TWO_ROBOTS[turn // 2 % 3] if turn % 2 else own
+        desk.candidate = lambda _sensor, key=key: key
+        assert desk.misplacement_reason() == ""
+        look(desk, turn, wrong=key != own)
+    assert (desk.closed, desk.contradicted) == (6, 6)
+    assert desk.misplacement_reason()
+
+
+def test_contradictions_of_before_the_robot_began_anew_do_not_count() -> None:
+    desk = desk_with(TWO_ROBOTS)
+    for turn in range(5):
+        look(desk, turn)
+    desk.restart()
+    look(desk, 5)
+    assert desk.misplacement_reason() == ""
+
+
+LARGE = GridGeometry(0.1, -8.0, -8.0, 160, 160)
+PRECISE = (1e4, 0.0, 0.0, 1e4, 0.0, 1e4)
+BESIDE = Pose2D(0.3, 0.0, 0.0)
+
+
+@pytest.fixture
+def atlas():
+    return SubmapAtlas(LARGE)
+
+
+@pytest.fixture
+def graph():
+    graph = SubmapGraph("r1", GraphSpec())
+    graph.begin(5, IDENTITY, IDENTITY, 0, np.diag((0.01, 0.01, 0.001)))
+    return graph
+
+
+@pytest.fixture
+def desk(graph, atlas):
+    return ClosureFinder("r1", graph, atlas, 0.0)
+
+
+def reported(**fields):
+    closure = {
+        "submap": 7,
+        "at": IDENTITY,
+        "other_robot": "r1",
+        "other_submap": 5,
+        "at_other": BESIDE,
+        "information": PRECISE,
+    }
+    return Closures(robot="r2", closures=[Closure(**(closure | fields))])
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [
+        ({"information": (-1.0, 0.0, 0.0, 1.0, 0.0, 1.0)}, "no inverse covariance"),
+        ({"information": (1.0, 5.0, 0.0, 1.0, 0.0, 1.0)}, "no inverse covariance"),  # an indefinite matrix
+        ({"information": (0.0,) * 6}, "no inverse covariance"),
+        ({"information": (1e15, 0.0, 0.0, 1e15, 0.0, 1e15)}, "no inverse covariance"),  # sure to 30 nm
+        ({"at": Pose2D(1e6, 0.0, 0.0), "at_other": Pose2D(1e6, 0.0, 0.0)}, "far outside"),  # a lever of 1000 km
+        ({"at_other": Pose2D(0.0, -250.0, 0.0)}, "far outside"),
+    ],
+)
+def test_a_closure_that_no_scan_can_show_is_refused(desk, graph, fields, why):
+    assert why in desk.receive(reported(**fields))
+    assert not graph.has_news
+
+
+@pytest.mark.parametrize("fields", [{"other_robot": "r3"}, {"other_submap": 6}])
+def test_a_closure_with_a_submap_that_the_robot_does_not_have_says_nothing(desk, graph, fields):
+    assert desk.receive(reported(**fields)) == ""
+    assert not graph.has_news
+
+
+def test_submaps_that_do_not_exist_displace_no_variances_of_others(desk, atlas, monkeypatch):
+    monkeypatch.setattr(closures, "OTHER_SUBMAPS_MAX", 4)
+    atlas.merge(("r3", 1), 0, 0, np.array([[FREE]]), 5)
+    for robot, numbers in (("r2", range(4)), ("r3", (1,)), ("r2", range(10, 20))):
+        parts = [pose_message(robot, LARGE, number, IDENTITY, variances=(0.5, 0.1)) for number in numbers]
+        desk.receive_submap_poses(joined_message(robot, LARGE, parts))
+    assert desk.variances_of(("r3", 1)) == (0.5, 0.5, 0.1)
+    assert len(desk._variances) <= 4
+
+
+@pytest.mark.parametrize("variances", [(0.0, 0.0), (-1e15, -1e15)])
+def test_no_mate_is_surer_of_its_place_than_a_scan_can_make_it(desk, variances):
+    desk.receive_submap_poses(pose_message("r2", LARGE, 7, IDENTITY, variances=variances))
+    assert desk.variances_of(("r2", 7)) == UNSAID

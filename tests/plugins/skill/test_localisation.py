@@ -25,16 +25,6 @@ def roll(one, bus, displacement):
     one.run(0.2)
 
 
-def test_a_robot_that_has_not_moved_is_where_it_started(stage):
-    one = stage()
-    one.host("localisation", localisation={"x_m": 3.0, "y_m": -1.0, "yaw_rad": 0.5})
-    states = one.inbox(ROBOT_STATE)
-    one.run(0.3)
-    state = states.drain()[-1].message
-    assert state.pose == Pose2D(3.0, -1.0, 0.5)
-    assert state.radius_m == 0.2
-
-
 def biased(one, bus, metres, *, each=None):
     """Encoder frames of a robot that drives straight, and whose third wheel counts 2 % too much."""
     turns = BASE.wheel_speeds_rad_s(Twist2D(0.01))

@@ -10,10 +10,11 @@ from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.mapping.local_map import NO_DRIFT, NONE, LocalMap, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.wheel_bases import OmniBase
+from robrain.plugins.skill.localisation import PAUSE_M, PAUSE_RAD
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.map_frame import MapFrame
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.table.topics import ROBOT_EVENT
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
@@ -180,3 +181,192 @@ def test_a_lost_robot_that_has_mapped_nothing_is_where_motes_tell(stage):
     assert host.board.shared(OwnMap).arena_fix is None
     assert host.board.pose.distance_m(true) < 0.5
     assert host.board.shared(OwnMap).local_pose.trajectory == 2, "its map begins where it was found"
+
+
+STANDING = {f"wheel_{wheel}_ticks": 0 for wheel in (1, 2, 3)}
+OMNI = OmniBase()
+
+
+OWN = MapFrame(20, "r1")
+
+
+def in_frame(T_arena_local, trajectory=0, frame=ARENA, why=""):
+    grid = OccupancyGrid(GEOMETRY, surfaces=True)
+    return LocalMap(grid, T_arena_local, IDENTITY, NONE, NO_DRIFT, 1, 1, trajectory, frame, why)
+
+
+def localised(stage, *load, **parameters):
+    one = stage()
+    host = one.host("localisation", *load, mapper=GRID, localisation=parameters)
+    return one, host, host.manager.get("localisation").plugin
+
+
+def off(pose, other):
+    turned_rad = math.remainder(pose.yaw_rad - other.yaw_rad, math.tau)
+    return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
+
+
+@pytest.mark.parametrize("variances", [(0.04, 0.09, 0.01), (0.09, 0.04, 0.01)])
+def test_after_a_pause_the_robot_is_where_it_was_but_less_sure(stage, variances):
+    one = stage()
+    host = one.host("localisation", start=False, localisation={"x_m": 50.0})
+    before = Pose2D(3.0, -1.0, 0.5)
+    host.board.T_arena_odom = before
+    host.board.pose_covariance = tuple(np.diag(variances).ravel().tolist())
+    host.start()
+    localisation = host.manager.get("localisation").plugin
+    assert localisation.pose() == before
+    assert localisation.health().sigma_m == pytest.approx(0.3 + PAUSE_M)
+    assert localisation.health().sigma_rad == pytest.approx(0.1 + PAUSE_RAD)
+
+
+@pytest.mark.parametrize("covariance", [(), (0.04,) * 8])
+def test_without_what_was_known_before_the_robot_is_where_it_was_told(stage, covariance):
+    one = stage()
+    told = {"x_m": 3.0, "y_m": -1.0, "yaw_rad": 0.5, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
+    host = one.host("localisation", start=False, localisation=told)
+    host.board.T_arena_odom = Pose2D(50.0, 0.0, 0.0)
+    host.board.pose_covariance = covariance
+    host.start()
+    localisation = host.manager.get("localisation").plugin
+    assert localisation.pose() == Pose2D(3.0, -1.0, 0.5)
+    assert localisation.health().sigma_m == pytest.approx(0.2)
+    assert localisation.health().sigma_rad == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("is_known_from_before", [False, True])
+def test_a_start_that_nobody_has_said_makes_a_robot_lost_unless_it_was_there_before(stage, is_known_from_before):
+    one = stage()
+    host = one.host("localisation", start=False, localisation={"start_known": False})
+    if is_known_from_before:
+        host.board.T_arena_odom, host.board.pose_covariance = IDENTITY, tuple((1e-3 * np.eye(3)).ravel().tolist())
+    host.start()
+    assert (host.board.lost == "") == is_known_from_before
+    assert is_known_from_before or "nobody has said where it starts" in host.board.lost
+
+
+MOVED = Pose2D(0.3, -0.2, 0.4)
+
+
+def test_a_robot_moves_with_the_frame_of_the_map_that_it_goes_by(stage):
+    one, host, localisation = localised(stage, x_m=2.0, y_m=1.0, yaw_rad=0.3)
+    before, local = localisation.pose(), host.board.shared(OwnMap).local_pose.T_local_odom
+    host.board.shared(OwnMap).local_map = in_frame(MOVED)
+    one.run(0.2)
+    assert off(localisation.pose(), MOVED.compose(before)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert off(host.board.shared(OwnMap).local_pose.T_local_odom, local) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    host.board.shared(OwnMap).local_map = in_frame(IDENTITY)
+    one.run(0.2)
+    assert off(localisation.pose(), before) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+
+def test_a_lost_robot_is_not_moved_by_the_map_from_before_it_was_lost(stage):
+    one, host, localisation = localised(stage, start_known=False, x_m=2.0)
+    host.board.shared(OwnMap).local_map = in_frame(MOVED)
+    one.run(0.2)
+    assert localisation.pose() == host.board.shared(OwnMap).local_pose.T_local_odom == Pose2D(2.0, 0.0, 0.0)
+    assert host.board.lost
+
+
+def test_a_lost_robot_moves_with_the_map_in_its_own_frame_and_is_found_when_that_lies_in_the_arena(stage):
+    one, host, localisation = localised(stage, start_known=False, x_m=2.0)
+    lost = host.board.lost
+    host.board.shared(OwnMap).local_map = in_frame(MOVED, trajectory=1, frame=OWN, why=lost)
+    one.run(0.2)
+    moved = MOVED.compose(Pose2D(2.0, 0.0, 0.0))
+    assert off(localisation.pose(), moved) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert host.board.lost == host.board.shared(OwnMap).local_pose.lost == lost
+    host.board.shared(OwnMap).local_map = in_frame(IDENTITY, trajectory=1)
+    one.run(0.2)
+    assert localisation.pose().x_m == pytest.approx(2.0)
+    assert host.board.lost == host.board.shared(OwnMap).local_pose.lost == ""
+    assert host.board.shared(OwnMap).local_pose.trajectory == 1, "its map goes on"
+
+
+def test_a_robot_whose_map_leaves_the_arena_frame_is_lost_for_the_same_reason_and_stays_where_it_is(stage):
+    one, host, localisation = localised(stage, x_m=2.0)
+    host.board.shared(OwnMap).local_map = in_frame(IDENTITY, frame=OWN, why="mates contradict it")
+    one.run(0.2)
+    assert host.board.lost == "mates contradict it"
+    assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
+    assert host.board.shared(OwnMap).local_pose.trajectory == 0
+    assert localisation.health().sigma_m < 0.1
+
+
+def test_a_robot_that_stands_lays_a_scan_on_its_map_five_times_a_second(stage):
+    one, _, localisation = localised(stage, "mapper", start_sigma_m=0.06)
+    standing(one, 1.0)
+    before = localisation.health().matches
+    standing(one, 4.0)
+    assert localisation.health().matches - before == pytest.approx(20, abs=1)
+    assert localisation.health().last_fit > 0.95
+
+
+@pytest.mark.parametrize(("scan_way_m", "matches"), [(0.03, 25), (0.1, 9)])
+def test_a_robot_that_drives_lays_a_scan_on_its_map_after_its_way(stage, scan_way_m, matches):
+    one, host, localisation = localised(stage, "mapper", scan_way_m=scan_way_m, scan_period_s=100.0)
+    standing(one, 0.5)
+    host.board.map_agreement = 0.0
+    before = localisation.health().matches
+    bus, counts = one.bus(), [0.0, 0.0, 0.0]
+    for step in range(100):
+        for wheel, turn_rad in enumerate(OMNI.wheel_speeds_rad_s(Twist2D(0.01))):
+            counts[wheel] += turn_rad / OMNI.rad_per_tick
+        ticks = {name: round(count) % 65536 for name, count in zip(STANDING, counts, strict=True)}
+        bus.send(codec("WheelEncoders").pack(step, **ticks))
+        x_m = 0.01 * (step + 1)
+        ranges_m = [
+            min(
+                (2.0 - x_m if math.cos(a) > 0 else 2.0 + x_m) / max(abs(math.cos(a)), 1e-9),
+                2.0 / max(abs(math.sin(a)), 1e-9),
+            )
+            for a in np.linspace(-np.pi, np.pi, 361)[:-1]
+        ]
+        one.scan(ranges_m)
+        one.run(0.02)
+    assert localisation.health().matches - before == pytest.approx(matches, abs=2)
+    assert localisation.pose().x_m == pytest.approx(1.0, abs=0.03)
+    assert 0.0 < host.board.map_agreement < 0.28, "which is told once a second all the same"
+
+
+def test_once_a_second_a_scan_is_held_against_the_teams_map(stage):
+    one, host, _ = localised(stage, "mapper")
+    standing(one, 2.5)
+    assert host.board.map_agreement == 1.0
+    host.board.map_agreement, told = 0.0, []
+
+    def each():
+        one.stand_and_scan(SQUARE_M)
+        told.append(host.board.map_agreement)
+
+    one.run(4.0, each)
+    steps = sorted({share for share in told if share > 0.0})
+    assert steps[:3] == pytest.approx([0.1, 0.19, 0.271])
+    assert len(steps) in {3, 4}
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.2])
+def test_a_frame_of_its_own_begins_in_the_middle_of_the_map_so_that_there_is_room_on_all_sides(stage, yaw_rad):
+    one, host, localisation = localised(stage, "mapper", x_m=7.0, y_m=-6.5, yaw_rad=yaw_rad)
+    standing(one, 1.0)
+    assert off(localisation.pose(), Pose2D(7.0, -6.5, yaw_rad)) == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+    localisation._localiser.lose("carried off")
+    standing(one, 1.0)
+    assert host.board.lost == "carried off"
+    assert host.board.frame != ARENA
+    assert off(localisation.pose(), Pose2D(0.0, 0.0, yaw_rad)) == pytest.approx((0.0, 0.0, 0.0), abs=0.12)
+    view = host.manager.get("mapper").plugin.view()
+    assert np.count_nonzero(view.classes == OCCUPIED) > 120, "all four walls"
+
+
+def test_a_robot_whose_map_lies_wrong_begins_another(stage):
+    one, host, _ = localised(stage, "mapper")
+    standing(one, 1.0)
+    trajectory = host.board.shared(OwnMap).local_pose.trajectory
+    host.board.shared(OwnMap).misplaced = "mates contradict"
+    standing(one, 0.3)
+    assert (host.board.shared(OwnMap).misplaced, host.board.lost) == ("", "mates contradict")
+    assert host.board.shared(OwnMap).local_pose.trajectory == trajectory + 1
+    standing(one, 1.0)
+    assert host.board.shared(OwnMap).local_map.trajectory == trajectory + 1
+    assert host.board.frame != ARENA

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.table.topics import ROBOT_EVENT
 
 
 def driver(host):
@@ -101,3 +102,100 @@ def test_a_halted_robot_stands_and_does_not_drive_on_when_it_is_resumed(stage, r
     one.halt(halted=False)
     one.run(2.0)
     assert one.truth().pose == before
+
+
+@pytest.fixture
+def robot(stage, room):
+    """A robot that looks along a room of 6 × 4 m."""
+    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 2.0, 0.0))
+    one.told = one.inbox(ROBOT_EVENT, robot="r1", plugin="scan")
+    one.host("mapper", mapper={"origin_x_m": 0.0, "origin_y_m": 0.0, "width_m": 6.0, "height_m": 4.0})
+    one.run(0.4)
+    return one
+
+
+# -- a lidar that lies ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("motion", [("drive", 4.0), ("go_to", 1.0, 1.0, 2.0)])
+def test_a_frozen_lidar_is_named_and_told_and_the_robot_stands(robot, motion):
+    robot.call("driver", *motion)
+    robot.run(0.8)
+    robot.arena.robot("r1").lidar.is_frozen = True
+    took_s = robot.run_until(lambda: robot.infos()["scan"].state == "faulted", 1.0)
+    assert took_s < 0.8
+    (told,) = robot.told.drain()
+    assert "the lidar is frozen: its ranges stay equal" in told.message.value
+    robot.run(0.5)
+    place = robot.truth().pose
+    robot.run(5.0)
+    assert robot.truth().pose == place
+    assert robot.truth().collisions == 0
+
+
+def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_again_all_goes_on(robot):
+    robot.call("driver", "drive", 4.0)
+    robot.run(0.8)
+    robot.arena.robot("r1").lidar.is_frozen = True
+    robot.run(2.0)
+    assert robot.infos()["scan"].state == "active"  # it was restarted, and hands nothing on
+    assert robot.call("scan", "nearest_m") is None
+    known_m2 = robot.call("mapper", "known_area_m2")
+    robot.call("driver", "drive", 1.0)
+    robot.run(1.0)
+    assert robot.call("driver", "blocked_why") == "there has been no fresh scan"
+    assert robot.call("mapper", "known_area_m2") == known_m2
+    robot.run(4.0)
+    assert "nothing but the turn that it froze in" in robot.told.drain()[-1].message.value
+    robot.arena.robot("r1").lidar.is_frozen = False
+    robot.run(3.0)
+    x_m = robot.truth().pose.x_m
+    robot.call("driver", "drive", 0.5)
+    robot.run(3.0)
+    assert robot.truth().pose.x_m == pytest.approx(x_m + 0.5, abs=0.05)
+
+
+# -- what the lidar does not see --------------------------------------------------------------------------------
+
+
+def test_what_only_the_range_sensors_hear_is_stopped_at(stage, room):
+    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.1, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    one.host("driver")
+    see_through(one, 3.0)
+    one.run(0.4)
+    one.call("driver", "drive", 4.0)
+    one.run(6.0)
+    assert one.call("driver", "blocked_why") == "an obstacle has blocked the path"
+    assert one.truth().collisions == 0
+    assert 0.03 < 3.0 - 0.2 - one.truth().pose.x_m < 0.25
+
+
+def test_what_nothing_sees_is_bumped_into_once_and_not_pressed_against(stage, room):
+    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.1, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
+    one.told = one.inbox(ROBOT_EVENT, robot="r1", plugin="range_sensors")
+    one.host("driver", range_sensors={"range_max_m": 0.01})
+    see_through(one, 3.0)
+    one.run(0.4)
+    one.call("driver", "drive", 4.0)
+    one.run(6.0)
+    assert one.truth().collisions == 1
+    assert one.call("driver", "motion") == Motion.BLOCKED
+    (told,) = one.told.drain()
+    assert told.message.value["directions_rad"] == [0.0]
+    # It goes away from what it has touched.
+    one.call("driver", "drive", -0.5)
+    one.run(3.0)
+    assert one.truth().pose.x_m == pytest.approx(2.3, abs=0.03)
+    assert one.truth().collisions == 1
+
+
+def see_through(one, from_x_m):
+    """Have the lidar not see the wall that begins there."""
+    robot = one.arena._robots[0]
+    walls = robot.lidar._walls.copy()
+    column = round(from_x_m / 0.05)
+    walls[2:-2, column : column + 2] = False
+    robot.lidar._walls = walls
+
+
+# -- going to a pose --------------------------------------------------------------------------------------------

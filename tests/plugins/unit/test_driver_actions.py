@@ -6,7 +6,6 @@ import math
 import pytest
 
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.table.topics import ROBOT_EVENT
 
@@ -119,25 +118,6 @@ def test_a_halted_action_does_not_go_on_when_the_robot_is_resumed(robot):
     assert robot.truth().pose == before
 
 
-@pytest.mark.parametrize(
-    ("function", "argument"),
-    [
-        ("drive_path", []),  # nowhere to go
-        ("drive_path", [{"x_m": 1.0}]),  # half a point
-        ("drive", "far"),  # no number
-        ("turn", None),  # nothing
-    ],
-)
-def test_what_cannot_be_driven_is_refused_and_nothing_is_begun(robot, function, argument):
-    action = robot.call("driver", "drive", 3.0)
-    with pytest.raises(CallError) as refusal:
-        robot.call("driver", function, argument)
-    assert refusal.value.code is ErrorCode.BAD_ARGUMENTS
-    robot.run(1.0)
-    assert told(robot, "finished") == []
-    assert robot.call("driver", "cancel", action) is True
-
-
 def test_an_action_that_a_call_begins_while_a_halt_comes_does_not_go_on_when_the_robot_is_resumed(robot):
     host = robot.hosts[0]
     plugin = host.manager.get("driver").plugin
@@ -157,10 +137,3 @@ def test_an_action_that_a_call_begins_while_a_halt_comes_does_not_go_on_when_the
 
 
 FAR = 1e308
-
-
-def test_a_path_from_another_plugin_is_checked_as_well(robot):
-    driver = robot.plugin("driver")
-    with pytest.raises(CallError, match="follow: expected finite numbers"):
-        driver.follow([Point2D(0.0, 0.0), Point2D(FAR, 0.0)])
-    assert robot.call("driver", "motion") == Motion.STANDING

@@ -3,23 +3,33 @@
 import msgspec
 import pytest
 
+from robrain.plugins.unit.snw_exploration.asking import DUTY_TRIES, FRESH_NS, WAIT_NS, OverHops
+from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, MoteRecord, ReadingStore, place_of
+from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
+from robrain.protocol.table.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
     DUTY_TYPE,
+    FORWARDED_TYPE,
+    NO_PLACE,
     READING_TYPE,
     REQUEST_TYPE,
+    ROUTE_MAX,
+    ROUTED_TYPE,
     STORED_TYPE,
     DutyPayload,
+    ForwardedPayload,
     Quantity,
     ReadingPayload,
     RequestPayload,
+    RoutedPayload,
     SequenceRange,
 )
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 
 # TinyOS 2 serial packets, written out by hand: dispatch, destination, source, length, group, AM type; then the mote's
 # number, sequence, oldest, age and period in 0.1 s, mV, quantity, hundredths, x and y in 0.1 m, dBm.
@@ -309,3 +319,268 @@ def test_wishes_without_sense_on_the_wire_are_counted(talk):
     one.one.publisher(MOTE_DUTY, mote="bob").put(MoteDuty(mote="bob", period_s=5.0))
     one.hear(packet(1))
     assert one.counters()["refused"] == 2
+
+
+def passed_on(sequence: int, *, hops: int = 2) -> bytes:
+    reading = ReadingPayload(
+        mote=9, sequence=sequence, oldest=sequence, age_ds=12, period_ds=40, voltage_mv=2900,
+        quantity=Quantity.TEMPERATURE, value_centi=2150, x_dm=50, y_dm=-20, rssi_dbm=-70,
+    )  # fmt: skip
+    payload = ForwardedPayload(reading, 4, hops).pack()
+    return ActiveMessage(type=FORWARDED_TYPE, payload=payload, source=3).pack()
+
+
+def test_a_reading_that_motes_have_passed_on_is_told_with_its_way_and_its_mote_is_not_spoken_to(stage) -> None:
+    one = Talk(stage())
+    said = one.hear(passed_on(5), passed_on(7), passed_on(7))
+    first, second = one.readings()
+    assert (first.mote, first.hops, first.forwarder, first.sequence, first.via) == ("m9", 2, "m4", 5, "r1")
+    assert first.stamp_ns - first.measured_ns == pytest.approx(1.2e9, abs=1e8)
+    assert second.sequence == 7
+    assert (asked(said), one.counters()["repeated"]) == ([], 1)
+    assert one.one.call("snw_exploration", "heard") == []
+
+
+def test_a_reading_heard_from_its_own_mote_has_no_way(stage) -> None:
+    one = Talk(stage(), collect=False)
+    one.hear(packet(5))
+    (reading,) = one.readings()
+    assert not any((reading.hops, reading.forwarder, reading.waiting, reading.dropped))
+
+
+def test_a_robot_that_is_no_gateway_tells_readings_at_once_and_one_that_is_waits_for_a_coordinator(stage) -> None:
+    one = Talk(stage(), collect=False, store_readings=100)
+    one.hear(packet(5), packet(6))
+    assert one.readings() == []
+
+
+class Net:
+    """A store, and a coordinator that comes and goes."""
+
+    def __init__(self, wire: Endpoint, capacity: int) -> None:
+        self.told: list[MoteReading] = []
+        self.store = ReadingStore(wire, capacity, self.told.append)
+        self._wire = wire
+        self._coordinator: Endpoint | None = None
+        self.now_ns = 0
+
+    def there(self, is_there: bool) -> None:
+        if self._coordinator is not None:
+            self._coordinator.close()
+            self._coordinator = None
+        if is_there:
+            self._coordinator = Endpoint(self._wire.session, "test", self._wire.clock, Drive.LOCKSTEP)
+            self._coordinator.token(COORDINATOR_ALIVE)
+        self.step()
+
+    def step(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.now_ns += FORWARD_NS
+            self.store.step(self.now_ns)
+
+    def hear(self, mote: str, *sequences: int) -> None:
+        for sequence in sequences:
+            self.store.publish(
+                MoteReading(mote=mote, place=None, quantity="temperature_c", value=20.0, voltage_v=2.9, rssi_dbm=-70.0,
+                            via="m1", sequence=sequence)
+            )  # fmt: skip
+
+    def numbers(self, mote: str) -> list[int | None]:
+        return [reading.sequence for reading in self.told if reading.mote == mote]
+
+
+def test_readings_are_told_at_once_while_there_is_a_coordinator(wire) -> None:
+    net = Net(wire, 10)
+    net.there(True)
+    net.hear("m2", 1, 2)
+    assert net.numbers("m2") == [1, 2]
+    assert [(reading.waiting, reading.dropped) for reading in net.told] == [(0, 0), (0, 0)]
+
+
+def test_stored_readings_follow_in_order_before_new_ones_one_of_each_mote_at_a_time(wire) -> None:
+    net = Net(wire, 10)
+    net.hear("m2", 1, 2, 3)
+    net.hear("m3", 7)
+    net.step(20)
+    assert net.told == []
+    net.there(True)
+    assert [(one.mote, one.sequence, one.waiting) for one in net.told] == [("m2", 1, 3), ("m3", 7, 2)]
+    net.hear("m2", 4)
+    net.hear("m3", 8)  # nothing of m3 waits
+    assert net.numbers("m3") == [7, 8]
+    net.step(5)
+    assert net.numbers("m2") == [1, 2, 3, 4]
+    assert net.store.waiting == 0
+
+
+def test_a_second_cut_stops_forwarding(wire) -> None:
+    net = Net(wire, 10)
+    net.hear("m2", 1, 2, 3)
+    net.there(True)
+    net.there(False)
+    net.step(10)
+    assert net.numbers("m2") == [1]
+    net.there(True)
+    net.step(10)
+    assert net.numbers("m2") == [1, 2, 3]
+
+
+def test_the_oldest_readings_of_the_mote_with_the_most_are_dropped_and_counted(wire) -> None:
+    net = Net(wire, 4)
+    net.hear("m2", 1, 2, 3)
+    net.hear("m3", 7, 8, 9)
+    assert (net.store.waiting, net.store.dropped) == (4, 2)
+    net.there(True)
+    net.step(10)
+    assert (net.numbers("m2"), net.numbers("m3")) == ([2, 3], [8, 9])
+    assert {reading.dropped for reading in net.told} == {2}
+
+
+SECOND_NS = to_ns(1.0)
+
+
+class Base:
+    """A base station that hears mote 1, over which mote 2 is heard, over which mote 3 is heard."""
+
+    def __init__(self):
+        self.packets = []
+        self.over = OverHops(lambda *packet: self.packets.append(packet), acknowledge_every=8)
+        self.record = MoteRecord("m3", 3, 64)
+        self.now_ns = 0
+
+    def hears(self, sequence, period_ds=40, oldest=0, parent=2, after_ns=SECOND_NS):
+        """A reading of mote 3 comes, then mote 1 is heard; returns what is said then."""
+        self.now_ns += after_ns
+        self.packets.clear()
+        self.record.window.add(sequence, is_live=False)
+        reading = ReadingPayload(
+            mote=3, sequence=sequence, oldest=oldest, period_ds=period_ds, voltage_mv=3000, quantity=1, value_centi=0,
+            x_dm=0, y_dm=0,
+        )  # fmt: skip
+        self.over.received_forwarded(MoteRecord("m2", 2, 64), reading, 1, self.now_ns)
+        self.over.received_forwarded(self.record, reading, parent, self.now_ns)
+        self.over.record(1, self.now_ns)
+        routed = [RoutedPayload.unpack(payload) for to, kind, payload in self.packets if (to, kind) == (1, ROUTED_TYPE)]
+        return [one for one in routed if one.route == (2, 3)]
+
+
+def kinds(packets):
+    return [packet.kind for packet in packets]
+
+
+def test_a_duty_is_said_again_after_a_while_and_no_more_once_it_is_confirmed():
+    base = Base()
+    base.hears(0)
+    base.record.want_period(90, base.now_ns)
+    assert kinds(base.hears(1)) == [DUTY_TYPE]
+    assert base.hears(2) == []
+    assert kinds(base.hears(3, after_ns=WAIT_NS)) == [DUTY_TYPE]
+    assert base.hears(4, period_ds=90, after_ns=WAIT_NS) == []
+    assert base.hears(5, period_ds=40, after_ns=WAIT_NS) == []
+
+
+def test_a_duty_that_is_never_confirmed_is_given_up():
+    base = Base()
+    base.record.want_period(90, 0)
+    said = sum(DUTY_TYPE in kinds(base.hears(0, after_ns=WAIT_NS)) for _ in range(DUTY_TRIES + 5))
+    assert said == DUTY_TRIES
+    assert base.over.given_up == 1
+
+
+def test_what_is_missing_for_longer_than_readings_take_is_asked_for_until_it_comes():
+    base = Base()
+    base.hears(0)
+    assert base.hears(3) == []
+    (request,) = base.hears(4, after_ns=WAIT_NS)
+    assert request.kind == REQUEST_TYPE
+    assert RequestPayload.unpack(request.inner).sequences() == [1, 2]
+    base.hears(1)
+    (request,) = base.hears(5, after_ns=WAIT_NS)
+    assert RequestPayload.unpack(request.inner).sequences() == [2]
+    base.hears(2)
+    assert base.hears(6, after_ns=WAIT_NS) == []
+
+
+def test_only_what_has_come_without_a_gap_is_acknowledged():
+    base = Base()
+    said = [packet for number in (0, 1, 2, 3, 4, 5, 6, 8) for packet in base.hears(number)]
+    assert ACKNOWLEDGE_TYPE not in kinds(said)
+    said = base.hears(7)
+    assert [(packet.kind, packet.inner.hex()) for packet in said] == [(ACKNOWLEDGE_TYPE, "00000008")]
+
+
+def test_a_way_that_is_old_too_long_or_a_circle_is_none():
+    base = Base()
+    base.hears(0)
+    assert base.over.route(3, base.now_ns) == (1, 2, 3)
+    assert base.over.route(9, base.now_ns) is None
+    assert base.over.route(3, base.now_ns + FRESH_NS + 1) is None
+    base.hears(1, parent=3)
+    assert base.over.route(3, base.now_ns) is None
+    reading = ReadingPayload(
+        mote=3, sequence=0, oldest=0, period_ds=40, voltage_mv=3000, quantity=1, value_centi=0, x_dm=0, y_dm=0
+    )
+    for number in range(2, 20):
+        base.over.received_forwarded(MoteRecord(f"m{number}", number, 64), reading, number - 1, base.now_ns)
+    assert base.over.route(ROUTE_MAX + 1, base.now_ns) == tuple(range(1, ROUTE_MAX + 2))
+    assert base.over.route(ROUTE_MAX + 2, base.now_ns) is None
+
+
+HERE = Point2D(1.0, 2.0)
+
+
+def reading(**changes):
+    values = {
+        "mote": 3, "sequence": 7, "oldest": 7, "period_ds": 40, "voltage_mv": 2900, "quantity": Quantity.TEMPERATURE,
+        "value_centi": 2150, "x_dm": 50, "y_dm": -20, "rssi_dbm": -70,
+    }  # fmt: skip
+    return ReadingPayload(**values | changes)
+
+
+def record():
+    return MoteRecord("m3", 3, 64)
+
+
+def test_row_of_a_mote_tells_its_last_packet_and_the_mean_of_all_strengths():
+    one = record()
+    one.record_packet(reading(rssi_dbm=-60), 1, None)
+    one.record_packet(reading(sequence=8, rssi_dbm=-80, value_centi=2200), 2, HERE)
+    row = one.as_received()
+    assert (row.mote, row.place, row.heard_from) == ("m3", Point2D(5.0, -2.0), HERE)
+    assert (row.rssi_dbm, row.mean_rssi_dbm, row.stamp_ns) == (-80, -70.0, 2)
+    assert (row.period_s, row.voltage_v, row.last_value) == (4.0, 2.9, 22.0)
+    assert (row.readings, row.missing) == (0, 0)
+
+
+def test_stored_reading_is_not_the_last_value_unless_there_is_no_other():
+    one = record()
+    one.record_packet(reading(age_ds=1, value_centi=100), 1, None)
+    assert (one.as_received().last_value, one.live_ns) == (1.0, 1)
+    one.record_packet(reading(age_ds=0, value_centi=200), 2, None)
+    one.record_packet(reading(age_ds=5, value_centi=300), 3, None)
+    assert (one.as_received().last_value, one.live_ns, one.stamp_ns) == (2.0, 2, 3)
+
+
+def test_request_is_answered_with_its_last_reading():
+    one = record()
+    one.record_answer(12)
+    one.asked = RequestPayload(10, 0b111)
+    one.record_answer(11)
+    assert one.asked is not None
+    one.record_answer(12)
+    assert one.asked is None
+
+
+def test_wish_counts_unless_a_later_one_is_known_and_is_tried_anew():
+    one = record()
+    assert one.want_period(40, 0)
+    one.duty_tries = 5
+    assert not one.want_period(50, -1)
+    assert (one.wanted_period_ds, one.duty_tries) == (40, 5)
+    assert one.want_period(60, 0)  # as late
+    assert (one.wanted_period_ds, one.duty_tries) == (60, 0)
+
+
+def test_only_a_mote_with_neither_coordinate_has_no_place():
+    assert place_of(reading(x_dm=NO_PLACE, y_dm=NO_PLACE)) is None
+    assert place_of(reading(x_dm=NO_PLACE, y_dm=10)) == Point2D(NO_PLACE / 10, 1.0)

@@ -1,12 +1,19 @@
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
+from robrain.plugins.device.bm2.interface import BadReading
+from robrain.plugins.device.imu import ImuMotion
+from robrain.plugins.device.ros2.ros2_base import read_odometry
+from robrain.plugins.device.ros2.ros2_battery import read_battery
+from robrain.plugins.device.ros2.ros2_imu import read_imu
 from robrain.plugins.device.ros2.scan_reader import ScanReader
 from robrain.plugins.device.ros2.topic_device import BadMessage
 from robrain.plugins.device.scan.lidar_device import Mount
-from tests.plugins.device.ros2.ros_words import header, scan
+from robrain.protocol.model.geometry import Pose2D, Twist2D
+from tests.plugins.device.ros2.ros_words import battery, header, imu, odometry, scan
 
 CENTRE = Mount()
 
@@ -148,3 +155,90 @@ def test_a_stamp_is_that_of_the_first_beam_and_the_turn_counts_as_of_its_middle(
 def test_a_turn_that_cannot_be_is_refused(message):
     with pytest.raises(BadMessage, match="expected"):
         read(message)
+
+
+def test_rate_and_acceleration_are_those_of_the_message():
+    assert read_imu(imu(0.5, 1.0, -2.0, stamp_ns=7)) == (7, ImuMotion(0.5, 1.0, -2.0))
+
+
+def test_what_the_unit_does_not_measure_is_left_out_or_refused():
+    assert read_imu(imu(0.5, 1.0, 2.0, has_acceleration=False))[1] == ImuMotion(0.5)
+    with pytest.raises(BadMessage, match="does not measure its angular velocity"):
+        read_imu(imu(0.5, has_rate=False))
+
+
+@pytest.mark.parametrize(
+    "wrong", [imu(math.nan), imu(math.inf), imu(-41.0), imu(0.0, math.nan), imu(0.0, 0.0, math.inf), imu(0.0, 3000.0)]
+)
+def test_a_number_that_cannot_be_is_refused(wrong):
+    with pytest.raises(BadMessage, match="expected"):
+        read_imu(wrong)
+
+
+@pytest.mark.parametrize(
+    ("current", "status", "drawn_a"),
+    [(-1.25, 0, 1.25), (1.25, 0, -1.25), (1.25, 2, 1.25), (-1.25, 1, -1.25), (-1.25, 3, 1.25)],
+)
+def test_the_status_decides_the_sign_of_the_current_where_it_is_known(current, status, drawn_a):
+    told = read_battery(battery(15.5, current, 24.0, stamp_ns=7, status=status), None, 25.0)
+    assert told == (7, (15.5, drawn_a, 24.0, msgspec.UNSET))
+
+
+def test_what_the_robot_does_not_measure_is_what_the_parameters_say():
+    _, reading = read_battery(battery(current=math.nan, temperature=math.nan), 0.8, 21.0)
+    assert (reading.current_a, reading.temperature_c, reading.report.has_current) == (0.8, 21.0, False)
+
+
+def test_a_robot_that_does_not_measure_its_current_is_refused_without_one():
+    with pytest.raises(BadReading, match="give current_a"):
+        read_battery(battery(current=math.nan), None, 25.0)
+
+
+PLACE = Pose2D(1.0, -2.0, 0.5)
+
+
+def test_place_yaw_velocity_and_stamp_are_those_of_the_message():
+    stamp_ns, told = read_odometry(odometry(PLACE, Twist2D(0.3, 0.1, -0.2), stamp_ns=12_345_678_901))
+    assert stamp_ns == 12_345_678_901
+    assert told.velocity == Twist2D(0.3, 0.1, -0.2)
+    assert (told.pose.x_m, told.pose.y_m) == (1.0, -2.0)
+    assert told.pose.yaw_rad == pytest.approx(0.5)
+
+
+def test_a_robot_on_a_ramp_has_the_yaw_that_is_seen_from_above():
+    message = odometry(PLACE)
+    half = math.radians(5.0)
+    # Yaw of 90°, then 10° of pitch about its own y axis.
+    orientation = message.pose.pose.orientation
+    cos, sin = math.cos(math.pi / 4), math.sin(math.pi / 4)
+    orientation.w, orientation.x = cos * math.cos(half), -sin * math.sin(half)
+    orientation.y, orientation.z = cos * math.sin(half), sin * math.cos(half)
+    assert read_odometry(message)[1].pose.yaw_rad == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30])
+@pytest.mark.parametrize(
+    "where",
+    [
+        lambda message: (message.pose.pose.position, "x"),
+        lambda message: (message.pose.pose.position, "y"),
+        lambda message: (message.pose.pose.orientation, "z"),
+        lambda message: (message.pose.pose.orientation, "w"),
+        lambda message: (message.twist.twist.linear, "x"),
+        lambda message: (message.twist.twist.linear, "y"),
+        lambda message: (message.twist.twist.angular, "z"),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused_wherever_it_is(where, value):
+    message = odometry(PLACE)
+    part, name = where(message)
+    setattr(part, name, value)
+    with pytest.raises(BadMessage, match="expected"):
+        read_odometry(message)
+
+
+def test_a_message_whose_orientation_was_never_set_is_refused():
+    message = odometry(PLACE)
+    message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+    with pytest.raises(BadMessage, match="quaternion of length 1"):
+        read_odometry(message)
