@@ -1,9 +1,15 @@
-"""A process of a run with faults: an agent or the coordinator, which may die, hang, be slow or misread the time."""
+"""A process of a run, which may die, hang, be slow or misread the time; and the disk of a coordinator's journal.
+
+The disk outlives the coordinator, and may be full. The journal is the product's, on SQLite in memory; the next
+coordinator finds everything that a killed one had committed.
+"""
 
 import logging
+import sqlite3
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
+from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.exchange import Exchange
@@ -150,3 +156,61 @@ class Process:
 
     def _has(self, kind: FaultKind) -> bool:
         return any(fault.kind is kind for fault in self._faults.values())
+
+
+class JournalDisk:
+    """Holds the journal between two lives of a coordinator.
+
+    Args:
+        name: base of its journals' names, with a number.
+
+    """
+
+    def __init__(self, name: str = "disk") -> None:
+        self.is_full = False
+        """Whether writes fail."""
+        self._kept = sqlite3.connect(":memory:")
+        self._connection: sqlite3.Connection | None = None
+        self._name, self._names = name, 0
+
+    def open(self) -> Journal:
+        """The journal as the last coordinator left it."""
+        disk = self
+
+        class DiskConnection(_Connection):
+            of: ClassVar[JournalDisk] = disk
+
+        return Journal(factory=DiskConnection, new_name=self._new_name)
+
+    def pull(self) -> None:
+        """The coordinator is killed: its committed changes stay, and nothing is written any more."""
+        if self._connection is not None:
+            if self._connection.in_transaction:
+                self._connection.rollback()
+            self._connection.backup(self._kept)
+            self._connection = None
+
+    def _new_name(self) -> str:
+        self._names += 1
+        return f"{self._name}-{self._names}"
+
+    def attach(self, connection: sqlite3.Connection) -> None:
+        """A coordinator has opened it."""
+        self._kept.backup(connection)
+        self._connection = connection
+
+
+class _Connection(sqlite3.Connection):
+    of: ClassVar[JournalDisk]
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.of.attach(self)
+
+    def execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
+        """As SQLite's, unless the disk is full and this would write."""
+        if self.of.is_full and statement.startswith(("INSERT", "UPDATE")):
+            error = sqlite3.OperationalError("database or disk is full")
+            error.sqlite_errorcode = sqlite3.SQLITE_FULL
+            raise error
+        return super().execute(statement, *values)

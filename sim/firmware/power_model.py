@@ -59,7 +59,7 @@ def motion_w(
 
 @njit(cache=True)
 def add_motion(loads: NDArray[np.void], state: NDArray[np.void], tick_s: float) -> None:
-    """Account for a tick: `loads` (N,) `LOAD`, updated in place; `state` (N,) as of `body_kernels.STATE`."""
+    """Account for a tick: `loads` (N,) `LOAD`, updated in place; `state` (N,) as of `robot_body.STATE`."""
     per_tick = 1.0 / tick_s
     for i in range(loads.shape[0]):
         load, body = loads[i], state[i]

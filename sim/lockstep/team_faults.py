@@ -15,10 +15,8 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.table.topics import TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.sim.faults.fault_spec import COORDINATOR, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec
-from robrain.sim.faults.fault_times import FaultTimes
-from robrain.sim.faults.kept_journal import JournalDisk
-from robrain.sim.faults.process import Component, Process
+from robrain.sim.faults.fault_spec import COORDINATOR, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec, FaultTimes
+from robrain.sim.faults.process import Component, JournalDisk, Process
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.world.arena import Arena
 from robrain.sim.world.team_radio import TeamRadio

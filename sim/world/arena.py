@@ -20,8 +20,7 @@ from robrain.protocol.table.topics import ARENA_CAMERA, ARENA_CLOCK, ARENA_RADIO
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request
-from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
-from robrain.sim.faults.fault_times import FaultTimes
+from robrain.sim.faults.fault_spec import FaultKind, FaultSpec, FaultTimes
 from robrain.sim.firmware.battery import STATUS_PERIOD_S
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.maps.floor_plan import FloorPlan

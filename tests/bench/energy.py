@@ -25,8 +25,7 @@ from robrain.lab.bench.figure import Figure, at_least, at_most, between, determi
 from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
 from robrain.sim.firmware.battery import BatterySpec, Gauge, Load, SimulatedBattery
 from robrain.sim.firmware.power_model import LOAD, PowerModel, add_motion
-from robrain.sim.robot.body_kernels import STATE
-from robrain.sim.robot.robot_body import MASS_KG
+from robrain.sim.robot.robot_body import MASS_KG, STATE
 from tests.bench.side_by_side import side_by_side
 
 SEEDS = 100

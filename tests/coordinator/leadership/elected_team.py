@@ -11,8 +11,7 @@ from robrain.lab.soak.fault_script import FaultScript
 from robrain.lab.soak.operator import OPERATOR
 from robrain.lab.soak.soak_run import SoakRun
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.faults.kept_journal import JournalDisk
-from robrain.sim.faults.process import Process
+from robrain.sim.faults.process import JournalDisk, Process
 
 OTHER = "stand_by"
 SITES = (COORDINATOR, OTHER)

@@ -26,7 +26,7 @@ from robrain.protocol.table.topics import ROBOT_WITNESS, TASK_CANCEL, TASK_SUBMI
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
-from robrain.sim.faults.kept_journal import JournalDisk
+from robrain.sim.faults.process import JournalDisk
 from robrain.sim.faults.wire_faults import WireFaults
 
 shared_session = cache(open_lockstep_session)

@@ -3,8 +3,7 @@ import pytest
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.checked import convert
-from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
-from robrain.sim.faults.fault_times import FaultTimes
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec, FaultTimes
 
 BAD = {
     "ends before it begins": ({"kind": "kill", "until_s": 1.0}, "expected until_s > at_s = 2"),

@@ -17,7 +17,6 @@ from robrain.sim.errors import ScenarioError
 from robrain.sim.firmware.disturbance import (
     DelayLine,
     DelaySpec,
-    Disturbance,
     DisturbanceSpec,
     FrameDelaySpec,
     Pauses,
@@ -72,10 +71,6 @@ def test_pauses_follow_the_seed():
     assert spans(spec, 10_000) == spans(spec, 10_000) != spans(spec, 10_000, seed=2)
 
 
-def test_without_pauses_there_is_none():
-    assert spans(PauseSpec(), 10_000) == []
-
-
 def test_what_is_late_arrives_in_order_and_within_its_time():
     arrived = sent_through(DelaySpec(late_s=(0.1, 0.3)))
     assert [number for number, _ in arrived] == list(range(len(arrived)))
@@ -95,13 +90,6 @@ def test_what_waits_in_a_pause_arrives_together_after_it():
         together = [number for number, tick in arrived if tick == burst]
         assert together == list(range(together[0], burst + 1))
         assert 0.18 <= 0.02 * (len(together) - 1) <= 1.0
-
-
-def test_nothing_is_late_by_default_and_then_nothing_is_drawn():
-    disturbance = Disturbance(DisturbanceSpec(), 1)
-    clock = VirtualClock()
-    assert (disturbance.frames(0, clock), disturbance.scans(0, clock), disturbance.steps(0)) == (None, None, None)
-    assert not DisturbanceSpec().is_on
 
 
 @pytest.mark.slow
@@ -182,31 +170,6 @@ def test_robot_is_told_what_the_stamps_of_late_frames_stand_for():
     plain, disturbed = PLAIN.world(), PLAIN.replace(disturbance=DisturbanceSpec(can=FRAMES)).world()
     assert "stamped_at" not in plain.robot_file(plain.robots[0]).parameters["mocdevice"]
     assert disturbed.robot_file(disturbed.robots[0]).parameters["mocdevice"]["stamped_at"] == "arrival"
-
-
-def test_scenario_file_has_it_all():
-    text = """
-[scenario]
-name = "s"
-[floor]
-size_m = [4.0, 4.0]
-[disturbance.can]
-per_minute = 6
-duration_s = [0.1, 1]
-late_s = [0, 0.01]
-stamped_at = "sending"
-[disturbance.scan]
-late_s = [0.0, 0.3]
-[disturbance.agent]
-per_minute = 2.5
-"""
-    spec = parse_scenario(text, "s.toml").disturbance
-    assert spec == DisturbanceSpec(
-        can=FrameDelaySpec(per_minute=6.0, duration_s=(0.1, 1.0), late_s=(0.0, 0.01), stamped_at=StampedAt.SENDING),
-        scan=DelaySpec(late_s=(0.0, 0.3)),
-        agent=PauseSpec(per_minute=2.5),
-    )
-    assert spec.is_on
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,7 @@ from robrain import Scenario
 from robrain.client.team import Team
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.links.exchange import Exchange
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_STATE
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.hub import teams_there
+from robrain.protocol.table.topics import ROBOT_STATE
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 
@@ -58,18 +56,6 @@ def test_only_a_run_that_others_may_join_uses_zenoh(used: Counter[str], *, is_al
         assert not used
     else:
         assert min(used[name] for name in ("declare_subscriber", "declare_queryable", "get", "liveliness")) > 0
-
-
-@pytest.mark.slow
-def test_a_team_that_is_not_there_is_told_which_is() -> None:
-    run = LockstepRun(SMALL.replace(robots=1).world())
-    wire = Endpoint(run.session, "blue", run.clock, Drive.LOCKSTEP)
-    try:
-        assert [names["team"] for names in wire.present(COORDINATOR_ALIVE, every_team=True)] == ["default"]
-        assert teams_there(wire) == ["default"]
-    finally:
-        wire.close()
-        run.close()
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.lockstep.start_picture import StartPicture, floor_classes, start_truth
+from robrain.sim.lockstep.start_picture import StartPicture, floor_classes
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.referee import EDGE_CELLS
 from robrain.sim.world.world import World
@@ -58,22 +58,6 @@ def test_others_see_robots_and_floor_before_the_run_is_set_up_and_the_digest_sta
         finally:
             run.close()
     assert digests[0] == digests[1]
-
-
-@pytest.mark.slow
-def test_places_are_those_of_the_run_that_is_set_up_afterwards() -> None:
-    world = SMALL.replace(motes=3).world()
-    run = LockstepRun(world)
-    try:
-        truth, expected = start_truth(world), run.truth
-        assert truth.sim_time_s == expected.sim_time_s == 0.0
-        assert [(robot.robot, robot.pose) for robot in truth.robots] == [
-            (robot.robot, robot.pose) for robot in expected.robots
-        ]
-        assert len(truth.motes) == 3
-        assert truth.motes == expected.motes
-    finally:
-        run.close()
 
 
 def _watch(session: zenoh.Session, world: World) -> None:

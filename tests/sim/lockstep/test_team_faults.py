@@ -229,24 +229,6 @@ def test_with_links_a_killed_agent_leaves_and_comes_back() -> None:
 
 
 @pytest.mark.slow
-def test_components_are_also_switched_off_and_on_by_hand() -> None:
-    told = Told(fault(FaultKind.HANG, at_s=900.0))
-    told.until(1.0)
-    told.run.switch_off("r1")
-    told.run.end_coordinator()
-    told.until(2.0)
-    assert [host.name for host in told.run.hosts] == ["r2"]
-    assert not told.run.has_coordinator
-    told.run.begin_coordinator()
-    told.until(4.0)
-    assert told.run.has_coordinator
-    assert [robot.name for robot in told.latest[COORDINATOR].robots if robot.up] == ["r2"]
-    with pytest.raises(KeyError):
-        told.run.switch_off("r1")
-    told.run.close()
-
-
-@pytest.mark.slow
 def test_an_explored_team_keeps_its_map_and_rests_after_coordinator_and_robot_were_restarted() -> None:
     told = Told(
         FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=42.0, until_s=46.0),

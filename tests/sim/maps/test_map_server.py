@@ -90,11 +90,6 @@ def test_every_kind_of_png_reads_alike(tmp_path: Path, mode: str) -> None:
     assert plan.occupied.tolist() == [[False, False, True], [True, False, False]]
 
 
-def test_colours_are_averaged(tmp_path: Path) -> None:
-    pixels = np.array([[[255, 255, 150], [255, 0, 0]]], dtype=np.uint8)
-    assert load_map(_write(tmp_path, Image.fromarray(pixels))).occupied.tolist() == [[False, True]]
-
-
 @pytest.mark.parametrize(
     ("pixels", "changes", "expected"),
     [
@@ -217,15 +212,6 @@ def test_unreadable_image_is_told(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "map.png").write_bytes(content)
     with pytest.raises(MapError, match="image: expected a readable PGM or PNG"):
         load_map(_write(tmp_path, None))
-
-
-def test_image_cut_short_is_told(tmp_path: Path) -> None:
-    noise = np.random.default_rng(1).integers(0, 255, (40, 40), dtype=np.uint8)
-    path = _write(tmp_path, Image.fromarray(noise))
-    whole = (tmp_path / "map.png").read_bytes()
-    (tmp_path / "map.png").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(MapError, match="expected a readable PGM or PNG"):
-        load_map(path)
 
 
 def test_image_without_free_space_is_told(tmp_path: Path) -> None:

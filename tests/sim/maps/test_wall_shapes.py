@@ -43,17 +43,6 @@ def test_rectangles_cover_the_walls_next_to_free_space_and_nothing_else(occupied
     np.testing.assert_array_equal(rectangles, wall_rectangles(occupied.copy()))
 
 
-def test_room_is_four_rectangles_and_a_solid_block_drops_its_inside() -> None:
-    room = np.ones((9, 12), dtype=bool)
-    room[1:-1, 1:-1] = False
-    assert len(wall_rectangles(room)) == 4
-    block = np.zeros((9, 12), dtype=bool)
-    block[1:-1, 1:-1] = True
-    rectangles = wall_rectangles(block)
-    assert len(rectangles) == 4
-    assert not _union(rectangles, block.shape)[4, 5]
-
-
 def _plan() -> FloorPlan:
     occupied = np.zeros((30, 40), dtype=bool)
     occupied[10:20, 20:22] = True

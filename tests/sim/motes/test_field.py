@@ -34,12 +34,6 @@ def test_what_leaves_on_one_side_comes_back_on_the_other():
     assert field.value(Quantity.LIGHT, ORIGIN, 50.0) == pytest.approx(200.0)
 
 
-def test_plumes_add_up():
-    one, two = Plume(1.0, 0.0, 0.0, 0.0), Plume(-1.0, 0.0, 0.0, 0.0)
-    excess = [still(*plumes).value(Quantity.HUMIDITY, ORIGIN, 0.0) - 40.0 for plumes in ([one], [two], [one, two])]
-    assert excess[2] == pytest.approx(excess[0] + excess[1])
-
-
 def test_drawn_plumes_start_on_the_floor():
     for seed in range(20):
         field = SimulatedField.draw(FieldSpec(plumes=1), PLAN, np.random.default_rng(seed))

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Pose2D, Twist2D
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.robot.body_kernels import MOTION, STATE, WHEELS, roll
-from robrain.sim.robot.robot_body import RobotBodies, RobotBody
+from robrain.sim.robot.robot_body import MOTION, STATE, WHEELS, RobotBodies, RobotBody, roll
 from robrain.sim.robot.wheels import Wheels, WheelSpec
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.scenarios.scenario_file import parse_scenario

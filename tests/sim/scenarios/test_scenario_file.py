@@ -3,9 +3,7 @@ from pathlib import Path
 import pytest
 
 from robrain.sim.errors import ScenarioError
-from robrain.sim.faults.fault_spec import FaultKind
-from robrain.sim.maps.placement import Starts
-from robrain.sim.scenarios.scenario_file import builtin_names, parse_scenario, read_builtin, read_scenario_file
+from robrain.sim.scenarios.scenario_file import builtin_names, read_builtin, read_scenario_file
 
 FLOOR = "[floor]\nsize_m = [4.0, 3.0]\n"
 GOOD = f'[scenario]\nname = "s"\n{FLOOR}'
@@ -60,31 +58,6 @@ def test_a_folder_and_a_file_of_other_bytes_are_no_scenarios(tmp_path: Path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ScenarioError, match=r"bytes\.toml: cannot be read"):
         read_scenario_file(tmp_path / "bytes.toml")
-
-
-def test_what_is_left_out_has_its_default():
-    tables = parse_scenario(GOOD, "s.toml")
-    assert (tables.scenario.seed, tables.robot_count, tables.motes.count) == (1, 4, 0)
-    assert (tables.scenario.until_explored, tables.scenario.time_limit_s) == (0.98, 900.0)
-    assert tables.team.near_m is None
-
-
-def test_starts_and_a_robot_that_is_carried_off_are_read():
-    faults = '[[faults]]\nrobot = "r1"\nkind = "carried_off"\nat_s = 3\nplace_m = [1.0, 2.0]\nyaw_rad = 0.5\n'
-    tables = parse_scenario(GOOD + '[team]\nstarts = "scattered"\nstarts_known = false\n' + faults, "s.toml")
-    assert (tables.team.starts, tables.team.starts_known) == (Starts.SCATTERED, False)
-    (fault,) = tables.faults
-    assert (fault.kind, fault.at_s, fault.place_m, fault.yaw_rad) == (FaultKind.CARRIED_OFF, 3.0, (1.0, 2.0), 0.5)
-    tables = parse_scenario(GOOD, "s.toml")
-    assert (tables.team.starts, tables.team.starts_known) == (Starts.TOGETHER, True)
-
-
-def test_the_text_comes_with_the_tables(tmp_path: Path):
-    path = tmp_path / "mine.toml"
-    path.write_text(GOOD + "[team]\nrobots = 3\nnear_m = [1.0, 2.0]\n")
-    tables, text = read_scenario_file(path)
-    assert text == path.read_text()
-    assert (tables.team.robots, tables.team.near_m) == (3, (1.0, 2.0))
 
 
 @pytest.mark.parametrize("name", builtin_names())

@@ -94,16 +94,3 @@ def test_a_scenario_file_says_where_chargers_are_and_robots_are_told():
 def test_a_charger_in_a_wall_is_refused():
     with pytest.raises(PlacementError, match=r"room for a robot of radius 0.2 m at the charger at x 0.1, y 2 on room"):
         build_world(room(), 1, 0, None, 1, chargers=[ChargerSpec(place_m=(0.1, 2.0))])
-
-
-@pytest.mark.parametrize(
-    ("spec", "expected"),
-    [
-        ({"place_m": (float("nan"), 1.0)}, "expected a finite place_m"),
-        ({"place_m": (1.0, 1.0), "power_w": 0.0}, "expected power_w > 0"),
-        ({"place_m": (1.0, 1.0), "reach_m": -1.0}, "expected reach_m > 0"),
-    ],
-)
-def test_an_impossible_charger_is_refused(spec, expected):
-    with pytest.raises(ValueError, match=expected):
-        ChargerSpec(**spec)

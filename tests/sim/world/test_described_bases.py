@@ -97,13 +97,6 @@ def test_wheels_that_no_simulated_controller_turns_are_refused_with_their_key() 
 
 
 @pytest.mark.slow
-def test_a_mixed_team_explores_without_collisions() -> None:
-    kinds = (RobotType.SERIAL, RobotType.CAR, RobotType.MECANUM)
-    result = TWO.replace(robots=3, roster=tuple(RobotSpec(type=kind) for kind in kinds), seed=5).run()
-    assert (result.ended, result.collisions) == ("explored", 0)
-
-
-@pytest.mark.slow
 def test_wheels_stop_when_commands_cease_and_a_failed_power_stage_is_told_and_acknowledged() -> None:
     run = LockstepRun(TWO.world())
     robot, plugin = run.arena._robots[0], run.hosts[0].manager.get("mocdevice")

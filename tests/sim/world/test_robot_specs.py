@@ -78,20 +78,6 @@ def test_a_robot_without_a_lidar_sends_no_scans():
 
 
 @pytest.mark.slow
-def test_a_slow_robot_drives_slower_than_a_stock_one():
-    toml = (
-        HALL
-        + "[[robots]]\nplace_m = [1, 1]\n[[robots]]\nplace_m = [1, 5]\nplugins = { driver = { speed_m_s = 0.2 } }\n"
-    )
-    tasks = "".join(f'[[tasks]]\nkind = "visit"\nplace_m = [8, {y}]\nparameters = {{}}\n' for y in (1, 5))
-    run = Scenario.from_toml(toml + tasks).run(time_limit_s=10.0, until_explored=1.0)
-    fast, slow = run.per_robot
-    assert fast.distance_m > 4.0
-    assert slow.distance_m < 2.1
-    assert run.collisions == 0
-
-
-@pytest.mark.slow
 def test_a_mixed_team_is_written_as_it_was_read():
     scenario = Scenario.from_toml(HALL + TEAM)
     again = Scenario.from_toml(scenario.to_toml())

@@ -1,11 +1,9 @@
-import io
 import itertools
 from dataclasses import replace
 
 import msgspec
 import numpy as np
 import pytest
-from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec
@@ -110,18 +108,3 @@ def test_of_a_team_that_is_not_told_its_starts_the_first_robot_is_and_the_others
         assert other["start_known"] is False
         middle = (world.plan.origin_x_m + width_m / 2, world.plan.origin_y_m + height_m / 2, 0.0)
         assert (other["x_m"], other["y_m"], other["yaw_rad"]) == pytest.approx(middle)
-
-
-def test_a_scattered_team_starts_farther_apart():
-    together, scattered = (build_world(plan(), 3, 0, None, 1, starts=starts) for starts in Starts)
-    nearest_m = [
-        min(a.start.distance_m(b.start) for a, b in itertools.combinations(world.robots, 2))
-        for world in (together, scattered)
-    ]
-    assert nearest_m[1] > nearest_m[0]
-
-
-def test_the_picture_of_the_floor_has_north_up_and_walls_black():
-    world = build_world(plan(), 1, 0, None, 1)
-    picture = np.asarray(Image.open(io.BytesIO(world.map_png())))
-    assert np.array_equal(picture[::-1] == 0, world.plan.occupied)

@@ -4,7 +4,7 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.sim.faults.kept_journal import JournalDisk
+from robrain.sim.faults.process import JournalDisk
 
 
 def record(name):
