@@ -15,6 +15,11 @@ from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.exchange import Exchange
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
+logger = logging.getLogger(__name__)
+
+RESTART_NS = to_ns(1.0)
+"""Pause before a failed start is repeated."""
+
 
 class SkewedClock:
     """The run's clock, and a difference.
@@ -34,17 +39,11 @@ class SkewedClock:
         return max(0, self._clock.now_ns() + self._skew_ns)
 
 
-logger = logging.getLogger(__name__)
-
-RESTART_NS = to_ns(1.0)
-"""Pause before a failed start is repeated."""
-
-
 class Component(Protocol):
     """Program of a process."""
 
     def step(self) -> None:
-        """Begin and end the faults that are due."""
+        """Do the work that is due."""
 
     def close(self) -> None:
         """End, as a process does that is asked to."""
