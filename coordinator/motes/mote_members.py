@@ -7,7 +7,7 @@ reading comes in time. That mote is then skipped for a while, and the next in li
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -35,7 +35,7 @@ from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, TaskState, parameters_of
@@ -71,19 +71,18 @@ def mote_share(readings: int, voltage_v: float) -> float:
     return readings * reading_j() / mote_remaining_j(voltage_v)
 
 
-def robot_share(state: RobotState, place: Point2D, stay_s: float) -> float:
-    """Share of a robot's energy that going to a place and staying there takes, at the least: there as the crow flies.
+def robot_cost(state: RobotState, place: Point2D, stay_s: float) -> tuple[float, float | None]:
+    """Least cost for a robot to go straight to a place and stay there.
 
-    Of a robot that reports no energy or no place it is infinite: a mote that can is asked first.
+    Returns:
+        The share of its energy, and the energy in joules. Infinite and None if the robot reports no energy or pose:
+        then a mote that can do the task is asked first.
+
     """
     if state.pose is None or state.energy is None:
-        return math.inf
-    return robot_j(state.energy, state.pose.distance_m(place), stay_s) / max(state.energy.usable_j, LEAST_LEFT_J)
-
-
-def robot_j(model: EnergyModel, path_m: float, stay_s: float) -> float:
-    """Energy for that, in joules."""
-    return estimate(model, Work(path_m=path_m, wait_s=stay_s)).mean_j
+        return math.inf, None
+    energy_j = estimate(state.energy, Work(path_m=state.pose.distance_m(place), wait_s=stay_s)).mean_j
+    return energy_j / max(state.energy.usable_j, LEAST_LEFT_J), round(energy_j, 1)
 
 
 CHECK_NS = to_ns(0.25)
@@ -318,7 +317,7 @@ class MoteMembers(CoordinatorPart):
             if reason is None
         }
         best = min(shares, key=lambda name: (shares[name], name), default=None)
-        robots = {robot: (share, energy_j) for robot, share, energy_j in self._robots(record, wanted, now_ns)}
+        robots = self._robots(record, wanted, now_ns)
         cheapest = min(robots, key=lambda name: (robots[name][0], name), default=None)
         is_mote = best is not None and (cheapest is None or shares[best] <= robots[cheapest][0])
         winner = best if is_mote else cheapest
@@ -366,17 +365,14 @@ class MoteMembers(CoordinatorPart):
 
     def _robots(
         self, record: TaskRecord, wanted: Sense | Monitor, now_ns: int
-    ) -> Iterator[tuple[str, float, float | None]]:
-        task = record.task
+    ) -> dict[str, tuple[float, float | None]]:
+        """The costs of all robots that may do a task, by name."""
         stay_s = wanted.duration_s if isinstance(wanted, Monitor) else OWN_STAY_S
-        for robot in self._roster.up(now_ns):
-            state = robot.state
-            if state is None or self._eligibility.refusal(record, robot, now_ns) is not None:
-                continue
-            known = state.energy is not None and state.pose is not None
-            path_m = state.pose.distance_m(task.place) if state.pose is not None else 0.0
-            cost_j = robot_j(state.energy, path_m, stay_s) if known and state.energy is not None else None
-            yield robot.name, robot_share(state, task.place, stay_s), None if cost_j is None else round(cost_j, 1)
+        return {
+            robot.name: robot_cost(robot.state, record.task.place, stay_s)
+            for robot in self._roster.up(now_ns)
+            if robot.state is not None and self._eligibility.refusal(record, robot, now_ns) is None
+        }
 
     # -- duty -----------------------------------------------------------------------------------------------
 

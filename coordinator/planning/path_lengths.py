@@ -26,8 +26,8 @@ SLOW = 4.0
 """Cost of a metre of narrow floor, in metres of open floor (the driver squeezes at a quarter of its speed)."""
 SNAP_M = 0.8
 """Maximum distance between a place and the nearest cell where a robot can stand."""
-KEPT_BYTES = 96_000_000
-"""Limit for cached fields; beyond, the oldest are dropped."""
+KEPT_BYTES = 48_000_000
+"""Limit for the cached fields of a grid; beyond, the oldest are dropped."""
 
 
 class PathLengths:
@@ -49,9 +49,8 @@ class PathLengths:
         self.unknown_cost = unknown_cost
         self._floor = floor
         self._narrow_m = None if narrow_m is None else min(narrow_m, needed_m)
-        self._fields: dict[tuple[bool, tuple[int, int]], NDArray[np.float32]] = {}
-        self._bytes = 0
-        self._grids: dict[bool, _Grid] = {}
+        self._grids: dict[float, _Grid] = {}
+        """By the clearance that counts."""
 
     def lengths_m(self, goals: Sequence[Point2D], starts: Sequence[Point2D]) -> NDArray[np.float64]:
         """Lengths (n, n), metres, symmetric, among goals and then starts; infinite where there is no path.
@@ -65,66 +64,25 @@ class PathLengths:
         length_m: NDArray[np.float64] = straight_m.copy()
         if self._floor is None:
             return length_m * DETOUR
-        from_place = self._from_each(places, straight_m, is_narrow=False)
+        from_place = self._grid(self._floor, self.needed_m).lengths_from(places, straight_m)
         for index in range(len(goals)):
             length_m[index] = length_m[:, index] = from_place(index)
-        if self._narrow_m is not None:
-            self._squeeze(length_m, straight_m, places)
-        return length_m
-
-    def _squeeze(
-        self, length_m: NDArray[np.float64], straight_m: NDArray[np.float64], places: Sequence[Point2D]
-    ) -> None:
-        """Fill infinite lengths with those of narrow paths, from as few start places as possible."""
         missing = np.isinf(length_m)
-        if not missing.any():
-            return
-        from_place = self._from_each(places, straight_m, is_narrow=True)
+        if self._narrow_m is None or not missing.any():
+            return length_m
+        # Infinite lengths become those of narrow paths, from as few start places as possible.
+        from_place = self._grid(self._floor, self._narrow_m).lengths_from(places, straight_m)
         while (count := missing.sum(axis=1)).any():
             index = int(np.argmax(count))
             found_m = np.where(missing[index], from_place(index), length_m[index])
             length_m[index] = length_m[:, index] = found_m
             missing[index] = missing[:, index] = False
+        return length_m
 
-    def _from_each(
-        self, places: Sequence[Point2D], straight_m: NDArray[np.float64], *, is_narrow: bool
-    ) -> Callable[[int], NDArray[np.float64]]:
-        """A function that returns the lengths (n,) from the place of an index to all places."""
-        grid = self._grid(is_narrow=is_narrow)
-        cells = [grid.cell(place) for place in places]
-        there = np.array([cell is not None for cell in cells], np.bool_)
-        rows = np.array([cell[0] if cell is not None else 0 for cell in cells], np.int64)
-        columns = np.array([cell[1] if cell is not None else 0 for cell in cells], np.int64)
-
-        def lengths_m(index: int) -> NDArray[np.float64]:
-            found_m = np.full(len(places), np.inf)
-            cell = cells[index]
-            if cell is not None:
-                field = self._field(grid, cell, is_narrow=is_narrow)
-                found_m[there] = field[rows[there], columns[there]] * grid.pitch_m
-            found_m[:] = np.maximum(found_m, straight_m[index])
-            found_m[index] = 0.0
-            return found_m
-
-        return lengths_m
-
-    def _grid(self, *, is_narrow: bool) -> "_Grid":
-        grid = self._grids.get(is_narrow)
-        if grid is None:
-            assert self._floor is not None
-            needed_m = self._narrow_m if is_narrow and self._narrow_m is not None else self.needed_m
-            grid = self._grids[is_narrow] = _Grid(self._floor, needed_m, self.needed_m, self.unknown_cost)
-        return grid
-
-    def _field(self, grid: "_Grid", cell: tuple[int, int], *, is_narrow: bool) -> NDArray[np.float32]:
-        field = self._fields.pop((is_narrow, cell), None)
-        if field is None:
-            field = distance_field(grid.mask, grid.cost, np.array([cell], np.int64))
-            self._bytes += field.nbytes
-        self._fields[is_narrow, cell] = field
-        while self._bytes > KEPT_BYTES and len(self._fields) > 1:
-            self._bytes -= self._fields.pop(next(iter(self._fields))).nbytes
-        return field
+    def _grid(self, floor: Floor, clearance_m: float) -> "_Grid":
+        if clearance_m not in self._grids:
+            self._grids[clearance_m] = _Grid(floor, clearance_m, self.needed_m, self.unknown_cost)
+        return self._grids[clearance_m]
 
 
 class _Grid:
@@ -141,13 +99,45 @@ class _Grid:
     def __init__(self, floor: Floor, needed_m: float, preferred_m: float, unknown_cost: float) -> None:
         self._navigation = NavigationGrid(floor.classes, floor.geometry, needed_m, 1.0, preferred_m)
         self._step = COARSE if needed_m == preferred_m else 1
-        self.pitch_m = self._step * floor.geometry.resolution_m
+        self._pitch_m = self._step * floor.geometry.resolution_m
         traversable = self._navigation.traversable
         cost = np.where(floor.classes == FREE, 1.0, unknown_cost)
         cost[self._navigation.narrow] *= SLOW
-        self.mask, self.cost = _every(self._step, traversable, np.where(traversable, cost, np.inf))
+        self._mask, self._cost = _every(self._step, traversable, np.where(traversable, cost, np.inf))
 
-    def cell(self, place: Point2D) -> tuple[int, int] | None:
+        self._fields: dict[tuple[int, int], NDArray[np.float32]] = {}
+        self._bytes = 0
+
+    def lengths_from(
+        self, places: Sequence[Point2D], straight_m: NDArray[np.float64]
+    ) -> Callable[[int], NDArray[np.float64]]:
+        """A function that returns the lengths (n,) from the place of an index to all places."""
+        cells = [self._cell(place) for place in places]
+        there = np.array([cell is not None for cell in cells], np.bool_)
+        rows, columns = np.array([cell for cell in cells if cell is not None], np.int64).reshape(-1, 2).T
+
+        def lengths_m(index: int) -> NDArray[np.float64]:
+            found_m = np.full(len(places), np.inf)
+            cell = cells[index]
+            if cell is not None:
+                found_m[there] = self._field(cell)[rows, columns] * self._pitch_m
+            found_m[:] = np.maximum(found_m, straight_m[index])
+            found_m[index] = 0.0
+            return found_m
+
+        return lengths_m
+
+    def _field(self, cell: tuple[int, int]) -> NDArray[np.float32]:
+        field = self._fields.pop(cell, None)
+        if field is None:
+            field = distance_field(self._mask, self._cost, np.array([cell], np.int64))
+            self._bytes += field.nbytes
+        self._fields[cell] = field
+        while self._bytes > KEPT_BYTES and len(self._fields) > 1:
+            self._bytes -= self._fields.pop(next(iter(self._fields))).nbytes
+        return field
+
+    def _cell(self, place: Point2D) -> tuple[int, int] | None:
         """The cell nearest to a place where a robot can stand; None if there is none within `SNAP_M`."""
         cell = self._navigation.snap(place, SNAP_M)
         return None if cell is None else (cell[0] // self._step, cell[1] // self._step)

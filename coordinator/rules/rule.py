@@ -23,7 +23,7 @@ replaced by words. Braces have no other meaning: no attributes, no formats, no c
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import Annotated, Any
 
@@ -84,15 +84,6 @@ def fill(template: Any, values: Values) -> Any:
     if isinstance(template, dict):
         return {name: fill(part, values) for name, part in template.items()}
     return [fill(part, values) for part in template] if isinstance(template, list | tuple) else template
-
-
-def is_plain(template: object, names: Sequence[str]) -> bool:
-    """Whether a parameter has none of these names in braces."""
-    if isinstance(template, str):
-        return not any(name in names for name in _BRACES.findall(template))
-    if isinstance(template, dict):
-        return all(is_plain(part, names) for part in template.values())
-    return not isinstance(template, list | tuple) or all(is_plain(part, names) for part in template)
 
 
 def _word(value: Any) -> str:
@@ -310,7 +301,8 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def needs_place(self) -> bool:
         """Whether no task can be made unless it is known where the reading was taken."""
-        return self.place_m is None or not is_plain(self.parameters, ("x_m", "y_m", "place"))
+        used = _BRACES.findall(msgspec.json.encode(self.parameters).decode())
+        return self.place_m is None or not {"x_m", "y_m", "place"}.isdisjoint(used)
 
 
 class Per(StrEnum):

@@ -10,7 +10,7 @@ from robrain.coordinator.motes.mote_members import (
     mote_remaining_j,
     mote_share,
     reading_j,
-    robot_share,
+    robot_cost,
 )
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
@@ -345,8 +345,8 @@ def test_share_is_of_what_a_member_has_left():
     assert mote_remaining_j(1.0) > 0
     assert mote_share(10, 2.6) == pytest.approx(10 * reading_j() / (0.5 * CAPACITY_J))
     state = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), energy=MODEL)
-    assert robot_share(state, Point2D(0.0, 0.0), 10.0) == pytest.approx(10.0 * 8.0 / 60_000.0)
-    assert robot_share(RobotState(robot="r1"), PLACE, 1.0) == float("inf")
+    assert robot_cost(state, Point2D(0.0, 0.0), 10.0) == (pytest.approx(10.0 * 8.0 / 60_000.0), 80.0)
+    assert robot_cost(RobotState(robot="r1"), PLACE, 1.0) == (float("inf"), None)
 
 
 def test_more_hops_take_more_of_the_network():
