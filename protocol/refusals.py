@@ -20,7 +20,7 @@ KINDS_MAX = 256
 LOGGED_MAX = 5
 """Combinations named in one line of the log."""
 KEY_LENGTH = 120
-WHY_LENGTH = 200
+REASON_LENGTH = 200
 OTHERS = "others"
 SHOWN = 32
 """Combinations in one message, most frequent first."""
@@ -117,7 +117,7 @@ class Refusals:
                 key=kind[1],
                 code=kind[2],
                 count=count if before is None else before.count + count,
-                why=safe_text(why, WHY_LENGTH),
+                why=safe_text(why, REASON_LENGTH),
             )
             text = self._due(self._clock.now_ns())
         if text:

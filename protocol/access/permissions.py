@@ -25,7 +25,7 @@ from robrain.protocol.table.topics import (
     ROBOT_OFFER,
     ROBOT_SUBMIT,
     ROBOT_WITHDRAW,
-    STANDING_ROWS,
+    STANDBY_ROWS,
     TASK_CANCEL,
     TASK_SUBMIT,
 )
@@ -38,7 +38,7 @@ class AccessAction(StrEnum):
     """Permissions of a member for a row's keys."""
 
     PUT = "put"
-    HEAR = "hear"
+    SUBSCRIBE = "subscribe"
     ASK = "ask"
     ANSWER = "answer"
     ANNOUNCE = "announce"
@@ -68,7 +68,7 @@ PUTS: dict[str, Roles] = {
     ARENA_SERIAL_TX.name: _ARENA | _ROBOT,  # the arena opens pseudo terminals
     MOTE_READING.name: _ARENA | _ROBOT,  # simulated gateways are parts of the arena
 }
-HEARS: dict[str, Roles] = {ARENA_TRUTH.name: ALL - _ROBOT, **{row.name: _COORDINATOR for row in STANDING_ROWS}}
+SUBSCRIBES: dict[str, Roles] = {ARENA_TRUTH.name: ALL - _ROBOT, **{row.name: _COORDINATOR for row in STANDBY_ROWS}}
 ASKS: dict[str, Roles] = {
     **{row.name: _OPERATOR for row in (HOST_VERB, *HOST_QUERIES)},
     HOST_HALT.name: _DESK,
@@ -83,7 +83,7 @@ ASKS: dict[str, Roles] = {
     TASK_CANCEL.name: _DESK,
     COORDINATOR_OBJECTIVE.name: _OPERATOR,
     REPLAY_CONTROL.name: _OPERATOR,
-    **{row.name: _COORDINATOR for row in STANDING_ROWS if isinstance(row, Query)},
+    **{row.name: _COORDINATOR for row in STANDBY_ROWS if isinstance(row, Query)},
     COORDINATOR_BACKUP.name: _OPERATOR,
     COORDINATOR_LEAD.name: _OPERATOR,
     COORDINATOR_REMOVE_ROBOT.name: _OPERATOR,
@@ -104,9 +104,9 @@ def roles(action: AccessAction, row: WireKey) -> Roles:
 def _of_topic(action: AccessAction, row: Topic[object]) -> Roles:
     if action is AccessAction.PUT:
         return PUTS.get(row.name, SPEAKERS[row.by])
-    if action is not AccessAction.HEAR:
+    if action is not AccessAction.SUBSCRIBE:
         return NOBODY
-    return HEARS.get(row.name, ALL)
+    return SUBSCRIBES.get(row.name, ALL)
 
 
 def _of_query(action: AccessAction, row: Query[object, object]) -> Roles:

@@ -52,10 +52,10 @@ def access_control(members: Iterable[Member], router: Member | None = None) -> d
 
 def rules_of(member: Member) -> list[dict[str, Any]]:
     """The rules for one member."""
-    puts, receives = _keys(member, AccessAction.PUT), _keys(member, AccessAction.HEAR)
+    puts, receives = _keys(member, AccessAction.PUT), _keys(member, AccessAction.SUBSCRIBE)
     asks, answers = _keys(member, AccessAction.ASK), _keys(member, AccessAction.ANSWER)
     announces, watches = _keys(member, AccessAction.ANNOUNCE), _keys(member, AccessAction.WATCH)
-    keeps, catches_up = _advanced(member, AccessAction.PUT), _advanced(member, AccessAction.HEAR)
+    keeps, catches_up = _advanced(member, AccessAction.PUT), _advanced(member, AccessAction.SUBSCRIBE)
     bus = _bus_of(member)
     team = [f"{ROOT}/{member.team}/**", f"{ROOT}/{member.team}/**/{ADVANCED}"]
     parts = (

@@ -70,7 +70,7 @@ def sender_field(row: Topic[Any] | Query[Any, Any]) -> str:
     return next((field for field in ("by", "via") if field in fields), "")
 
 
-VERBS = {AccessAction.PUT: "publish", AccessAction.ASK: "ask", AccessAction.HEAR: "hear", AccessAction.ANSWER: "answer"}
+VERBS = {AccessAction.PUT: "publish", AccessAction.ASK: "ask"}
 ROBOT_FIELD = "via"
 """Where a robot names itself: by its name alone, which is also that of the robot everywhere else."""
 

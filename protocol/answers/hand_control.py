@@ -74,11 +74,11 @@ class HandControl:
     def _handle(self) -> int:
         answer = self._call("take_hand", {"by": self._by})
         try:
-            taken = msgspec.convert(answer, HandLease)
+            acquired = msgspec.convert(answer, HandLease)
         except msgspec.ValidationError as error:
             raise CallError(ErrorCode.FAILED, f"take_hand: the answer is no lease: {error}") from error
-        self._lease, self.renew_s = taken.lease, min(taken.renew_s, LONGEST_RENEW_S)
-        return taken.lease
+        self._lease, self.renew_s = acquired.lease, min(acquired.renew_s, LONGEST_RENEW_S)
+        return acquired.lease
 
     def release(self) -> None:
         """Release the robot; if it does not receive this, the lease lapses."""

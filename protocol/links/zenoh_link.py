@@ -166,7 +166,7 @@ class ZenohLink:
 
         lost: LostSamples | None = None
 
-        def heard(sample: zenoh.Sample) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             key = own_key or str(sample.key_expr)
             if lost is not None:
                 lost.record_sender(sample, key)
@@ -180,13 +180,13 @@ class ZenohLink:
             declared = ext.declare_advanced_subscriber(
                 self._session,
                 selector,
-                heard,
+                receive,
                 history=ext.HistoryConfig(detect_late_publishers=True),
                 recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
                 subscriber_detection=False,
             )
         else:
-            declared = self._session.declare_subscriber(selector, self._callback(heard, waits=waits))
+            declared = self._session.declare_subscriber(selector, self._callback(receive, waits=waits))
         self.declarations.append(declared)
         if lost is not None:
             self.declarations.append(declared.sample_miss_listener(self._callback(lost.missed, waits=False)))

@@ -44,13 +44,13 @@ class Work(Checked, frozen=True):
             ValueError: one path has a speed and the other has the usual pace, which only a model contains.
 
         """
-        ways = [work for work in (self, other) if work.path_m > 0] or [self]
-        speeds_m_s = [work.speed_m_s for work in ways if work.speed_m_s is not None]
-        if speeds_m_s and len(speeds_m_s) < len(ways):
+        paths = [work for work in (self, other) if work.path_m > 0] or [self]
+        speeds_m_s = [work.speed_m_s for work in paths if work.speed_m_s is not None]
+        if speeds_m_s and len(speeds_m_s) < len(paths):
             raise ValueError("expected two ways with a speed, or two without; estimate each by itself")
         speed_m_s = speeds_m_s[0] if speeds_m_s else None
         if len(speeds_m_s) == 2 and speeds_m_s[0] != speeds_m_s[1]:
-            durations_s = [work.path_m / speed for work, speed in zip(ways, speeds_m_s, strict=True)]
+            durations_s = [work.path_m / speed for work, speed in zip(paths, speeds_m_s, strict=True)]
             speed_m_s = (self.path_m + other.path_m) / sum(durations_s)
         return Work(
             self.path_m + other.path_m,
@@ -111,16 +111,16 @@ class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
 
 def estimate(model: EnergyModel, work: Work) -> EnergyEstimate:
     """Cost of this work for a robot of this model."""
-    standing, moving, speed, yaw, acceleration = integrals(model, work)
-    amounts = (standing, moving, speed, yaw, acceleration)
+    duration_s, moving, speed, yaw, acceleration = integrals(model, work)
+    amounts = (duration_s, moving, speed, yaw, acceleration)
     mean_j = sum(amount * coefficient for amount, coefficient in zip(amounts, model.coefficients, strict=True))
     waiting_j = work.wait_s * model.coefficients[0]
-    on_the_way_j = model.path_ratio * (mean_j - waiting_j)
-    mean_j = waiting_j + on_the_way_j + work.radio_packets * model.packet_j
+    path_j = model.path_ratio * (mean_j - waiting_j)
+    mean_j = waiting_j + path_j + work.radio_packets * model.packet_j
     variance_j2 = quadratic_form(model.covariance, amounts)
-    variance_j2 += standing * model.residual_w2_s + model.drift_w2_per_s * standing**3 / 3.0
-    variance_j2 += (model.relative_sd * on_the_way_j) ** 2
-    return EnergyEstimate(max(0.0, mean_j), math.sqrt(max(0.0, variance_j2)), standing)
+    variance_j2 += duration_s * model.residual_w2_s + model.drift_w2_per_s * duration_s**3 / 3.0
+    variance_j2 += (model.relative_sd * path_j) ** 2
+    return EnergyEstimate(max(0.0, mean_j), math.sqrt(max(0.0, variance_j2)), duration_s)
 
 
 def integrals(model: EnergyModel, work: Work) -> tuple[float, float, float, float, float]:

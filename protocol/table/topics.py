@@ -265,7 +265,7 @@ ROBOT_WITNESS = Query(
     "A coordinator asks a robot to elect it, or to remember which journals have all that was acknowledged",
     witness_messages.WitnessRequest, witness_messages.WitnessReply, urgency=Urgency.INTERACTIVE_HIGH)  # fmt: skip
 
-STANDING_ROWS = (COORDINATOR_JOURNAL, COORDINATOR_STAND_BY, COORDINATOR_COPY, COORDINATOR_BACKUP, COORDINATOR_LEAD,
+STANDBY_ROWS = (COORDINATOR_JOURNAL, COORDINATOR_STAND_BY, COORDINATOR_COPY, COORDINATOR_BACKUP, COORDINATOR_LEAD,
                  COORDINATOR_REMOVE_ROBOT, ROBOT_WITNESS)  # fmt: skip
 """Rows for a coordinator that stands by, and for backups of the journal."""
 TOPICS: tuple[WireKey, ...] = (*(row for row in list(globals().values()) if isinstance(row, WireKey)), *HOST_QUERIES)

@@ -128,15 +128,15 @@ def _trials(
 
 
 def _publishes(session: zenoh.Session, other: zenoh.Session, robot: Member) -> bool:
-    key, heard = ROBOT_LOG.key(robot.team, robot=robot.name), threading.Event()
+    key, arrived = ROBOT_LOG.key(robot.team, robot=robot.name), threading.Event()
     record = LogRecord(robot=robot.name, level="debug", source=TRIES, text=f"{robot} tries what it may")
     payload = ROBOT_LOG.payloads.write(msgspec.structs.replace(record, stamp_ns=LiveClock().now_ns()))
-    held = other.declare_subscriber(key, lambda _: heard.set())
+    held = other.declare_subscriber(key, lambda _: arrived.set())
     try:
         end_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < end_s:
             session.put(key, payload)  # again, until the subscription has spread
-            if heard.wait(POLL_S):
+            if arrived.wait(POLL_S):
                 return True
         return False
     finally:

@@ -58,7 +58,7 @@ OF_ITS_OWN = {"robot_foreign_info", "robot_foreign_call"}
 """Between a robot's host and its own processes."""
 MESSAGES = {
     AccessAction.PUT: ("put",),
-    AccessAction.HEAR: ("declare_subscriber",),
+    AccessAction.SUBSCRIBE: ("declare_subscriber",),
     AccessAction.ASK: ("query",),
     AccessAction.ANSWER: ("declare_queryable", "reply"),
     AccessAction.ANNOUNCE: ("liveliness_token",),
@@ -100,7 +100,7 @@ def _may_listen(row: WireKey) -> set[MemberRole]:
 
 def _actions(row: WireKey) -> tuple[AccessAction, AccessAction]:
     if isinstance(row, Topic):
-        return AccessAction.PUT, AccessAction.HEAR
+        return AccessAction.PUT, AccessAction.SUBSCRIBE
     return (
         (AccessAction.ANSWER, AccessAction.ASK)
         if isinstance(row, Query)
