@@ -154,3 +154,4 @@ def test_a_flood_of_events_is_bounded_and_counted(house):
     house.tick()
     assert heard(house) == list(range(44, 300))
     assert house.hosts[-1].manager.get("bell").mailbox.dropped == 44
+    assert house.plugin("button").pressed.dropped == 44
