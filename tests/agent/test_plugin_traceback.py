@@ -147,6 +147,4 @@ def test_a_circular_chain_of_causes_ends():
     assert plugin_traceback.raised(first) == ("", "")
 
 
-# -- where a thread is that does not come back from a plugin ---
-
 """Of a code's table of lines: one instruction that has none."""

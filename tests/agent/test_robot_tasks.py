@@ -199,7 +199,7 @@ def test_a_result_that_is_no_small_json_is_refused_where_it_is_told(desk, explor
     assert desk.status.state is TaskState.RUNNING
 
 
-# -- the lease of a task, to the nanosecond ---
+# -- the lease, to the nanosecond -----------------------------------------------------------------------------------
 
 SILENT = "the coordinator is silent, the lease ran out"
 
@@ -450,7 +450,7 @@ def test_coordinator_that_has_just_begun_to_listen_renews_the_lease(desk, explor
     assert desk.status.state is TaskState.RUNNING
 
 
-# -- what a robot answers when it is asked what tasks would take ---
+# -- costs ----------------------------------------------------------------------------------------------------------
 
 
 def test_the_desk_tells_what_tasks_would_take_and_why_it_cannot():

@@ -106,7 +106,7 @@ def test_in_a_lockstep_run_the_depth_alone_is_counted():
     assert (turn.depth, turn.owner) == (0, None)
 
 
-# -- calls from outside take the plugin's lock, except to functions marked `unlocked` ---
+# -- calls from outside ---------------------------------------------------------------------------------------------
 
 PROBE = """
     from robrain.agent.plugin import unlocked

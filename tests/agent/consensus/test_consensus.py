@@ -283,7 +283,7 @@ def test_what_a_mate_says_to_hold_no_more_is_free_at_once(one: OneRobot) -> None
     assert [task.id for task in one.consensus._free(one.clock.now_ns())] == ["t1"]
 
 
-# -- a robot without a coordinator begins what more than half of the team has heard that it wants to begi ---
+# -- claims of tasks ------------------------------------------------------------------------------------------------
 
 
 class Agreed:
@@ -388,7 +388,7 @@ def test_a_robot_that_was_out_for_a_moment_still_belongs_to_the_team_of_which_mo
     assert one.consensus.is_leaderless
 
 
-# -- which robots are the majority that allocates tasks ---
+# -- the majority that allocates tasks ------------------------------------------------------------------------------
 
 NEW = {"is_new": True}
 

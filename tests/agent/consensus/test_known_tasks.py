@@ -63,7 +63,7 @@ def test_a_cancellation_counts_only_until_the_task_is_done_and_the_first_one_cou
     assert known.is_done("t2")
 
 
-# -- when a cancellation that a robot accepts may be told to the client as certain ---
+# -- cancellations that are certain ---------------------------------------------------------------------------------
 
 KNOWS, KNOWS_NOT = {"t1"}, {"t2"}
 

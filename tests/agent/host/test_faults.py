@@ -366,7 +366,7 @@ def test_after_a_halt_at_any_moment_of_the_start_every_plugin_runs(chain, moment
     assert all_run(chain)
 
 
-# -- the team is told of a robot's faults ---
+# -- faults as the team receives them -------------------------------------------------------------------------------
 
 BROKEN = """
 class Lidar(Device):

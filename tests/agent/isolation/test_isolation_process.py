@@ -94,7 +94,7 @@ def test_an_environment_that_has_used_the_wire_leaves_it_when_it_closes() -> Non
         assert wire.session.is_closed()
 
 
-# -- one end of a connection between processes ---
+# -- the connection -------------------------------------------------------------------------------------------------
 
 STEP_S = 0.05
 LIMIT_S = 2.0
@@ -128,7 +128,7 @@ def test_repeated_counter_questions_do_not_extend_the_time_limit():
     far.close()
 
 
-# -- the board as a plugin in a process of its own sees it ---
+# -- the board ------------------------------------------------------------------------------------------------------
 
 
 class Parent:
