@@ -145,6 +145,3 @@ def test_a_circular_chain_of_causes_ends():
     first, second = ValueError("a"), ValueError("b")
     first.__cause__, second.__cause__ = second, first
     assert plugin_traceback.raised(first) == ("", "")
-
-
-"""Of a code's table of lines: one instruction that has none."""

@@ -37,9 +37,6 @@ LAB = """
         def activate(self):
             super().activate()
             self.env.use("nobody", SwitchInterface)
-    class Faulty(Grabber):
-        period_s = 0.02
-        def step(self): raise RuntimeError("broken")
 """
 LEVELS = {"switch": "Switch", "unit": "Unit1", "skill": "Skill1", "behavior": "Behavior1"}
 

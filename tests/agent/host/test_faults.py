@@ -28,8 +28,6 @@ HOUSE = """
         def step(self):
             self.steps += 1
             if "step" in BROKEN: raise RuntimeError("leak")
-            if "flood" in BROKEN:
-                for number in range(5000): self.heated.notify(number)
         def heat(self, to):
             if to < 0: raise ValueError("below zero")
             self.heated.notify(to)
@@ -61,8 +59,6 @@ HOUSE = """
         steps = 0
         def step(self): self.steps += 1
 
-    class Unfit(Device):
-        def activate(self): raise HardwareAbsent(self.env.plugin, "no clock there")
 """
 
 

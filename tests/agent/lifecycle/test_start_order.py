@@ -31,8 +31,6 @@ DIARY = """
         def init(self): raise OSError("no such register")
     class Absent(Device):
         def activate(self): raise HardwareAbsent("x", "nothing on the bus")
-    class Unwilling(Unit):
-        def activate(self): 1 / 0
 """
 
 
