@@ -54,7 +54,7 @@ def answer(
 ) -> ToolAnswer:
     """An answer of bounded size, in which text of the team cannot steer a terminal or hide other text.
 
-    >>> answer(CallVerdict.LOOKED, ["r1 is up"], {"robot": "r1"}).values
+    >>> answer(CallVerdict.READ, ["r1 is up"], {"robot": "r1"}).values
     {'robot': 'r1', 'verdict': 'looked'}
     """
     words = cut(safe_lines("\n".join(lines)), ANSWER_MAX)

@@ -119,3 +119,10 @@ def test_wheels_stop_when_commands_cease_and_a_failed_power_stage_is_told_and_ac
             break
     assert any(controller.wheel_speeds_rad_s)
     run.close()
+
+
+@pytest.mark.slow
+def test_a_mixed_team_explores_without_collisions() -> None:
+    kinds = (RobotType.SERIAL, RobotType.CAR, RobotType.MECANUM)
+    result = TWO.replace(robots=3, roster=tuple(RobotSpec(type=kind) for kind in kinds), seed=5).run()
+    assert (result.ended, result.collisions) == ("explored", 0)
