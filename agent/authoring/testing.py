@@ -41,13 +41,14 @@ class HostBench:
 
     Args:
         session: of all of them; not closed by the bench.
+        team: name of their team.
 
     """
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, team: str = DEFAULT_TEAM) -> None:
         self.session = session
         self.clock = VirtualClock()
-        self.wire = Endpoint(session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP)
+        self.wire = Endpoint(session, team, self.clock, Drive.LOCKSTEP)
         """Another endpoint on the robots' wire, to subscribe and to ask."""
         self.hosts: list[AgentHost] = []
 

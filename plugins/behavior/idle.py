@@ -6,6 +6,9 @@ A robot that does not know its place searches for it first.
 """
 
 import math
+from typing import Annotated
+
+from msgspec import Meta
 
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.travel import FIND_ITSELF, IDLE, Travel, TravelParameters, TravelState
@@ -29,14 +32,14 @@ class IdleBehavior(Behavior):
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """Where to wait, and when to go there."""
 
-        home: tuple[float, ...] = ()
+        home: Annotated[tuple[float, ...], Meta(max_length=2)] = ()
         """x and y in metres, arena frame; empty if the robot stays where it is."""
         return_after_s: NotNegative = 10.0
 
         def __post_init__(self) -> None:
             super().__post_init__()
-            if len(self.home) not in (0, 2) or not all(map(math.isfinite, self.home)):
-                raise ValueError(f"expected home to be empty or two finite numbers, x and y, got {self.home}")
+            if len(self.home) == 1:
+                raise ValueError(f"expected home to be empty or x and y, got {self.home}")
 
     period_s: float | None = 1.0
     parameters: Parameters

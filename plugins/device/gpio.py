@@ -129,16 +129,11 @@ class GpioBumpers(Device):
         """Contacts that close to ground when they are pressed, unless configured otherwise."""
 
         chip: ChipPath = "/dev/gpiochip0"
-        contacts: Annotated[tuple[BumperContact, ...], Meta(max_length=CONTACTS_MAX)] = ()
+        contacts: Annotated[tuple[BumperContact, ...], Meta(min_length=1, max_length=CONTACTS_MAX)] = ()
         is_pressed_low: bool = True
         """Whether a pressed contact makes its line low."""
         pull: Pull = Pull.UP
         debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            if not self.contacts:
-                raise ValueError("expected at least one of contacts, such as { line = 17, direction_rad = 0.0 }")
 
     interface = RangeSensorsInterface
     period_s = 0.02
@@ -213,18 +208,13 @@ class GpioEmergencyStop(Device):
         """Contacts that are closed unless the button is pressed."""
 
         chip: ChipPath = "/dev/gpiochip0"
-        lines: Annotated[tuple[LineName, ...], Meta(max_length=LINES_MAX)] = ()
+        lines: Annotated[tuple[LineName, ...], Meta(min_length=1, max_length=LINES_MAX)] = ()
         """One for each contact of the button; any that is open halts the robot."""
         wired_to: Literal["ground", "supply"] = "ground"
         """The potential to which a closed contact connects its line."""
         own_pull: bool = True
         """Whether the chip's resistor pulls an open line to the other level; false if the board has resistors."""
         debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            if not self.lines:
-                raise ValueError("expected at least one of lines, such as 17")
 
     interface = EmergencyStopInterface
     period_s = 0.01

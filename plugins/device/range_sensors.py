@@ -5,10 +5,11 @@ are chosen; the frames of `robertino.dbc` carry up to twelve and eight.
 """
 
 import math
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import can
 import msgspec
+from msgspec import Meta
 
 from robrain.agent.errors import PluginError
 from robrain.agent.event import Event
@@ -117,18 +118,13 @@ class RangeSensorsDevice(Device):
         interface: str = "zenoh"
         channel: str = "can0"
         options: dict[str, Any] = msgspec.field(default_factory=dict)
-        angles_rad: tuple[float, ...] = RING_ANGLES_RAD
+        angles_rad: Annotated[tuple[float, ...], Meta(min_length=1, max_length=SENSORS_MAX)] = RING_ANGLES_RAD
         """Directions of the sensors, robot's frame, in the order of the frames' signals."""
         range_max_m: Positive = 2.0
         mounted_m: Positive = 0.20
         """Distance of the sensors from the robot's centre."""
         silent_s: Positive = 1.0
         """Time without a frame after which the node counts as gone; it sends ten frames a second."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            if not 1 <= len(self.angles_rad) <= SENSORS_MAX:
-                raise ValueError(f"expected 1 to {SENSORS_MAX} angles_rad, got {len(self.angles_rad)}")
 
     interface = RangeSensorsInterface
     period_s = POLL_S

@@ -1,16 +1,16 @@
 """Home: the robot's known chargers and its start, in one place for all behaviors."""
 
-import math
 from typing import Protocol
 
 import msgspec
 
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
 
 
-class ChargerPlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ChargerPlace(Checked, frozen=True, forbid_unknown_fields=True):
     """Place of a robot's centre for charging, arena frame, and its heading if that matters."""
 
     x_m: float
@@ -54,11 +54,6 @@ class Home(Skill):
         """The chargers that are known from the beginning."""
 
         chargers: list[ChargerPlace] = []
-
-        def __post_init__(self) -> None:
-            for charger in self.chargers:
-                if not (math.isfinite(charger.x_m) and math.isfinite(charger.y_m)):
-                    raise ValueError(f"expected chargers at finite places, got {charger}")
 
     interface = HomeInterface
     parameters: Parameters

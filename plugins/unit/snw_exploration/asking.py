@@ -6,6 +6,9 @@ repeated. A mote that was not received at its time is asked all the same.
 """
 
 from collections.abc import Callable
+from typing import Annotated
+
+from msgspec import Meta
 
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord
 from robrain.protocol.clock import NS_PER_S, to_ns
@@ -178,7 +181,7 @@ SEEK_MOTES = 3
 class AskingParameters(Checked, frozen=True, forbid_unknown_fields=True):
     """Rates of requests to motes; a base for the plugin's parameters."""
 
-    request_span: int = 16
+    request_span: Annotated[int, Meta(ge=1, le=REQUEST_SPAN)] = 16
     request_patience_s: Positive = 1.5
     repeat_after_s: Positive = 0.12
     listens_s: Positive = 0.2

@@ -31,7 +31,6 @@ from robrain.protocol.tinyos.payloads import (
     FORWARDED_TYPE,
     MAX_NAME_BYTES,
     READING_TYPE,
-    REQUEST_SPAN,
     SEQUENCES,
     STORED_TYPE,
     BeaconPayload,
@@ -188,10 +187,7 @@ class SNwExploration(Unit):
     """
 
     class Parameters(AskingParameters, frozen=True, forbid_unknown_fields=True):
-        """Rates of requests to motes.
-
-        Raises ValueError if a value makes no sense.
-        """
+        """Rates of requests to motes."""
 
         collect: bool = True
         max_motes: PositiveInt = 4096
@@ -204,11 +200,6 @@ class SNwExploration(Unit):
         """Time of silence, or three periods of a mote, after which a link is no longer published."""
         store_readings: NotNegativeInt = 0
         """Readings that it stores while there is no coordinator, and forwards later; 0: it publishes them at once."""
-
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            if self.request_span > REQUEST_SPAN:
-                raise ValueError(f"expected request_span of at most {REQUEST_SPAN}, got {self.request_span}")
 
     interface = SnwInterface
     period_s = 0.05

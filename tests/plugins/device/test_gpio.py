@@ -87,7 +87,7 @@ def test_lines_that_cannot_be_had_are_a_fault(chip: GpioChip, lines: Any, why: s
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"contacts": ()}, "at least one of contacts"),
+        ({"contacts": ()}, "contacts of length at least 1"),
         ({"debounce_s": 0.2}, "debounce_s"),
         ({"debounce_s": -1}, "-1"),
     ],

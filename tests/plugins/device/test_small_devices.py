@@ -193,7 +193,7 @@ def test_bus_that_cannot_be_read_is_a_fault_of_the_range_sensors_and_told(ring, 
 
 @pytest.mark.parametrize("count", [0, 13])
 def test_ring_has_one_to_twelve_sensors(count):
-    with pytest.raises(ValueError, match=f"expected 1 to 12 angles_rad, got {count}"):
+    with pytest.raises(ValueError, match="expected angles_rad of length at"):
         RangeSensorsDevice.Parameters(angles_rad=(0.0,) * count)
     for possible in (1, 12):
         RangeSensorsDevice.Parameters(angles_rad=(0.0,) * possible)
